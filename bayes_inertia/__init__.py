@@ -1,0 +1,10 @@
+"""bayes_inertia: inertia tensor and rate-sensor scale factors of a spacecraft from slew telemetry, with honest uncertainty."""
+
+from __future__ import annotations
+
+import jax
+
+# Attitude residuals of arc seconds on angles of radians need double precision.
+jax.config.update("jax_enable_x64", True)
+
+__version__ = "0.1.0"

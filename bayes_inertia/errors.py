@@ -1,0 +1,46 @@
+"""Exceptions: every one says what is wrong, where, and what to do about it."""
+
+from __future__ import annotations
+
+
+class BayesInertiaError(Exception):
+    """Base of all errors a user can cause or must know of.
+
+    Parameters
+    ----------
+    what : what is wrong, one sentence.
+    where : the file, line or key that it concerns (may be empty).
+    advice : what to do about it (may be empty).
+
+    >>> str(BayesInertiaError("no such column", where="slew_01.csv, key rate", advice="name a column of the table"))
+    'slew_01.csv, key rate: no such column; name a column of the table'
+    """
+
+    def __init__(self, what: str, *, where: str = "", advice: str = ""):
+        self.what, self.where, self.advice = what, where, advice
+        super().__init__(f"{where + ': ' if where else ''}{what}{'; ' + advice if advice else ''}")
+
+    def inside(self, place: str) -> BayesInertiaError:
+        """The same error with `place` (a file, say) written before where it happened.
+
+        >>> str(BayesInertiaError("not positive", where="sigma").inside("campaign.toml"))
+        'campaign.toml, sigma: not positive'
+        """
+        where = f"{place}, {self.where}" if self.where else place
+        return type(self)(self.what, where=where, advice=self.advice)
+
+
+class CampaignError(BayesInertiaError):
+    """The campaign (its description or its telemetry) cannot be used as it is."""
+
+
+class EffectError(BayesInertiaError):
+    """An effect breaks its contract, is unknown, or needs data that the campaign lacks."""
+
+
+class OutputError(BayesInertiaError):
+    """A result cannot be written, or would overwrite a result of other data."""
+
+
+class EstimateError(BayesInertiaError):
+    """The optimizer found no usable estimate; `advice` says what usually helps."""

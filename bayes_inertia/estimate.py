@@ -1,0 +1,339 @@
+"""The optimizer: maximum of the posterior with all nuisances, its Laplace approximation, and what the slews themselves support.
+
+J moves in its log-Cholesky chart, so that no step leaves the physical tensors; everything reported
+is in the elements of J. Several starts descend first with the data counted weakly, which widens the
+basin of attraction, and the best of them with full weight.
+
+Where the residuals show that the model is not complete (`adequacy`), the likelihood of every slew is
+discounted by the dispersion of its own residuals, and the estimate is repeated: a model that is wrong
+by many sigmas would otherwise overrule all prior knowledge with its errors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from bayes_inertia import inertia
+from bayes_inertia.adequacy import ChannelTest, channel_tests, dispersion
+from bayes_inertia.errors import EstimateError
+from bayes_inertia.levenberg import descend, inverse, inverse_root, solve
+from bayes_inertia.likelihood import Information, Marginal, Residuals, Whitening, discounted, information, residuals, sensitivities, whitening
+from bayes_inertia.model import Model
+from bayes_inertia.parameters import prior_residual
+from bayes_inertia.telemetry import CHANNELS
+
+N_BIAS = 3
+# No closer than this to a body without thickness (second moment over trace): beyond, rounding rules.
+_THINNEST = 1e-7
+# Weight of the data in the first descent of every start.
+_GENTLE = 1e-4
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point of the full parameter space: `theta` (d,) physical, `bias` (3,) and `local` (slews, n_local) whitened nuisances."""
+
+    theta: np.ndarray
+    bias: np.ndarray
+    local: np.ndarray
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The posterior's maximum and its Laplace approximation.
+
+    Attributes
+    ----------
+    model, point : what was fitted, and the maximum.
+    stated, white : the noise as the campaign states it, and as it was used (equal unless discounted).
+    discount : (slews, 3) factor of each slew's and channel's information, 1 where the model explains the data.
+    information : normal equations by slew and channel at `point`, with the noise as used.
+    hessian : (d + 3 + slews n_local,) squared, of the negative log posterior (Gauss-Newton), theta in physical units.
+    objective : half the sum of all whitened squares, priors included.
+    starts_agreeing, starts : how many of the optimizer's starts ended here.
+    """
+
+    model: Model
+    point: Point
+    stated: Whitening
+    white: Whitening
+    discount: np.ndarray
+    information: Information
+    hessian: np.ndarray
+    objective: float
+    starts_agreeing: int
+    starts: int
+
+    @property
+    def theta(self) -> np.ndarray:
+        """The maximum (d,), in physical units."""
+        return self.point.theta
+
+    @property
+    def discounted(self) -> bool:
+        """Whether misfit made any slew count for less than its stated noise says."""
+        return bool(np.any(self.discount < 1.0))
+
+    @cached_property
+    def joint_covariance(self) -> np.ndarray:
+        """Covariance of (theta, bias, all local nuisances)."""
+        return inverse(self.hessian)
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """Covariance (d, d) of theta with the nuisances integrated out."""
+        return self.joint_covariance[: len(self.theta), : len(self.theta)]
+
+    @property
+    def sd(self) -> np.ndarray:
+        """Standard deviations (d,) of the Laplace approximation."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @cached_property
+    def residual_series(self) -> dict[str, list[np.ndarray]]:
+        """{channel: [(rows, components) a slew]} of residuals in stated sigmas, NaN where nothing was measured."""
+        return _series(self.model, self.point, self.stated)
+
+    @cached_property
+    def effective_parameters(self) -> np.ndarray:
+        """How many parameters each channel pays for (3,): trace of the hat matrix over its rows."""
+        total = np.zeros(3)
+        for s, block in enumerate(self.information.matrix):
+            index = block_index(self.model, s)
+            total += np.einsum("cpq,qp->c", block, self.joint_covariance[np.ix_(index, index)])
+        return total
+
+    @cached_property
+    def tests(self) -> dict[str, ChannelTest]:
+        """Reduced chi^2 against the STATED noise and whiteness, by channel and in total."""
+        chi2 = (self.information.chi2 / self.discount).sum(0)
+        return channel_tests(self.residual_series, chi2, self.information.n_data.sum(0) - self.effective_parameters)
+
+    @cached_property
+    def robust_sd(self) -> np.ndarray | None:
+        """Standard deviations (d,) that the slews themselves support, None for a single slew."""
+        covariance = self.robust_covariance
+        return None if covariance is None else np.sqrt(np.diag(covariance))
+
+    @cached_property
+    def robust_covariance(self) -> np.ndarray | None:
+        """Covariance (d, d) that the slews themselves support, None for a single slew.
+
+        Leave-one-slew-out jackknife of the estimate (to first order) plus the part that comes from
+        the prior: a sandwich whose bread is the Hessian and whose meat is what slews and prior
+        scatter, without belief in the noise model (MacKinnon and White 1985, HC3 clustered by slew).
+        The scatter of a handful of slews can be small by luck, so that no parameter's variance is
+        taken below the model's own (Angrist and Pischke 2009, section 8.1).
+        """
+        if self.model.n_slews < 2:
+            return None
+        left_out = np.array([self.without_slew(s) for s in range(self.model.n_slews)])
+        n = len(left_out)
+        scatter = left_out - left_out.mean(0)
+        slope, _ = prior_rows(self.model, self.theta)
+        shift = self.covariance * slope
+        sandwich = (n - 1) / n * scatter.T @ scatter + shift @ shift.T
+        lift = np.maximum(1.0, self.sd / np.sqrt(np.diag(sandwich)))
+        return sandwich * np.outer(lift, lift)
+
+    def without_slew(self, s: int) -> np.ndarray:
+        """theta (d,) when slew s is left out, to first order."""
+        weights = np.ones(self.model.n_slews)
+        weights[s] = 0.0
+        hessian, gradient = normal_equations(self.model, self.point, self.information, weights)
+        return self.theta - solve(hessian, gradient)[: len(self.theta)]
+
+
+def estimate(model: Model, *, seed: int = 0, starts: int = 3, start: np.ndarray | None = None, discount: bool = True) -> Estimate:
+    """Find the posterior's maximum.
+
+    Parameters
+    ----------
+    seed : of the further starts. starts : number of starts, the first at the prior mean, others drawn from the prior.
+    start : theta (d,) to begin from instead (one start).
+    discount : whether misfit discounts the slews (False keeps the stated noise whatever the residuals say).
+
+    Raises
+    ------
+    EstimateError : no start gave a finite posterior.
+    """
+    found = _from_starts(model, [start] if start is not None else _starts(model, seed, starts))
+    objective, point, _ = min(found, key=lambda f: f[0])
+    agreeing = sum(o < objective + 1.0 for o, *_ in found)
+    whole = np.ones((model.n_slews, len(CHANNELS)))
+    fitted = _at(model, *_settled(model, point, whole), whole, agreeing, len(found))
+    if not discount or not any(test.too_large for test in fitted.tests.values()):
+        return fitted
+    channels = [test.too_large or fitted.tests["total"].too_large for test in list(fitted.tests.values())[:3]]
+    best = min(found, key=lambda f: f[0])[1]  # the gentle descent is nearer than the overruled one
+    return _discounted_fit(model, best, np.array(channels), agreeing, len(found))
+
+
+def _discounted_fit(model: Model, point: Point, channels: np.ndarray, agreeing: int, starts: int) -> Estimate:
+    """Repeat the estimate with each slew's information divided by the dispersion of its own residuals, until both agree."""
+    factors = np.where(channels, _GENTLE, np.ones((model.n_slews, 3)))
+    for _ in range(10):
+        point, _, stated = _settled(model, point, factors, rounds=1)
+        previous, factors = factors, np.where(channels, _dispersions(model, point, stated), 1.0)
+        if np.all(np.abs(np.log(factors / previous)) < 0.02):
+            break
+    return _at(model, *_settled(model, point, factors), factors, agreeing, starts)
+
+
+def _dispersions(model: Model, point: Point, stated: Whitening) -> np.ndarray:
+    series = _series(model, point, stated)
+    return np.array([[1.0 / dispersion(series[c][s], bursts=c == "attitude") for c in CHANNELS] for s in range(model.n_slews)])
+
+
+def _starts(model: Model, seed: int, starts: int) -> list[np.ndarray]:
+    drawn = model.draw_prior(np.random.default_rng(seed), max(starts - 1, 0))
+    return [_inside(model, theta) for theta in [model.space.mean, *drawn]]
+
+
+def _from_starts(model: Model, thetas: list[np.ndarray]) -> list[tuple[float, Point, np.ndarray]]:
+    """Gentle descents from all starts; those that gave a finite objective."""
+    gentle = np.full((model.n_slews, len(CHANNELS)), _GENTLE)
+    found = []
+    for theta in thetas:
+        begin = Point(np.asarray(theta, float), np.zeros(N_BIAS), np.zeros((model.n_slews, model.structure.n_local)))
+        white = discounted(whitening(model, begin.theta), gentle)
+        point, objective = _descend(model, begin, white, tolerance=1e-3)
+        if np.isfinite(objective):
+            found.append((objective, point, begin.theta))
+    if not found:
+        raise EstimateError("no start of the optimizer gave finite residuals", advice="check units and signs of the telemetry columns")
+    return found
+
+
+def _inside(model: Model, theta: np.ndarray) -> np.ndarray:
+    """A prior draw moved a little into the support of priors that end at their null."""
+    theta = np.array(theta, float)
+    margin = 0.1 * model.space.sd
+    theta[6:] = np.clip(theta, model.space.lower + margin, model.space.upper - margin)[6:]
+    return theta
+
+
+def _settled(model: Model, point: Point, factors: np.ndarray, rounds: int = 3) -> tuple[Point, float, Whitening]:
+    """Optimum and noise that belong together: in the measured drive the noise depends on J."""
+    stated = whitening(model, point.theta)
+    for _ in range(rounds if model.structure.drive == "measured" else 1):
+        point, objective = _descend(model, point, discounted(stated, factors))
+        stated = whitening(model, point.theta)
+    return point, objective, stated
+
+
+def _at(model: Model, point: Point, objective: float, stated: Whitening, factors: np.ndarray, agreeing: int, starts: int) -> Estimate:
+    white = discounted(stated, factors)
+    info = information(model, point.theta, point.bias, point.local, white)
+    hessian, _ = normal_equations(model, point, info)
+    return Estimate(model, point, stated, white, factors, info, hessian, objective, agreeing, starts)
+
+
+def _descend(model: Model, point: Point, white: Whitening, tolerance: float = 1e-7) -> tuple[Point, float]:
+    def equations(x: Point) -> tuple[np.ndarray, np.ndarray]:
+        info = information(model, x.theta, x.bias, x.local, white)
+        return _in_chart(x, *normal_equations(model, x, info))
+
+    return descend(lambda x: _objective(model, x, white), equations, lambda x, step: _moved(model, x, step), point, tolerance=tolerance)
+
+
+def _moved(model: Model, point: Point, step: np.ndarray) -> Point:
+    """The point after a step (d + 3 + slews n_local,) whose first six components are in the chart of J."""
+    d = len(point.theta)
+    theta = point.theta + step[:d]
+    chart = np.array(_to_chart(point.theta[:6])) + step[:6]
+    chart[:3] = np.maximum(chart[:3], 0.5 * np.log(_THINNEST * np.sum(point.theta[:3])))
+    theta[:6] = np.asarray(_from_chart(chart))
+    span = 1e-9 * model.space.sd
+    theta[6:] = np.clip(theta[6:], (model.space.lower + span)[6:], (model.space.upper - span)[6:])
+    return Point(theta, point.bias + step[d : d + N_BIAS], point.local + step[d + N_BIAS :].reshape(point.local.shape))
+
+
+def _objective(model: Model, point: Point, white: Whitening) -> float:
+    if not bool(inertia.is_physical(point.theta[:6])):
+        return np.inf
+    r = residuals(model.structure, jnp.asarray(point.theta), jnp.asarray(point.bias), jnp.asarray(point.local), model.data, white)
+    chi2 = sum(float(np.sum(np.square(channel))) for channel in r)
+    own = np.asarray(_prior_residual(model.space.constants(), point.theta))
+    return 0.5 * (chi2 + float(own @ own) + float(point.bias @ point.bias) + float(np.sum(point.local**2)))
+
+
+def normal_equations(model: Model, point: Point, info: Information, weights: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Hessian and gradient of the negative log posterior for (theta, bias, all local nuisances), priors included.
+
+    Parameters
+    ----------
+    weights : (slews,) multiplies each slew's information (0 leaves it out).
+    """
+    d = len(point.theta)
+    size = d + N_BIAS + point.local.size
+    hessian, gradient = np.zeros((size, size)), np.zeros(size)
+    for s, (block, pull) in enumerate(zip(info.matrix, info.gradient, strict=True)):
+        index = block_index(model, s)
+        weight = 1.0 if weights is None else weights[s]
+        hessian[np.ix_(index, index)] += weight * block.sum(0)
+        gradient[index] += weight * pull.sum(0)
+    slope, distance = prior_rows(model, point.theta)
+    hessian[np.arange(size), np.arange(size)] += np.concatenate([slope**2, np.ones(size - d)])
+    gradient += np.concatenate([slope * distance, point.bias, point.local.ravel()])
+    return hessian, gradient
+
+
+def prior_rows(model: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Derivative (d,) and value (d,) of the whitened distance of theta from its prior."""
+    constants = model.space.constants()
+    return np.asarray(_prior_slope(constants, theta)), np.asarray(_prior_residual(constants, theta))
+
+
+def block_index(model: Model, s: int) -> np.ndarray:
+    """Where (theta, bias, local nuisances of slew s) stand in the joint vector."""
+    shared, m = model.space.size + N_BIAS, model.structure.n_local
+    return np.concatenate([np.arange(shared), np.arange(shared + s * m, shared + (s + 1) * m)])
+
+
+def _in_chart(point: Point, hessian: np.ndarray, gradient: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    turn = np.eye(len(gradient))
+    turn[:6, :6] = np.asarray(_chart_slope(_to_chart(point.theta[:6])))
+    return turn.T @ hessian @ turn, turn.T @ gradient
+
+
+_to_chart = jax.jit(inertia.to_chart)
+_from_chart = jax.jit(inertia.from_chart)
+_chart_slope = jax.jit(jax.jacfwd(inertia.from_chart))
+_prior_residual = jax.jit(prior_residual)
+_prior_slope = jax.jit(jax.grad(lambda c, x: jnp.sum(prior_residual(c, x)), argnums=1))
+
+
+def _series(model: Model, point: Point, white: Whitening) -> dict[str, list[np.ndarray]]:
+    r = residuals(model.structure, jnp.asarray(point.theta), jnp.asarray(point.bias), jnp.asarray(point.local), model.data, white)
+    telemetry = model.data.arrays.telemetry
+    fixes = np.repeat(np.asarray(telemetry.fix_valid)[..., None], 3, -1)
+    momentum = np.asarray(telemetry.momentum_valid)[..., : 0 if model.structure.drive == "measured" else None]
+    valid = (np.asarray(telemetry.rate_valid), fixes, momentum)
+    return {c: [np.where(v, x, np.nan) for v, x in zip(ok, np.asarray(a).reshape(ok.shape), strict=True)] for c, a, ok in zip(CHANNELS, r, valid, strict=True)}
+
+
+def marginal(at: Estimate) -> Marginal:
+    """What the marginal log posterior needs, frozen at an estimate."""
+    model, point = at.model, at.point
+    d, m = len(point.theta), point.local.shape[1]
+    s = sensitivities(model.structure, jnp.asarray(point.theta), jnp.asarray(point.bias), jnp.asarray(point.local), model.data, at.white)
+    nuisance = at.hessian[d:, d:]
+    ridge = -solve(nuisance, at.hessian[d:, :d])
+    return Marginal(
+        theta0=jnp.asarray(point.theta),
+        bias0=jnp.asarray(point.bias),
+        local0=jnp.asarray(point.local),
+        ridge_bias=jnp.asarray(ridge[:N_BIAS]),
+        ridge_local=jnp.asarray(ridge[N_BIAS:].reshape(len(point.local), m, d)),
+        columns=Residuals(*(j[..., d:] for j in s.jacobian)),
+        root=jnp.asarray(inverse_root(nuisance)),
+        prior=model.space.constants(),
+        data=model.data,
+        white=at.white,
+    )

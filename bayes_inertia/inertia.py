@@ -1,0 +1,107 @@
+"""Physical inertia tensors: elements, principal moments, and a chart that can hold no unphysical one.
+
+A tensor J belongs to a body of non-negative mass density exactly if tr(J)/2 1 - J (the second
+moments of mass) is positive semi-definite, which contains the triangle inequalities
+(Traversaro et al. 2016; Wensing, Kim and Slotine 2018). Elements are ordered as in
+`ELEMENTS`; products of inertia are tensor ELEMENTS (J[0, 1] = Jxy), as in Ferguson's paper.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+ELEMENTS = ("Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz")
+_ROWS, _COLUMNS = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
+
+
+def tensor(elements: Array) -> Array:
+    """The tensors (..., 3, 3) of elements (..., 6) in the order of `ELEMENTS` [kg m^2].
+
+    >>> tensor(jnp.array([3., 2., 1., .25, .5, 0.]))[0].tolist()
+    [3.0, 0.25, 0.5]
+    """
+    xx, yy, zz, xy, xz, yz = (elements[..., i] for i in range(6))
+    rows = [jnp.stack(row, -1) for row in ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))]
+    return jnp.stack(rows, -2)
+
+
+def elements(tensor_B: Array) -> Array:
+    """The elements (..., 6) of symmetric tensors (..., 3, 3).
+
+    >>> elements(tensor(jnp.arange(6.))).tolist()
+    [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
+    """
+    return tensor_B[..., _ROWS, _COLUMNS]
+
+
+def second_moments(tensor_B: Array) -> Array:
+    """tr(J)/2 1 - J (..., 3, 3): the second moments of mass, positive definite for any real body.
+
+    >>> jnp.diag(second_moments(jnp.diag(jnp.array([3., 2., 2.])))).tolist()
+    [0.5, 1.5, 1.5]
+    """
+    trace = jnp.trace(tensor_B, axis1=-2, axis2=-1)[..., None, None]
+    return 0.5 * trace * jnp.eye(3) - tensor_B
+
+
+def is_physical(elements_: Array) -> Array:
+    """Whether tensors given by elements (..., 6) satisfy the triangle inequalities strictly (bool, ...).
+
+    >>> is_physical(jnp.array([[3., 2., 2., 0., 0., 0.], [5., 2., 2., 0., 0., 0.]])).tolist()
+    [True, False]
+    """
+    m = second_moments(tensor(elements_))
+    minor_2 = m[..., 0, 0] * m[..., 1, 1] - m[..., 0, 1] ** 2
+    minor_3 = (
+        m[..., 0, 0] * (m[..., 1, 1] * m[..., 2, 2] - m[..., 1, 2] ** 2)
+        - m[..., 0, 1] * (m[..., 0, 1] * m[..., 2, 2] - m[..., 1, 2] * m[..., 0, 2])
+        + m[..., 0, 2] * (m[..., 0, 1] * m[..., 1, 2] - m[..., 1, 1] * m[..., 0, 2])
+    )  # Sylvester's criterion
+    return (m[..., 0, 0] > 0.0) & (minor_2 > 0.0) & (minor_3 > 0.0)
+
+
+def from_chart(chart: Array) -> Array:
+    """Elements (..., 6) of the tensor whose second moments have the log-Cholesky factor `chart` (..., 6).
+
+    The chart is unconstrained: every real vector is a physical tensor. Its components are the
+    logarithms of the factor's diagonal, then its elements 10, 20, 21.
+
+    >>> bool(is_physical(from_chart(jnp.array([-1., 0., 1., 5., -3., 2.]))))
+    True
+    """
+    a, b, c = (jnp.exp(chart[..., i]) for i in range(3))
+    d, e, f = (chart[..., i] for i in range(3, 6))
+    xx, yy, zz = a**2, d**2 + b**2, e**2 + f**2 + c**2
+    return jnp.stack([yy + zz, xx + zz, xx + yy, -a * d, -a * e, -(d * e + b * f)], axis=-1)
+
+
+def to_chart(elements_: Array) -> Array:
+    """The inverse of `from_chart`; NaN for an unphysical tensor.
+
+    >>> x = jnp.array([3., 2., 2., .25, 0., -.5])
+    >>> bool(jnp.allclose(from_chart(to_chart(x)), x))
+    True
+    """
+    factor = jnp.linalg.cholesky(second_moments(tensor(elements_)))
+    diagonal = [jnp.log(factor[..., i, i]) for i in range(3)]
+    return jnp.stack([*diagonal, factor[..., 1, 0], factor[..., 2, 0], factor[..., 2, 1]], axis=-1)
+
+
+def principal_moments(elements_: np.ndarray) -> np.ndarray:
+    """Principal moments (..., 3), ascending [kg m^2].
+
+    >>> principal_moments(np.array([3., 1., 2., 0., 0., 0.])).tolist()
+    [1.0, 2.0, 3.0]
+    """
+    return np.linalg.eigvalsh(np.asarray(tensor(jnp.asarray(elements_))))
+
+
+def wheel_spin_tensor(wheel_axes_B: Array, spin_inertia: Array) -> Array:
+    """sum Js_i g_i g_i^T (3, 3) [kg m^2]: what J_locked has more than J (axes are columns).
+
+    >>> wheel_spin_tensor(jnp.eye(3)[:, :1], jnp.array([1e-3]))[0, 0].item()
+    0.001
+    """
+    return jnp.einsum("iw,w,jw->ij", wheel_axes_B, spin_inertia, wheel_axes_B)
