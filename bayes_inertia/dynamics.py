@@ -21,6 +21,8 @@ from bayes_inertia.effect import Effect, SlewContext, State, Trajectory, acts_on
 
 Drive = Literal["commanded", "measured"]
 Values = Mapping[str, Mapping[str, Array]]
+# Hooks that make more than the attitude change during a slew.
+_MOVING_HOOKS = ("wheel_torque", "body_torque", "initial_state", "internal_momentum")
 
 
 class SlewInput(NamedTuple):
@@ -44,8 +46,9 @@ class Start(NamedTuple):
     wheel_momentum: Array
 
 
-class _Motion(NamedTuple):
-    """The integrated state, vectors as tuples of components (see `rotation`)."""
+class Motion(NamedTuple):
+    """The integrated state, vectors as tuples of components (see `rotation`): `attitude` (4), `momentum_N` (3) the total
+    momentum in inertial axes [N m s], `wheel` (wheels) and each effect's own states."""
 
     attitude: tuple[Array, ...]
     momentum_N: tuple[Array, ...]
@@ -53,7 +56,7 @@ class _Motion(NamedTuple):
     own: tuple[Array, ...]
 
 
-class _Body(NamedTuple):
+class Body(NamedTuple):
     """Constants of one slew: inverse of the inertia that turns momentum into rate, wheel axes, spin inertia."""
 
     inverse: Array
@@ -91,27 +94,16 @@ def simulate(
     """
     values = values or {}
     context = slew.context
-    body, motion, torque = _prepare(slew, start, inertia_B, effects, values, drive)
-    rows = {"torque": torque, "wheel": slew.momentum, "field": slew.magnetic_field_N, "position": slew.position_N}
-    ahead = {key: (_columns(value), _columns(_next(value))) for key, value in rows.items()}
-    ahead |= {"time": context.time, "step": context.step}
-
-    def step(motion: _Motion, row: dict) -> tuple[_Motion, _Motion]:
-        def slope(at: float, x: _Motion) -> _Motion:
-            return _slope(at, x, row, body, context, effects, values, drive)
-
-        following = _runge_kutta_4(slope, motion, row["step"])
-        shrink = 1.0 / jnp.sqrt(sum(c * c for c in following.attitude))
-        return following._replace(attitude=tuple(c * shrink for c in following.attitude)), motion
-
-    _, path = jax.lax.scan(step, motion, ahead)
-    attitude = jnp.stack(path.attitude, -1)
+    body, motion, torque = prepare(slew, start, inertia_B, effects, values, drive)
+    coasting = not any(acts_on(effect, hook) for effect in effects for hook in _MOVING_HOOKS)
+    path = (_attitude_path if coasting else _full_path)(slew, body, motion, torque, effects, values, drive)
     wheel = _stack(path.wheel, len(context.time)) if drive == "commanded" else slew.momentum
-    internal = _internal_momentum(effects, values, context, path.own)
+    attitude, own = jnp.stack(path.attitude, -1), path.own
+    internal = _internal_momentum(effects, values, context, own)
     momentum_B = rotation.to_body(attitude, jnp.stack(path.momentum_N, -1)) - wheel @ body.axes_B.T - internal
     rate = momentum_B @ body.inverse.T
     momentum = wheel if drive == "measured" else wheel - body.spin_inertia * (rate @ body.axes_B)
-    return Trajectory(context.time, attitude, rate, momentum, jnp.zeros((len(context.time), 0))), path.own
+    return Trajectory(context.time, attitude, rate, momentum, jnp.zeros((len(context.time), 0))), own
 
 
 def idle_slew(time, wheels: int = 0, wheel_axes_B=None, spin_inertia=None, torque=None) -> SlewInput:
@@ -143,7 +135,15 @@ def total_momentum_N(trajectory: Trajectory, inertia_B: Array, wheel_axes_B: Arr
     return rotation.to_inertial(trajectory.attitude, momentum_B)
 
 
-def _prepare(slew, start, inertia_B, effects, values, drive) -> tuple[_Body, _Motion, Array]:
+def prepare(
+    slew: SlewInput, start: Start, inertia_B: Array, effects: Sequence[Effect], values: Values, drive: Drive = "commanded"
+) -> tuple[Body, Motion, Array]:
+    """Constants and initial motion of one slew, and the torque (n, wheels) [N m] that the wheels deliver for the commanded one.
+
+    >>> slew = idle_slew([0.0, 1.0]); start = Start(jnp.array([0.1, 0., 0.]), jnp.array([0., 0., 0., 1.]), jnp.zeros(0))
+    >>> prepare(slew, start, 2.0 * jnp.eye(3), (), {})[1].momentum_N[0].item()
+    0.2
+    """
     context = slew.context
     axes, torque = context.wheel_axes_B, context.torque
     for effect in effects:
@@ -159,8 +159,101 @@ def _prepare(slew, start, inertia_B, effects, values, drive) -> tuple[_Body, _Mo
     wheel = relative + context.spin_inertia * (axes.T @ start.rate_B)
     inverse = jnp.linalg.inv(inertia_B if drive == "commanded" else locked)
     momentum_N = rotation.to_inertial(start.attitude, momentum_B)
-    motion = _Motion(tuple(start.attitude), tuple(momentum_N), tuple(wheel), own)
-    return _Body(inverse, axes, context.spin_inertia), motion, torque
+    motion = Motion(tuple(start.attitude), tuple(momentum_N), tuple(wheel), own)
+    return Body(inverse, axes, context.spin_inertia), motion, torque
+
+
+def grid_rows(slew: SlewInput, torque: Array) -> dict:
+    """What `advance` reads at each grid point: time, step, and each input's values at the step's two ends, by components.
+
+    `torque` (n, wheels) [N m] is delivered to the wheels and held over the step.
+
+    >>> sorted(grid_rows(idle_slew([0.0, 1.0]), jnp.zeros((2, 0))))
+    ['field', 'position', 'step', 'time', 'torque', 'wheel']
+    """
+    rows = {"torque": torque, "wheel": slew.momentum, "field": slew.magnetic_field_N, "position": slew.position_N}
+    ahead: dict = {key: (_columns(value), _columns(_next(value))) for key, value in rows.items()}
+    return ahead | {"time": slew.context.time, "step": slew.context.step}
+
+
+def advance(motion: Motion, row: dict, body: Body, context: SlewContext, effects: Sequence[Effect], values: Values, drive: Drive = "commanded") -> Motion:
+    """The motion one grid step later; `row` is one point of `grid_rows`. A step of zero length changes nothing.
+
+    >>> slew = idle_slew([0.0, 1.0]); start = Start(jnp.array([0.1, 0., 0.]), jnp.array([0., 0., 0., 1.]), jnp.zeros(0))
+    >>> body, motion, torque = prepare(slew, start, jnp.eye(3), (), {})
+    >>> row = jax.tree.map(lambda rows: rows[0], grid_rows(slew, torque))
+    >>> advance(motion, row, body, slew.context, (), {}).attitude[0].round(4).item()
+    0.05
+    """
+
+    def slope(at: float, x: Motion) -> Motion:
+        return _slope(at, x, row, body, context, effects, values, drive)
+
+    following = _runge_kutta_4(slope, motion, row["step"])
+    return following._replace(attitude=_unit(following.attitude))
+
+
+def observe(motion: Motion, body: Body, context: SlewContext, effects: Sequence[Effect], values: Values) -> tuple[Array, Array]:
+    """Body rate (3,) [rad/s] and wheel momentum relative to the body (wheels,) [N m s] at one instant of the commanded drive.
+
+    >>> slew = idle_slew([0.0, 1.0]); start = Start(jnp.array([0.1, 0., 0.]), jnp.array([0., 0., 0., 1.]), jnp.zeros(0))
+    >>> body, motion, _ = prepare(slew, start, 2.0 * jnp.eye(3), (), {})
+    >>> observe(motion, body, slew.context, (), {})[0].tolist()
+    [0.1, 0.0, 0.0]
+    """
+    wheel = _stack(motion.wheel)
+    momentum_B = jnp.stack(rotation.to_body_components(motion.attitude, motion.momentum_N))
+    rate = body.inverse @ (momentum_B - body.axes_B @ wheel - _internal_momentum(effects, values, context, motion.own))
+    return rate, wheel - body.spin_inertia * (rate @ body.axes_B)
+
+
+def _full_path(slew: SlewInput, body: Body, motion: Motion, torque, effects, values, drive) -> Motion:
+    """The motion at every grid point where momentum, wheels or own states change along the way."""
+
+    def step(motion: Motion, row: dict) -> tuple[Motion, Motion]:
+        return advance(motion, row, body, slew.context, effects, values, drive), motion
+
+    return jax.lax.scan(step, motion, grid_rows(slew, torque))[1]
+
+
+def _attitude_path(slew: SlewInput, body: Body, motion: Motion, torque, effects, values, drive) -> Motion:
+    """The same where only the attitude needs integration: M_N is constant and the wheels are known beforehand.
+
+    Without the constants in its loop this takes 0.6 of the time of `_full_path`.
+    """
+    n = len(slew.context.time)
+    if drive == "commanded":
+        # Kept apart from the start value, so that draws of one slew share these rows.
+        gained = jnp.cumsum(torque * slew.context.step[:, None], axis=0)
+        wheel, offset = jnp.concatenate([jnp.zeros((1, torque.shape[1])), gained[:-1]]), motion.wheel
+    else:
+        wheel, offset = slew.momentum, tuple(jnp.zeros_like(h) for h in motion.wheel)
+
+    def step(attitude, row):
+        ends, h = row
+
+        def slope(at: float, q):
+            now = [h + gain for h, gain in zip(offset, _between(at, ends), strict=True)]
+            return rotation.rate_of_components(q, _rate_components(body, q, motion.momentum_N, now))
+
+        return _unit(_runge_kutta_4(slope, attitude, h)), attitude
+
+    _, attitude = jax.lax.scan(step, motion.attitude, ((_columns(wheel), _columns(_next(wheel))), slew.context.step))
+    own = jax.tree.map(lambda x: jnp.broadcast_to(x, (n, *x.shape)), motion.own)
+    momentum_N = tuple(jnp.broadcast_to(m, n) for m in motion.momentum_N)
+    wheel = tuple(h + column for h, column in zip(offset, _columns(wheel), strict=True))
+    return motion._replace(attitude=attitude, momentum_N=momentum_N, wheel=wheel, own=own)
+
+
+def _rate_components(body, attitude, momentum_N, wheel) -> list[Array]:
+    momentum_B = rotation.to_body_components(attitude, momentum_N)
+    momentum_B = [m - sum(body.axes_B[i, k] * h for k, h in enumerate(wheel)) for i, m in enumerate(momentum_B)]
+    return [sum(body.inverse[i, j] * momentum_B[j] for j in range(3)) for i in range(3)]
+
+
+def _unit(attitude):
+    shrink = 1.0 / jnp.sqrt(sum(c * c for c in attitude))
+    return tuple(c * shrink for c in attitude)
 
 
 def _internal_momentum(effects, values, context, own) -> Array:
@@ -173,7 +266,7 @@ def _internal_momentum(effects, values, context, own) -> Array:
     return total
 
 
-def _slope(at: float, x: _Motion, row, body: _Body, context, effects, values, drive) -> _Motion:
+def _slope(at: float, x: Motion, row, body: Body, context, effects, values, drive) -> Motion:
     """Time derivative of the motion, `at` a fraction of the step after its beginning."""
     wheel = x.wheel if drive == "commanded" else _between(at, row["wheel"])
     momentum_B = rotation.to_body_components(x.attitude, x.momentum_N)
@@ -184,16 +277,16 @@ def _slope(at: float, x: _Motion, row, body: _Body, context, effects, values, dr
     rate = [sum(body.inverse[i, j] * momentum_B[j] for j in range(3)) for i in range(3)]
     attitude_rate = rotation.rate_of_components(x.attitude, rate)
     if not effects:
-        return _Motion(attitude_rate, _zeros(x.momentum_N), row["torque"][0], ())
+        return Motion(attitude_rate, _zeros(x.momentum_N), row["torque"][0], ())
     external, wheel_torque, own_rates = _effect_slopes(at, x, row, body, context, effects, values, drive, rate, wheel)
     momentum_rate = _zeros(x.momentum_N)
     if any(acts_on(effect, "body_torque") for effect in effects):
         momentum_rate = rotation.to_inertial_components(x.attitude, tuple(external))
     total = tuple(u + wheel_torque[k] for k, u in enumerate(row["torque"][0]))
-    return _Motion(attitude_rate, momentum_rate, total, own_rates)
+    return Motion(attitude_rate, momentum_rate, total, own_rates)
 
 
-def _effect_slopes(at, x: _Motion, row, body: _Body, context, effects, values, drive, rate, wheel):
+def _effect_slopes(at, x: Motion, row, body: Body, context, effects, values, drive, rate, wheel):
     """External torque (3,), further torque on the wheels (wheels,), and the rates of all own states."""
     rate_B, wheel = jnp.stack(rate), _stack(wheel)
     relative = wheel - body.spin_inertia * (rate_B @ body.axes_B) if drive == "commanded" else wheel
@@ -227,8 +320,8 @@ def _stack(components: tuple[Array, ...], *shape: int) -> Array:
     return jnp.stack(components, -1) if len(components) else jnp.zeros((*shape, 0))
 
 
-def _runge_kutta_4(slope, x: _Motion, step: Array) -> _Motion:
-    def moved(k: _Motion, by: Array) -> _Motion:
+def _runge_kutta_4(slope, x: Motion, step: Array) -> Motion:
+    def moved(k: Motion, by: Array) -> Motion:
         return jax.tree.map(lambda a, b: a + by * b, x, k)
 
     k1 = slope(0.0, x)
