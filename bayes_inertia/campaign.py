@@ -325,6 +325,11 @@ class Campaign:
         """Js (wheels,) [kg m^2]."""
         return np.array([w.spin_inertia for w in self.wheels])
 
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last moment of the campaign [s], on the clock that the slews' `start` counts."""
+        return min(s.start for s in self.slews), max(s.start + s.duration for s in self.slews)
+
     def subset(self, indices) -> Campaign:
         """The same campaign with only the slews at `indices` (for held-out checks)."""
         return replace(self, slews=tuple(self.slews[i] for i in indices))

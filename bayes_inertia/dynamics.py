@@ -57,9 +57,10 @@ class Motion(NamedTuple):
 
 
 class Body(NamedTuple):
-    """Constants of one slew: inverse of the inertia that turns momentum into rate, wheel axes, spin inertia."""
+    """Constants of one slew: inverse of the inertia that turns momentum into rate, J_locked, wheel axes, spin inertia."""
 
     inverse: Array
+    locked: Array
     axes_B: Array
     spin_inertia: Array
 
@@ -119,7 +120,19 @@ def idle_slew(time, wheels: int = 0, wheel_axes_B=None, spin_inertia=None, torqu
     spin = jnp.zeros(wheels) if spin_inertia is None else jnp.asarray(spin_inertia, dtype=float)
     torque = jnp.zeros((n, wheels)) if torque is None else jnp.asarray(torque, dtype=float)
     step = jnp.append(jnp.diff(time), 0.0)
-    context = SlewContext(jnp.asarray(0), jnp.asarray(0.0), time, step, torque, axes, spin, jnp.array([0.0, 0.0, 1.0]))
+    context = SlewContext(
+        index=jnp.asarray(0),
+        slews=jnp.asarray(1),
+        start=jnp.asarray(0.0),
+        middle=0.5 * (time[0] + time[-1]),
+        time=time,
+        step=step,
+        torque=torque,
+        wheel_axes_B=axes,
+        spin_inertia=spin,
+        boresight_B=jnp.array([0.0, 0.0, 1.0]),
+        rate_axes=jnp.eye(3),
+    )
     return SlewInput(context, jnp.zeros((n, wheels)), jnp.zeros((n, 3)), jnp.zeros((n, 3)))
 
 
@@ -151,7 +164,7 @@ def prepare(
         inertia_B = effect.inertia(p, context, inertia_B)
         axes = effect.wheel_axes(p, context, axes)
         torque = effect.delivered_torque(p, context, torque)
-    own = tuple(effect.initial_state(values.get(effect.name, {}), context) for effect in effects)
+    own = tuple(effect.initial_state(values.get(effect.name, {}), context, start.rate_B) for effect in effects)
     locked = inertia_B + inertia.wheel_spin_tensor(axes, context.spin_inertia)
     relative = start.wheel_momentum if drive == "commanded" else slew.momentum[0]
     internal = _internal_momentum(effects, values, context, own)
@@ -160,7 +173,7 @@ def prepare(
     inverse = jnp.linalg.inv(inertia_B if drive == "commanded" else locked)
     momentum_N = rotation.to_inertial(start.attitude, momentum_B)
     motion = Motion(tuple(start.attitude), tuple(momentum_N), tuple(wheel), own)
-    return Body(inverse, axes, context.spin_inertia), motion, torque
+    return Body(inverse, locked, axes, context.spin_inertia), motion, torque
 
 
 def grid_rows(slew: SlewInput, torque: Array) -> dict:
@@ -295,7 +308,7 @@ def _effect_slopes(at, x: Motion, row, body: Body, context, effects, values, dri
     external, wheel_torque, own_rates = jnp.zeros(3), jnp.zeros_like(relative), []
     for effect, own in zip(effects, x.own, strict=True):
         p = values.get(effect.name, {})
-        state = State(jnp.stack(x.attitude), rate_B, relative, own, field, position)
+        state = State(jnp.stack(x.attitude), rate_B, relative, own, body.locked, field, position)
         if acts_on(effect, "body_torque"):
             external = external + effect.body_torque(p, context, t, state)
         if acts_on(effect, "wheel_torque"):

@@ -25,30 +25,36 @@ if TYPE_CHECKING:
 class SlewContext(NamedTuple):
     """What an effect may know about the slew it acts in (arrays on the integration grid of n points).
 
-    `index` is the slew's number in the campaign, `start` its first row in the campaign [s],
-    `time` (n,) [s] from the slew's own zero, `step` (n,) [s] to the next grid point (0 in padding),
-    `torque` (n, wheels) the commanded motor torque on the wheels [N m], `wheel_axes_B` (3, wheels),
-    `spin_inertia` (wheels,) [kg m^2], `boresight_B` (3,).
+    `index` is the slew's number in the campaign, `slews` how many the campaign has, `start` its first row in
+    the campaign [s], `middle` the middle of the whole campaign on that clock [s], `time` (n,) [s] from the
+    slew's own zero, `step` (n,) [s] to the next grid point (0 in padding), `torque` (n, wheels) the commanded
+    motor torque on the wheels [N m], `wheel_axes_B` (3, wheels), `spin_inertia` (wheels,) [kg m^2],
+    `boresight_B` (3,), `rate_axes` (3, 3) the rate sensor's C_rate, one row a sensor axis.
     """
 
     index: Array
+    slews: Array
     start: Array
+    middle: Array
     time: Array
     step: Array
     torque: Array
     wheel_axes_B: Array
     spin_inertia: Array
     boresight_B: Array
+    rate_axes: Array
 
 
 class State(NamedTuple):
     """The state at one instant: `attitude` (4,), `rate_B` (3,) [rad/s], `wheel_momentum` (wheels,) relative
-    to the body [N m s], `own` (k,) the effect's own states, `magnetic_field_N` (3,) [T], `position_N` (3,) [m]."""
+    to the body [N m s], `own` (k,) the effect's own states, `inertia_B` (3, 3) [kg m^2] of everything, wheels included
+    (J_locked), as it is in this slew, `magnetic_field_N` (3,) [T], `position_N` (3,) [m]."""
 
     attitude: Array
     rate_B: Array
     wheel_momentum: Array
     own: Array
+    inertia_B: Array
     magnetic_field_N: Array
     position_N: Array
 
@@ -71,7 +77,6 @@ class Effect:
     Class attributes
     ----------------
     name : canonical name, also the prefix of the parameters in results.
-    max_step : longest integration step that resolves the effect [s]; None if the telemetry's own step does.
     needs : environment columns without which the effect cannot act ("magnetic_field_N", "position_N").
 
     >>> Effect().parameters(None)
@@ -79,12 +84,15 @@ class Effect:
     """
 
     name: ClassVar[str] = "no_effect"
-    max_step: ClassVar[float | None] = None
     needs: ClassVar[tuple[str, ...]] = ()
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         """The effect's parameters for this campaign (how many wheels, which scales)."""
         return ()
+
+    def max_step(self, campaign: Campaign) -> float | None:
+        """Longest integration step that resolves the effect [s]; None if the telemetry's own step does."""
+        return None
 
     # --- before the slew ---------------------------------------------------------------------
     def inertia(self, p: Mapping[str, Array], slew: SlewContext, inertia_B: Array) -> Array:
@@ -109,8 +117,8 @@ class Effect:
         return jnp.zeros(3)
 
     # --- own states (flexible mode, slosh) -------------------------------------------------------
-    def initial_state(self, p: Mapping[str, Array], slew: SlewContext) -> Array:
-        """The effect's own states (k,) at the slew's first row; (0,) if it has none."""
+    def initial_state(self, p: Mapping[str, Array], slew: SlewContext, rate_B: Array) -> Array:
+        """The effect's own states (k,) at the slew's first row, where the body turns at `rate_B` (3,); (0,) if it has none."""
         return jnp.zeros(0)
 
     def state_rate(self, p: Mapping[str, Array], slew: SlewContext, t: Array, state: State) -> Array:

@@ -120,7 +120,7 @@ class Model:
         _check(self.campaign, effects, drive)
         space = _space(self.campaign, effects)
         structure = _structure(self.campaign, effects, drive, space)
-        steps = [e.max_step for e in effects if e.max_step is not None]
+        steps = [step for step in (e.max_step(self.campaign) for e in effects) if step is not None]
         arrays = pack(self.campaign, max_step=min(steps) if steps else None, modes=structure.modes)
         refined = arrays.slews.context.time.shape != arrays.telemetry.rate.shape[:2]
         refined = refined or bool(np.any(np.diff(arrays.telemetry.sample, axis=1) > 1))

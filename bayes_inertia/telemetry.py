@@ -147,13 +147,16 @@ def _pack_slew(campaign: Campaign, index: int, grid, sample, n_grid, n_rows, n_f
     boresight = campaign.star_tracker.boresight_B if campaign.star_tracker else (0.0, 0.0, 1.0)
     context = SlewContext(
         index=np.array(index),
+        slews=np.array(len(campaign.slews)),
         start=np.array(slew.start),
+        middle=np.array(0.5 * sum(campaign.span)),
         time=_extend(grid, n_grid),
         step=np.concatenate([step, np.zeros(n_grid - len(step))]),
         torque=_extend(torque, n_grid),
         wheel_axes_B=campaign.wheel_axes_B,
         spin_inertia=campaign.spin_inertias,
         boresight_B=np.array(boresight),
+        rate_axes=campaign.rate_sensor.axes,
     )
     field, position = (_extend(_on_grid(slew, key, grid, 3), n_grid) for key in ("magnetic_field_N", "position_N"))
     momentum = _extend(_on_grid(slew, "wheel_momentum", grid, wheels), n_grid)
