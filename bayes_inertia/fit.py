@@ -1,0 +1,60 @@
+"""One call from a campaign to its posterior."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from time import perf_counter
+
+from bayes_inertia.campaign import Campaign
+from bayes_inertia.dynamics import Drive
+from bayes_inertia.effect import Effect
+from bayes_inertia.estimate import estimate
+from bayes_inertia.model import Model
+from bayes_inertia.posterior import Posterior, build
+from bayes_inertia.sample import Progress, Settings, sample
+
+
+def fit(
+    campaign: Campaign,
+    *,
+    effects: Sequence[Effect] = (),
+    drive: Drive | None = None,
+    seed: int = 0,
+    settings: Settings | None = None,
+    chains: Path | None = None,
+    about: dict | None = None,
+    progress: Progress | None = None,
+) -> Posterior:
+    """Estimate J, K and the parameters of active effects, and sample their posterior.
+
+    Parameters
+    ----------
+    effects : physical effects to fit along. drive : see `Model`. seed : fixes everything.
+    settings : of the sampler; its seed is replaced by `seed`.
+    chains : folder in which the chains are kept while they grow (a killed run goes on there).
+    about : further attributes of the result. progress : called with (what, done, of).
+
+    Raises
+    ------
+    CampaignError, EffectError, EstimateError : see `Model` and `estimate`.
+    """
+    began = perf_counter()
+    settings = Settings(**{**(settings or Settings()).__dict__, "seed": seed})
+    if progress:
+        progress("optimizing", 0, 1)
+    model = Model(campaign, tuple(effects), drive)
+    at = estimate(model, seed=seed)
+    found = sample(at, settings, folder=chains, progress=progress)
+    about = {"campaign": campaign.name, "seed": seed, "campaign_sha256": None} | (about or {})
+    posterior = build(at, found, about, seed)
+    return _with_seconds(posterior, perf_counter() - began)
+
+
+def _with_seconds(posterior: Posterior, seconds: float) -> Posterior:
+    import json
+
+    attributes = posterior.attributes
+    attributes["diagnostics"]["seconds"] = seconds
+    posterior.tree.attrs["bayes_inertia"] = json.dumps(attributes)
+    return posterior
