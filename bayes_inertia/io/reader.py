@@ -12,7 +12,7 @@ import numpy as np
 
 from bayes_inertia.campaign import Campaign, InertiaPrior, RateSensor, Slew, StarTracker, Wheel
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.io.files import description_path, read_bytes, table_path, text_of
+from bayes_inertia.io.files import description_path, read_bytes, table_path, text_of, write_atomically
 from bayes_inertia.io.schema import CampaignPart, SlewPart, parse_description
 from bayes_inertia.io.tables import read_table
 from bayes_inertia.io.telemetry import slew_from_table
@@ -52,17 +52,33 @@ def campaign_sha256(path: str | Path) -> str:
     It changes with any byte of those files, and with nothing else: not with the folder's place or other
     files in it. Raises `CampaignError` if the description is invalid or a table is missing.
     """
-    description = description_path(path)
-    content = read_bytes(description)
-    parsed = parse_description(text_of(content, str(description)), str(description))
     digest = hashlib.sha256()
-    parts = [("campaign.toml", content)]
-    parts += [(part.file, read_bytes(table)) for part, table in zip(parsed.slews, _table_paths(parsed, description), strict=True)]
-    for name, data in parts:
+    for name, data in _files(path):
         # Names and lengths delimit the parts, so that no two campaigns share one stream of bytes.
         digest.update(f"{name}\0{len(data)}\0".encode())
         digest.update(data)
     return digest.hexdigest()
+
+
+def copy_campaign(path: str | Path, folder: str | Path) -> Path:
+    """Copy a campaign's description and the tables it names, byte for byte, into another folder (made if absent).
+
+    Raises `CampaignError` as `campaign_sha256` does, `OutputError` if the folder cannot be written.
+    """
+    folder = Path(folder)
+    for name, data in _files(path):
+        target = folder / name
+        target.parent.mkdir(parents=True, exist_ok=True)
+        write_atomically(target, data)
+    return folder
+
+
+def _files(path: str | Path) -> list[tuple[str, bytes]]:
+    description = description_path(path)
+    content = read_bytes(description)
+    parsed = parse_description(text_of(content, str(description)), str(description))
+    tables = zip(parsed.slews, _table_paths(parsed, description), strict=True)
+    return [("campaign.toml", content), *((part.file, read_bytes(table)) for part, table in tables)]
 
 
 def _table_paths(parsed: CampaignPart, description: Path) -> list[Path]:

@@ -1,0 +1,32 @@
+# `make demo` and `make test` are all the set-up there is: each makes the environment it needs.
+# PYTHON=... chooses an interpreter; otherwise the first that is 3.12 or newer.
+PYTHON ?= $(shell for p in python3.13 python3.12 python3.14 python3 python; do \
+	$$p -c 'import sys; sys.exit(sys.version_info < (3, 12))' 2>/dev/null && echo $$p && break; done)
+VENV := .venv
+BIN := $(VENV)/bin
+DEMO ?= demo_run
+
+.PHONY: demo test lint analyses clean
+
+demo: $(VENV)/ready
+	$(BIN)/bayes-inertia demo -o $(DEMO)
+
+test: $(VENV)/ready-test
+	$(BIN)/ruff check .
+	$(BIN)/python -m pytest -q
+
+lint: $(VENV)/ready-test
+	$(BIN)/ruff check . && $(BIN)/ruff format --check .
+
+$(VENV)/ready: pyproject.toml constraints.txt
+	@test -n "$(PYTHON)" || { echo "no Python 3.12 or newer found: install one, or call make PYTHON=/path/to/python"; exit 1; }
+	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@touch $@
+
+$(VENV)/ready-test: $(VENV)/ready
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test,parquet]'
+	@touch $@
+
+clean:
+	rm -rf $(VENV) build dist *.egg-info $(DEMO)

@@ -1,0 +1,96 @@
+"""The command `bayes-inertia`. Exit codes: 0 done; 2 bad input; 3 finished, but the result must not be trusted as it is."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from bayes_inertia.errors import BayesInertiaError
+
+app = typer.Typer(
+    name="bayes-inertia",
+    help="Inertia tensor and rate-sensor scale factors of a spacecraft from slew telemetry, with honest uncertainty.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    add_completion=False,
+)
+
+Campaign = Annotated[Path, typer.Argument(help="Campaign folder (with campaign.toml).")]
+Out = Annotated[Path, typer.Option("-o", "--out", help="Folder for the results.")]
+Seed = Annotated[int, typer.Option(help="One integer that reproduces everything.", min=0)]
+Effects = Annotated[str, typer.Option(help="Effects to fit along, separated by commas (see `doctor` for their names).")]
+DriveName = Annotated[Literal["commanded", "measured"] | None, typer.Option(help="Drive the model with torque commands or with tachometers.")]
+
+
+@app.command()
+def check(campaign: Campaign) -> None:
+    """Read a campaign, check everything, and say what it contains."""
+    from bayes_inertia.io import read_campaign
+    from bayes_inertia.terminal import show_campaign
+
+    show_campaign(read_campaign(campaign))
+
+
+@app.command()
+def fit(campaign: Campaign, out: Out, effects: Effects = "", drive: DriveName = None, seed: Seed = 0, report: bool = True) -> None:
+    """Estimate J, K and active effects: posterior.nc, summary.json and report.html in the results folder."""
+    from bayes_inertia import run
+    from bayes_inertia.sample import Settings
+
+    names = [name.strip() for name in effects.split(",") if name.strip()]
+    run.start(campaign, out, effects=names, drive=drive, settings=run.with_seed(Settings(), seed))
+    _finish(out, report)
+
+
+@app.command()
+def resume(run: Annotated[Path, typer.Argument(help="Folder of a run that was interrupted.")], report: bool = True) -> None:
+    """Go on with an interrupted fit, bit for bit as if it had never stopped."""
+    _finish(run, report)
+
+
+@app.command("report")
+def report_(run: Annotated[Path, typer.Argument(help="Folder of a finished run.")]) -> None:
+    """Write report.html again from posterior.nc."""
+    from bayes_inertia.posterior import Posterior
+    from bayes_inertia.report import write_report
+
+    path = write_report(Posterior.load(run / "posterior.nc"), run / "report.html")
+    typer.echo(f"wrote {path}")
+
+
+@app.command()
+def doctor() -> None:
+    """Say what this installation consists of, and whether it works."""
+    from bayes_inertia.terminal import show_installation
+
+    show_installation()
+
+
+def _finish(folder: Path, report: bool) -> None:
+    from bayes_inertia import run
+    from bayes_inertia.terminal import progress_bar, show_summary
+
+    with progress_bar() as progress:
+        posterior = run.finish(folder, report=report, progress=progress)
+    show_summary(posterior.summary(), folder)
+    if not posterior.trusted:
+        raise typer.Exit(3)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command and exit with its code."""
+    try:
+        code = app(args=arguments, standalone_mode=False)
+    except BayesInertiaError as error:
+        typer.echo(f"error: {error}", err=True)
+        code = 2
+    except typer.TyperException as error:
+        error.show()
+        code = error.exit_code
+    except (typer.Abort, KeyboardInterrupt):
+        typer.echo("interrupted; `bayes-inertia resume RUN` goes on with a fit", err=True)
+        code = 130
+    sys.exit(code or 0)

@@ -1,0 +1,124 @@
+"""A run folder: everything a fit needs to go on after a kill, and everything it found.
+
+`RUN/run.json` (what is fitted, with which seed), `RUN/campaign/` (a copy of the telemetry),
+`RUN/chains/` (emcee's HDF5 chains, growing), and when done `posterior.nc`, `summary.json`, `report.html`.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+
+from bayes_inertia import __version__
+from bayes_inertia.dynamics import Drive
+from bayes_inertia.effects import by_name
+from bayes_inertia.errors import CampaignError, OutputError
+from bayes_inertia.fit import fit
+from bayes_inertia.io import campaign_sha256, copy_campaign, read_campaign, write_atomically
+from bayes_inertia.posterior import Posterior
+from bayes_inertia.report import write_report
+from bayes_inertia.sample import Progress, Settings
+
+FORMAT = "bayes-inertia-run/1"
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a run folder fits: `campaign_sha256`, names of the `effects`, `drive`, sampler `settings` (seed included)."""
+
+    campaign_sha256: str
+    effects: tuple[str, ...]
+    drive: Drive | None
+    settings: Settings
+
+    def to_json(self) -> str:
+        """The content of run.json."""
+        content = {"format": FORMAT, "version": __version__, **asdict(self), "effects": list(self.effects)}
+        return json.dumps(content, indent=1) + "\n"
+
+
+def read_run(folder: Path) -> Run:
+    """The run that a folder holds; CampaignError if it holds none."""
+    path = folder / "run.json"
+    if not path.is_file():
+        raise CampaignError("no run here", where=str(path), advice="give the folder that `fit -o` wrote")
+    try:
+        content = json.loads(path.read_text())
+        if content["format"] != FORMAT:
+            raise ValueError(f"format {content['format']!r}")
+        return Run(content["campaign_sha256"], tuple(content["effects"]), content["drive"], Settings(**content["settings"]))
+    except (ValueError, KeyError, TypeError) as error:
+        raise CampaignError(f"not a run description ({error})", where=str(path), advice="start a new run in another folder") from error
+
+
+def start(campaign: Path, folder: Path, *, effects: Sequence[str] = (), drive: Drive | None = None, settings: Settings | None = None) -> Run:
+    """Begin a run in a folder, or find the same run there (then it goes on).
+
+    Raises
+    ------
+    CampaignError, EffectError : the campaign or an effect's name is no good (nothing is written).
+    OutputError : the folder holds another run, or files that a run would overwrite.
+    """
+    read_campaign(campaign)
+    by_name(effects)
+    run = Run(campaign_sha256(campaign), tuple(effects), drive, settings or Settings())
+    if folder.exists() and not folder.is_dir():
+        raise OutputError("is a file, not a folder", where=str(folder), advice="choose another folder")
+    if (folder / "run.json").is_file():
+        _same_or_error(folder, read_run(folder), run)
+        return run
+    taken = [name for name in ("posterior.nc", "summary.json", "report.html", "chains", "campaign") if (folder / name).exists()]
+    if taken:
+        raise OutputError(f"{taken[0]} is there already, without a run.json", where=str(folder), advice="choose an empty folder")
+    copy_campaign(campaign, folder / "campaign")
+    write_atomically(folder / "run.json", run.to_json())
+    return run
+
+
+def _same_or_error(folder: Path, there: Run, wanted: Run) -> None:
+    if there.campaign_sha256 != wanted.campaign_sha256:
+        raise OutputError("holds a run of other data", where=str(folder), advice="choose another folder; nothing was overwritten")
+    if there != wanted:
+        differs = [key for key, value in asdict(wanted).items() if asdict(there)[key] != value]
+        advice = "choose another folder, or go on with `bayes-inertia resume`; nothing was overwritten"
+        raise OutputError(f"holds a run with other {', '.join(differs)}", where=str(folder), advice=advice)
+
+
+def finish(folder: Path, *, report: bool = True, progress: Progress | None = None) -> Posterior:
+    """Bring a run to its end: optimize, sample (going on where its chains end), write all results.
+
+    Raises
+    ------
+    CampaignError : the folder holds no run, or its copy of the campaign was changed.
+    """
+    run = read_run(folder)
+    if campaign_sha256(folder / "campaign") != run.campaign_sha256:
+        raise CampaignError("the run's copy of the campaign was changed", where=str(folder / "campaign"), advice="start a new run")
+    posterior = fit(
+        read_campaign(folder / "campaign"),
+        effects=by_name(run.effects),
+        drive=run.drive,
+        seed=run.settings.seed,
+        settings=run.settings,
+        chains=folder / "chains",
+        about={"campaign_sha256": run.campaign_sha256},
+        progress=progress,
+    )
+    posterior.save(folder / "posterior.nc")
+    write_atomically(folder / "summary.json", json.dumps(posterior.summary(), indent=1, allow_nan=False) + "\n")
+    if report:
+        if progress:
+            progress("writing the report", 0, 1)
+        write_report(posterior, folder / "report.html")
+    return posterior
+
+
+def with_seed(settings: Settings, seed: int) -> Settings:
+    """The same settings with another seed.
+
+    >>> with_seed(Settings(), 7).seed
+    7
+    """
+    return replace(settings, seed=seed)
