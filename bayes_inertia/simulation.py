@@ -1,0 +1,137 @@
+"""Simulated campaigns: one written to a folder with its truth, or one of many in a calibration study."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_inertia import inertia
+from bayes_inertia.campaign import Campaign, InertiaPrior
+from bayes_inertia.effect import Effect
+from bayes_inertia.errors import CampaignError, OutputError
+from bayes_inertia.io import write_atomically, write_campaign
+from bayes_inertia.maneuver import Flight, fly
+from bayes_inertia.parameters import ParameterSpace
+from bayes_inertia.plan import Plan
+from bayes_inertia.spacecraft import Controller, Spacecraft, spin_tensor
+
+
+def simulate(
+    plan: Plan,
+    out_folder: str | Path,
+    seed: int,
+    *,
+    spacecraft: Spacecraft,
+    prior: InertiaPrior,
+    controller: Controller | None = None,
+    name: str | None = None,
+) -> Flight:
+    """Fly a plan and write the campaign folder, with `truth.json` beside it.
+
+    Parameters
+    ----------
+    controller : None for one that believes the prior.
+
+    Raises `OutputError` if another campaign is in the folder; otherwise as `fly`.
+    """
+    controller = controller or Controller.from_prior(prior, spacecraft.rate_sensor, spacecraft.wheels)
+    flight = fly(plan, spacecraft, controller, prior, seed, name)
+    folder = Path(out_folder)
+    text = json.dumps(truth_of(flight, seed), indent=1) + "\n"
+    path = folder / "truth.json"
+    if path.exists() and path.read_text(encoding="utf-8") != text:
+        raise OutputError("would overwrite the truth of another campaign", where=str(path), advice="write to a new folder")
+    write_campaign(flight.campaign, folder)
+    write_atomically(path, text)
+    return flight
+
+
+def truth_of(flight: Flight, seed: int | None = None) -> dict[str, Any]:
+    """What was true in a flight, as plain numbers and lists: J, K, bias, effects, and each slew's start state and final error."""
+    craft = flight.spacecraft
+    locked = craft.inertia_B + spin_tensor(craft.wheels)
+    values = {e: {k: np.asarray(v).tolist() for k, v in p.items()} for e, p in craft.values.items()}
+    slews = [
+        {"q0": x.attitude[0].tolist(), "w0": x.rate_B[0].tolist(), "h0_rel": x.wheel_momentum[0].tolist(), "final_error_B_rad": error.tolist()}
+        for x, error in zip(flight.truth, flight.final_error_B, strict=True)
+    ]
+    return {
+        "J_kgm2": craft.inertia_B.tolist(),
+        "J_locked_kgm2": locked.tolist(),
+        "K": list(craft.scale_factor),
+        "C_rate": craft.rate_sensor.axes.tolist(),
+        "b_radps": list(craft.bias),
+        "wheel_axes_B": craft.wheel_axes_B.tolist(),
+        "effects": values or {"none": {}},
+        "slews": slews,
+        "seed": seed,
+    }
+
+
+def draw_spacecraft(
+    template: Campaign, rng: np.random.Generator, effects: Sequence[Effect] = (), values: Mapping[str, Mapping[str, Any]] | None = None
+) -> Spacecraft:
+    """A spacecraft whose J, K and bias are drawn from a campaign's prior (every J physical).
+
+    Parameters
+    ----------
+    template : hardware and prior; its slews set the scale of default priors. effects, values : what else
+        acts; the values of effects that `values` does not name are drawn from the effects' priors.
+
+    Raises `CampaignError` if hardly any draw of the inertia prior is physical.
+    """
+    prior, sensor = template.inertia, template.rate_sensor
+    spin = spin_tensor(template.wheels) if prior.includes_wheel_spin else np.zeros((3, 3))
+    for _ in range(10_000):
+        J = np.asarray(inertia.tensor(rng.normal(prior.elements, prior.sd))) - spin
+        if bool(inertia.is_physical(inertia.elements(J))):
+            break
+    else:
+        raise CampaignError("hardly any draw of the inertia prior is physical", where="key inertia", advice="reduce relative_sigma or product_sigma")
+    drawn = {**(values or {})}
+    for effect in effects:
+        if effect.name not in drawn:
+            space = ParameterSpace(tuple((effect.name, p) for p in effect.parameters(template)))
+            drawn[effect.name] = space.split(space.draw(rng, 1)[0]).get(effect.name, {})
+    K, bias = rng.normal(sensor.scale_factor, sensor.scale_factor_sigma), rng.normal(sensor.bias, sensor.bias_sigma)
+    return Spacecraft(J, tuple(K), template.wheels, sensor, template.star_tracker, tuple(bias.tolist()), tuple(effects), drawn)
+
+
+def vary_plan(plan: Plan, rng: np.random.Generator, angles: tuple[float, float] = (math.radians(20.0), math.radians(60.0))) -> Plan:
+    """The plan with random senses, angles [rad] and start attitude; all slews last equally long, so that studies share compiled code."""
+    low, high = angles
+    longest = max(replace(plan, slews=tuple(replace(s, angle=high, duration=None) for s in plan.slews)).durations)
+    senses, turned = rng.choice([-1.0, 1.0], len(plan.slews)), rng.uniform(low, high, len(plan.slews))
+    slews = tuple(
+        replace(slew, axis_B=tuple(sense * x for x in slew.axis_B), angle=float(angle), duration=longest)
+        for slew, sense, angle in zip(plan.slews, senses, turned, strict=True)
+    )
+    attitude = rng.normal(size=4)
+    return replace(plan, slews=slews, start_attitude=tuple(attitude / np.linalg.norm(attitude)))
+
+
+def draw_flight(
+    template: Campaign,
+    plan: Plan,
+    seed: int | np.random.SeedSequence,
+    *,
+    effects: Sequence[Effect] = (),
+    values: Mapping[str, Mapping[str, Any]] | None = None,
+    vary: bool = True,
+    controller: Controller | None = None,
+) -> Flight:
+    """One campaign of a calibration study: truth drawn from the template's prior, slews varied, flown with noise.
+
+    The truth is in `Flight.spacecraft`. `controller` None believes the prior. Equal seeds give equal campaigns.
+    """
+    rng = np.random.default_rng(seed)
+    craft = draw_spacecraft(template, rng, effects, values)
+    flown = vary_plan(plan, rng) if vary else plan
+    controller = controller or Controller.from_prior(template.inertia, template.rate_sensor, template.wheels)
+    return fly(flown, craft, controller, template.inertia, int(rng.integers(2**63)), template.name)
