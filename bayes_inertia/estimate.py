@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -22,7 +23,18 @@ from bayes_inertia import inertia
 from bayes_inertia.adequacy import ChannelTest, channel_tests, dispersion
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.levenberg import descend, inverse, inverse_root, solve
-from bayes_inertia.likelihood import Information, Marginal, Residuals, Whitening, discounted, information, residuals, sensitivities, whitening
+from bayes_inertia.likelihood import (
+    Information,
+    Marginal,
+    Residuals,
+    Whitening,
+    all_columns,
+    discounted,
+    information,
+    residuals,
+    sensitivities,
+    whitening,
+)
 from bayes_inertia.model import Model
 from bayes_inertia.parameters import prior_residual
 from bayes_inertia.telemetry import CHANNELS
@@ -43,6 +55,13 @@ class Point:
     local: np.ndarray
 
 
+class Starts(NamedTuple):
+    """How many of the optimizer's starts ended in the optimum, of how many."""
+
+    agreeing: int
+    tried: int
+
+
 @dataclass(frozen=True)
 class Estimate:
     """The posterior's maximum and its Laplace approximation.
@@ -53,9 +72,9 @@ class Estimate:
     stated, white : the noise as the campaign states it, and as it was used (equal unless discounted).
     discount : (slews, 3) factor of each slew's and channel's information, 1 where the model explains the data.
     information : normal equations by slew and channel at `point`, with the noise as used.
-    hessian : (d + 3 + slews n_local,) squared, of the negative log posterior (Gauss-Newton), theta in physical units.
+    hessian : (free + 3 + slews n_local,) squared, of the negative log posterior (Gauss-Newton), theta in physical units.
     objective : half the sum of all whitened squares, priors included.
-    starts_agreeing, starts : how many of the optimizer's starts ended here.
+    starts : how many of the optimizer's starts ended here, of how many.
     """
 
     model: Model
@@ -66,8 +85,7 @@ class Estimate:
     information: Information
     hessian: np.ndarray
     objective: float
-    starts_agreeing: int
-    starts: int
+    starts: Starts
 
     @property
     def theta(self) -> np.ndarray:
@@ -81,13 +99,20 @@ class Estimate:
 
     @cached_property
     def joint_covariance(self) -> np.ndarray:
-        """Covariance of (theta, bias, all local nuisances)."""
+        """Covariance of (theta[free], bias, all local nuisances)."""
         return inverse(self.hessian)
 
     @property
+    def free(self) -> np.ndarray:
+        """Indices of the parameters that were fitted (all, unless some were held)."""
+        return self.information.free
+
+    @cached_property
     def covariance(self) -> np.ndarray:
-        """Covariance (d, d) of theta with the nuisances integrated out."""
-        return self.joint_covariance[: len(self.theta), : len(self.theta)]
+        """Covariance (d, d) of theta with the nuisances integrated out; zero for parameters that were held."""
+        out = np.zeros((len(self.theta), len(self.theta)))
+        out[np.ix_(self.free, self.free)] = self.joint_covariance[: len(self.free), : len(self.free)]
+        return out
 
     @property
     def sd(self) -> np.ndarray:
@@ -104,7 +129,7 @@ class Estimate:
         """How many parameters each channel pays for (3,): trace of the hat matrix over its rows."""
         total = np.zeros(3)
         for s, block in enumerate(self.information.matrix):
-            index = block_index(self.model, s)
+            index = block_index(len(self.free) + N_BIAS, self.point.local.shape[1], s)
             total += np.einsum("cpq,qp->c", block, self.joint_covariance[np.ix_(index, index)])
         return total
 
@@ -138,7 +163,8 @@ class Estimate:
         slope, _ = prior_rows(self.model, self.theta)
         shift = self.covariance * slope
         sandwich = (n - 1) / n * scatter.T @ scatter + shift @ shift.T
-        lift = np.maximum(1.0, self.sd / np.sqrt(np.diag(sandwich)))
+        own = np.sqrt(np.diag(sandwich))
+        lift = np.where(own > 0.0, np.maximum(1.0, self.sd / np.where(own > 0.0, own, 1.0)), 1.0)
         return sandwich * np.outer(lift, lift)
 
     def without_slew(self, s: int) -> np.ndarray:
@@ -146,10 +172,14 @@ class Estimate:
         weights = np.ones(self.model.n_slews)
         weights[s] = 0.0
         hessian, gradient = normal_equations(self.model, self.point, self.information, weights)
-        return self.theta - solve(hessian, gradient)[: len(self.theta)]
+        theta = self.theta.copy()
+        theta[self.free] -= solve(hessian, gradient)[: len(self.free)]
+        return theta
 
 
-def estimate(model: Model, *, seed: int = 0, starts: int = 3, start: np.ndarray | None = None, discount: bool = True) -> Estimate:
+def estimate(
+    model: Model, *, seed: int = 0, starts: int = 3, start: np.ndarray | None = None, discount: bool = True, free: np.ndarray | None = None
+) -> Estimate:
     """Find the posterior's maximum.
 
     Parameters
@@ -157,32 +187,41 @@ def estimate(model: Model, *, seed: int = 0, starts: int = 3, start: np.ndarray 
     seed : of the further starts. starts : number of starts, the first at the prior mean, others drawn from the prior.
     start : theta (d,) to begin from instead (one start).
     discount : whether misfit discounts the slews (False keeps the stated noise whatever the residuals say).
+    free : indices of the parameters that may move, J's elements among them; the others keep their start values. None: all.
 
     Raises
     ------
     EstimateError : no start gave a finite posterior.
     """
-    found = _from_starts(model, [start] if start is not None else _starts(model, seed, starts))
-    objective, point, _ = min(found, key=lambda f: f[0])
-    agreeing = sum(o < objective + 1.0 for o, *_ in found)
+    free = np.arange(model.space.size) if free is None else np.asarray(free)
+    found = _from_starts(model, [start] if start is not None else _starts(model, seed, starts), free)
+    objective, point = min(found, key=lambda f: f[0])
+    starts = Starts(sum(o < objective + 1.0 for o, _ in found), len(found))
     whole = np.ones((model.n_slews, len(CHANNELS)))
-    fitted = _at(model, *_settled(model, point, whole), whole, agreeing, len(found))
+    fitted = _at(model, *_settled(model, point, whole, free), whole, free, starts)
     if not discount or not any(test.too_large for test in fitted.tests.values()):
         return fitted
     channels = [test.too_large or fitted.tests["total"].too_large for test in list(fitted.tests.values())[:3]]
-    best = min(found, key=lambda f: f[0])[1]  # the gentle descent is nearer than the overruled one
-    return _discounted_fit(model, best, np.array(channels), agreeing, len(found))
+    # Begin again from the gentle descent: it is nearer than the point that the model's errors have overruled.
+    return _discounted_fit(model, point, np.array(channels), free, starts)
 
 
-def _discounted_fit(model: Model, point: Point, channels: np.ndarray, agreeing: int, starts: int) -> Estimate:
+def re_estimate(previous: Estimate, theta: np.ndarray, free: np.ndarray) -> Estimate:
+    """The maximum with other parameters free, from nuisances and noise of an earlier estimate and from `theta` (d,)."""
+    begin = Point(np.asarray(theta, float), previous.point.bias, previous.point.local)
+    settled = _settled(previous.model, begin, previous.discount, np.asarray(free), rounds=1)
+    return _at(previous.model, *settled, previous.discount, np.asarray(free), Starts(1, 1))
+
+
+def _discounted_fit(model: Model, point: Point, channels: np.ndarray, free: np.ndarray, starts: Starts) -> Estimate:
     """Repeat the estimate with each slew's information divided by the dispersion of its own residuals, until both agree."""
     factors = np.where(channels, _GENTLE, np.ones((model.n_slews, 3)))
     for _ in range(10):
-        point, _, stated = _settled(model, point, factors, rounds=1)
+        point, _, stated = _settled(model, point, factors, free, rounds=1)
         previous, factors = factors, np.where(channels, _dispersions(model, point, stated), 1.0)
         if np.all(np.abs(np.log(factors / previous)) < 0.02):
             break
-    return _at(model, *_settled(model, point, factors), factors, agreeing, starts)
+    return _at(model, *_settled(model, point, factors, free), factors, free, starts)
 
 
 def _dispersions(model: Model, point: Point, stated: Whitening) -> np.ndarray:
@@ -195,16 +234,16 @@ def _starts(model: Model, seed: int, starts: int) -> list[np.ndarray]:
     return [_inside(model, theta) for theta in [model.space.mean, *drawn]]
 
 
-def _from_starts(model: Model, thetas: list[np.ndarray]) -> list[tuple[float, Point, np.ndarray]]:
+def _from_starts(model: Model, thetas: list[np.ndarray], free: np.ndarray) -> list[tuple[float, Point]]:
     """Gentle descents from all starts; those that gave a finite objective."""
     gentle = np.full((model.n_slews, len(CHANNELS)), _GENTLE)
     found = []
     for theta in thetas:
         begin = Point(np.asarray(theta, float), np.zeros(N_BIAS), np.zeros((model.n_slews, model.structure.n_local)))
         white = discounted(whitening(model, begin.theta), gentle)
-        point, objective = _descend(model, begin, white, tolerance=1e-3)
+        point, objective = _descend(model, begin, white, free, tolerance=1e-3)
         if np.isfinite(objective):
-            found.append((objective, point, begin.theta))
+            found.append((objective, point))
     if not found:
         raise EstimateError("no start of the optimizer gave finite residuals", advice="check units and signs of the telemetry columns")
     return found
@@ -218,40 +257,41 @@ def _inside(model: Model, theta: np.ndarray) -> np.ndarray:
     return theta
 
 
-def _settled(model: Model, point: Point, factors: np.ndarray, rounds: int = 3) -> tuple[Point, float, Whitening]:
+def _settled(model: Model, point: Point, factors: np.ndarray, free: np.ndarray, rounds: int = 3) -> tuple[Point, float, Whitening]:
     """Optimum and noise that belong together: in the measured drive the noise depends on J."""
     stated = whitening(model, point.theta)
     for _ in range(rounds if model.structure.drive == "measured" else 1):
-        point, objective = _descend(model, point, discounted(stated, factors))
+        point, objective = _descend(model, point, discounted(stated, factors), free)
         stated = whitening(model, point.theta)
     return point, objective, stated
 
 
-def _at(model: Model, point: Point, objective: float, stated: Whitening, factors: np.ndarray, agreeing: int, starts: int) -> Estimate:
+def _at(model: Model, point: Point, objective: float, stated: Whitening, factors: np.ndarray, free: np.ndarray, starts: Starts) -> Estimate:
     white = discounted(stated, factors)
-    info = information(model, point.theta, point.bias, point.local, white)
+    info = information(model, point.theta, point.bias, point.local, white, free)
     hessian, _ = normal_equations(model, point, info)
-    return Estimate(model, point, stated, white, factors, info, hessian, objective, agreeing, starts)
+    return Estimate(model, point, stated, white, factors, info, hessian, objective, starts)
 
 
-def _descend(model: Model, point: Point, white: Whitening, tolerance: float = 1e-7) -> tuple[Point, float]:
+def _descend(model: Model, point: Point, white: Whitening, free: np.ndarray, tolerance: float = 1e-7) -> tuple[Point, float]:
     def equations(x: Point) -> tuple[np.ndarray, np.ndarray]:
-        info = information(model, x.theta, x.bias, x.local, white)
+        info = information(model, x.theta, x.bias, x.local, white, free)
         return _in_chart(x, *normal_equations(model, x, info))
 
-    return descend(lambda x: _objective(model, x, white), equations, lambda x, step: _moved(model, x, step), point, tolerance=tolerance)
+    return descend(lambda x: _objective(model, x, white), equations, lambda x, step: _moved(model, x, step, free), point, tolerance=tolerance)
 
 
-def _moved(model: Model, point: Point, step: np.ndarray) -> Point:
-    """The point after a step (d + 3 + slews n_local,) whose first six components are in the chart of J."""
-    d = len(point.theta)
-    theta = point.theta + step[:d]
+def _moved(model: Model, point: Point, step: np.ndarray, free: np.ndarray) -> Point:
+    """The point after a step (free + 3 + slews n_local,) whose first six components are in the chart of J."""
+    f = len(free)
+    theta = point.theta.copy()
+    theta[free] += step[:f]
     chart = np.array(_to_chart(point.theta[:6])) + step[:6]
     chart[:3] = np.maximum(chart[:3], 0.5 * np.log(_THINNEST * np.sum(point.theta[:3])))
     theta[:6] = np.asarray(_from_chart(chart))
     span = 1e-9 * model.space.sd
-    theta[6:] = np.clip(theta[6:], (model.space.lower + span)[6:], (model.space.upper - span)[6:])
-    return Point(theta, point.bias + step[d : d + N_BIAS], point.local + step[d + N_BIAS :].reshape(point.local.shape))
+    theta[6:] = np.clip(theta, model.space.lower + span, model.space.upper - span)[6:]
+    return Point(theta, point.bias + step[f : f + N_BIAS], point.local + step[f + N_BIAS :].reshape(point.local.shape))
 
 
 def _objective(model: Model, point: Point, white: Whitening) -> float:
@@ -270,16 +310,16 @@ def normal_equations(model: Model, point: Point, info: Information, weights: np.
     ----------
     weights : (slews,) multiplies each slew's information (0 leaves it out).
     """
-    d = len(point.theta)
-    size = d + N_BIAS + point.local.size
+    f, m = len(info.free), point.local.shape[1]
+    size = f + N_BIAS + point.local.size
     hessian, gradient = np.zeros((size, size)), np.zeros(size)
     for s, (block, pull) in enumerate(zip(info.matrix, info.gradient, strict=True)):
-        index = block_index(model, s)
+        index = block_index(f + N_BIAS, m, s)
         weight = 1.0 if weights is None else weights[s]
         hessian[np.ix_(index, index)] += weight * block.sum(0)
         gradient[index] += weight * pull.sum(0)
-    slope, distance = prior_rows(model, point.theta)
-    hessian[np.arange(size), np.arange(size)] += np.concatenate([slope**2, np.ones(size - d)])
+    slope, distance = (rows[info.free] for rows in prior_rows(model, point.theta))
+    hessian[np.arange(size), np.arange(size)] += np.concatenate([slope**2, np.ones(size - f)])
     gradient += np.concatenate([slope * distance, point.bias, point.local.ravel()])
     return hessian, gradient
 
@@ -290,10 +330,13 @@ def prior_rows(model: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return np.asarray(_prior_slope(constants, theta)), np.asarray(_prior_residual(constants, theta))
 
 
-def block_index(model: Model, s: int) -> np.ndarray:
-    """Where (theta, bias, local nuisances of slew s) stand in the joint vector."""
-    shared, m = model.space.size + N_BIAS, model.structure.n_local
-    return np.concatenate([np.arange(shared), np.arange(shared + s * m, shared + (s + 1) * m)])
+def block_index(shared: int, n_local: int, s: int) -> np.ndarray:
+    """Where the shared unknowns and the local nuisances of slew s stand in the joint vector.
+
+    >>> block_index(2, 3, 1).tolist()
+    [0, 1, 5, 6, 7]
+    """
+    return np.concatenate([np.arange(shared), np.arange(shared + s * n_local, shared + (s + 1) * n_local)])
 
 
 def _in_chart(point: Point, hessian: np.ndarray, gradient: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -322,7 +365,8 @@ def marginal(at: Estimate) -> Marginal:
     """What the marginal log posterior needs, frozen at an estimate."""
     model, point = at.model, at.point
     d, m = len(point.theta), point.local.shape[1]
-    s = sensitivities(model.structure, jnp.asarray(point.theta), jnp.asarray(point.bias), jnp.asarray(point.local), model.data, at.white)
+    args = (jnp.asarray(point.theta), jnp.asarray(point.bias), jnp.asarray(point.local), model.data, at.white)
+    s = sensitivities(model.structure, *args, jnp.asarray(all_columns(model)))
     nuisance = at.hessian[d:, d:]
     ridge = -solve(nuisance, at.hessian[d:, :d])
     return Marginal(

@@ -41,7 +41,7 @@ class Residuals(NamedTuple):
 
 
 class Sensitivities(NamedTuple):
-    """`residuals` and `jacobian`, by channel (slews, numbers, p) for p = (theta, bias, local nuisances)."""
+    """`residuals` and `jacobian`, by channel (slews, numbers, p) for the columns asked for."""
 
     residuals: Residuals
     jacobian: Residuals
@@ -49,12 +49,14 @@ class Sensitivities(NamedTuple):
 
 class Information(NamedTuple):
     """Normal equations by slew and channel: `matrix` (slews, 3, p, p), `gradient` (slews, 3, p),
-    `chi2` (slews, 3), `n_data` (slews, 3) of the whitened residuals; p = (theta, bias, local nuisances)."""
+    `chi2` (slews, 3), `n_data` (slews, 3) of the whitened residuals; p = (theta[free], bias, local nuisances),
+    `free` the indices of the parameters that may move."""
 
     matrix: np.ndarray
     gradient: np.ndarray
     chi2: np.ndarray
     n_data: np.ndarray
+    free: np.ndarray
 
 
 def whitening(model: Model, theta: np.ndarray) -> Whitening:
@@ -121,21 +123,33 @@ def residuals(structure: Structure, theta: Array, bias: Array, local: Array, dat
 
 
 @partial(jax.jit, static_argnums=0)
-def sensitivities(structure: Structure, theta: Array, bias: Array, local: Array, data: Data, white: Whitening) -> Sensitivities:
-    """Residuals and their exact derivatives with respect to (theta, bias, each slew's own nuisances)."""
+def sensitivities(structure: Structure, theta: Array, bias: Array, local: Array, data: Data, white: Whitening, columns: Array | None = None) -> Sensitivities:
+    """Residuals, and their exact derivatives with respect to some of (theta, bias, each slew's own nuisances).
+
+    Parameters
+    ----------
+    columns : (p,) indices into that vector of d + 3 + n_local numbers; None for all.
+    """
     d, b = len(theta), len(bias)
 
     def of_slew(x, slew, telemetry, reference, white_of_slew):
         def parts(z):
             prediction = predict(structure, z[:d], z[d + b :], z[d : d + b], slew, telemetry, reference, data)
-            r = _whitened(structure, prediction, telemetry, white_of_slew)
-            return r, r
+            return _whitened(structure, prediction, telemetry, white_of_slew)
 
-        jacobian, value = jax.jacfwd(parts, has_aux=True)(x)
+        directions = jnp.eye(len(x)) if columns is None else jax.nn.one_hot(columns, len(x), dtype=x.dtype)
+        value, jacobian = jax.vmap(lambda v: jax.jvp(parts, (x,), (v,)), out_axes=(None, -1))(directions)
         return Sensitivities(value, jacobian)
 
     shared = jnp.broadcast_to(jnp.concatenate([theta, bias]), (len(local), d + b))
     return jax.vmap(of_slew)(jnp.concatenate([shared, local], -1), *data.arrays, white)
+
+
+def all_columns(model: Model, free: np.ndarray | None = None) -> np.ndarray:
+    """Columns for `sensitivities`: the free parameters (all by default), the bias, and the local nuisances."""
+    d = model.space.size
+    free = np.arange(d) if free is None else np.asarray(free)
+    return np.concatenate([free, np.arange(d, d + 3 + model.structure.n_local)])
 
 
 @jax.jit
@@ -145,11 +159,13 @@ def _normal_equations(s: Sensitivities):
     return matrix, gradient, jnp.stack([jnp.sum(r**2, -1) for r in s.residuals], 1)
 
 
-def information(model: Model, theta, bias, local, white: Whitening) -> Information:
-    """Normal equations of every slew and channel at one point (host arrays)."""
-    at = sensitivities(model.structure, jnp.asarray(theta), jnp.asarray(bias), jnp.asarray(local), model.data, white)
+def information(model: Model, theta, bias, local, white: Whitening, free: np.ndarray | None = None) -> Information:
+    """Normal equations of every slew and channel at one point (host arrays), for the free parameters (all by default)."""
+    free = np.arange(model.space.size) if free is None else np.asarray(free)
+    columns = jnp.asarray(all_columns(model, free))
+    at = sensitivities(model.structure, jnp.asarray(theta), jnp.asarray(bias), jnp.asarray(local), model.data, white, columns)
     matrix, gradient, chi2 = _normal_equations(at)
-    return Information(np.array(matrix), np.array(gradient), np.array(chi2), n_data(white))
+    return Information(np.array(matrix), np.array(gradient), np.array(chi2), n_data(white), free)
 
 
 def discounted(white: Whitening, factors: np.ndarray) -> Whitening:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import jax.numpy as jnp
 import numpy as np
 
-from bayes_inertia import inertia
+from bayes_inertia import inertia, rotation
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.estimate import Estimate, marginal
 from bayes_inertia.io import write_atomically
@@ -107,7 +107,7 @@ class Posterior:
     def _parameter(self, i: int, name: str) -> dict[str, Any]:
         estimate, draws = self.tree["estimate"], self.samples[:, i]
         prior_sd, sd = float(estimate["prior_sd"][i]), float(draws.std(ddof=1))
-        robust = float(estimate["robust_sd"][i])
+        robust = max(float(estimate["robust_sd"][i]), sd)  # NaN for a single slew; never below the sample's own
         contraction = 1.0 - (sd / prior_sd) ** 2
         q05, q50, q95 = (float(q) for q in np.quantile(draws, [0.05, 0.5, 0.95]))
         return {
@@ -245,7 +245,12 @@ def _with_noise(at: Estimate, predicted: dict[str, np.ndarray], rng: np.random.G
         values = predicted["rate"] + (sigma * rng.standard_normal(predicted["rate"].shape)).astype(np.float32)
         noisy["rate"] = np.where(telemetry.rate_valid, values, np.float32(np.nan))
     if "attitude" in predicted:
-        noisy["attitude"] = np.where(np.asarray(telemetry.fix_valid)[..., None], predicted["attitude"], np.nan)
+        tracker = campaign.star_tracker
+        along = np.outer(tracker.boresight_B, tracker.boresight_B)
+        spread = tracker.sigma_cross * (np.eye(3) - along) + tracker.sigma_roll * along
+        turn = rng.standard_normal((*predicted["attitude"].shape[:-1], 3)) @ spread
+        values = rotation.multiply(jnp.asarray(predicted["attitude"]), rotation.exp(jnp.asarray(turn)))
+        noisy["attitude"] = np.where(np.asarray(telemetry.fix_valid)[..., None], values, np.nan)
     if "momentum" in predicted:
         sigma = np.array([w.momentum_sigma or np.nan for w in campaign.wheels])
         values = predicted["momentum"] + (sigma * rng.standard_normal(predicted["momentum"].shape)).astype(np.float32)
@@ -321,7 +326,7 @@ def _about(at: Estimate, chains: Chains) -> dict[str, Any]:
             "p_white": {key: test.p_white for key, test in tests.items()},
             "n_data": int(at.information.n_data.sum()),
             "discounted": at.discounted,
-            "starts_agreeing": [at.starts_agreeing, at.starts],
+            "starts_agreeing": list(at.starts),
         },
         "gates": gates(at, chains),
         "effects": [e.name for e in at.model.effects],
