@@ -11,19 +11,68 @@ from collections.abc import Sequence
 
 from bayes_inertia.effect import Effect
 from bayes_inertia.effects.constant_torque import ConstantTorque
+from bayes_inertia.effects.flexible_mode import FlexibleMode
+from bayes_inertia.effects.gravity_gradient import GravityGradient
+from bayes_inertia.effects.inertia_change import InertiaChange
+from bayes_inertia.effects.magnetic_dipole import MagneticDipole
 from bayes_inertia.effects.rate_bias import RateBias
+from bayes_inertia.effects.rate_bias_drift import RateBiasDrift
+from bayes_inertia.effects.rate_sensor_delay import RateSensorDelay
+from bayes_inertia.effects.rate_sensor_misalignment import RateSensorMisalignment
+from bayes_inertia.effects.rate_sensor_nonlinearity import RateSensorNonlinearity
+from bayes_inertia.effects.star_tracker_misalignment import StarTrackerMisalignment
+from bayes_inertia.effects.star_tracker_shift import StarTrackerShift
+from bayes_inertia.effects.star_tracker_time_offset import StarTrackerTimeOffset
+from bayes_inertia.effects.viscous_torque import ViscousTorque
 from bayes_inertia.effects.wheel_command_lag import WheelCommandLag
+from bayes_inertia.effects.wheel_friction import WheelFriction
+from bayes_inertia.effects.wheel_misalignment import WheelMisalignment
 from bayes_inertia.effects.wheel_torque_gain import WheelTorqueGain
 from bayes_inertia.errors import EffectError
 
 LIBRARY: tuple[Effect, ...] = (
     RateBias(),
+    RateBiasDrift(),
+    RateSensorMisalignment(),
+    RateSensorDelay(),
+    RateSensorNonlinearity(),
+    StarTrackerMisalignment(),
+    StarTrackerShift(),
+    StarTrackerTimeOffset(),
     WheelTorqueGain(),
+    WheelMisalignment(),
+    WheelFriction(),
     WheelCommandLag(),
     ConstantTorque(),
+    MagneticDipole(),
+    GravityGradient(),
+    ViscousTorque(),
+    FlexibleMode(),
+    InertiaChange(),
 )
 
-__all__ = ["LIBRARY", "ConstantTorque", "RateBias", "WheelCommandLag", "WheelTorqueGain", "by_name"]
+__all__ = [
+    "LIBRARY",
+    "ConstantTorque",
+    "FlexibleMode",
+    "GravityGradient",
+    "InertiaChange",
+    "MagneticDipole",
+    "RateBias",
+    "RateBiasDrift",
+    "RateSensorDelay",
+    "RateSensorMisalignment",
+    "RateSensorNonlinearity",
+    "StarTrackerMisalignment",
+    "StarTrackerShift",
+    "StarTrackerTimeOffset",
+    "ViscousTorque",
+    "WheelCommandLag",
+    "WheelFriction",
+    "WheelMisalignment",
+    "WheelTorqueGain",
+    "by_name",
+]
 
 
 def by_name(names: Sequence[str]) -> tuple[Effect, ...]:

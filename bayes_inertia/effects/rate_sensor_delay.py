@@ -1,0 +1,59 @@
+"""A rate sensor whose readings are older (or newer) than their time stamps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import jax.numpy as jnp
+from jax import Array
+
+from bayes_inertia.effect import Effect, SlewContext
+from bayes_inertia.parameters import Normal, scalar
+
+# Width of the mean that makes the delay differentiable, as a fraction of the sampling step.
+_SMOOTH = 0.01
+
+
+@dataclass(frozen=True)
+class RateSensorDelay(Effect):
+    """The rate sensor reports what was true tau earlier: w(t - tau); negative tau is a lead (a clock that runs late).
+
+    Held torques make the rate piecewise linear between samples, so that linear interpolation is exact up to
+    gyroscopic terms. Its corners at the samples have no derivative at tau = 0; the mean of two readings 1 % of a
+    sampling step apart has (the mean of both sides) and differs by far less than the noise.
+    Before the first row the rate is continued linearly where no torque is commanded there (a body in free flight), and
+    held otherwise: the torques before it are unknown.
+
+    Parameters
+    ----------
+    sigma : prior sd of tau [s]; None takes 1/1000 of a slew's duration (a tenth of a second for a microsatellite's
+        slew, filters and buses are that slow; half a millisecond for a body thrown by hand).
+
+    >>> RateSensorDelay(sigma=0.1).parameters(None)[0].names
+    ('tau',)
+    """
+
+    name: ClassVar[str] = "rate_sensor_delay"
+    sigma: float | None = None
+
+    def parameters(self, campaign):
+        sigma = self.sigma if self.sigma is not None else campaign.scale_of_motion()[1] / 1000.0
+        return (scalar("tau", unit="s", prior=Normal(0.0, sigma)),)
+
+    def rate_output(self, p, slew, trajectory, rate_S):
+        half = _SMOOTH * slew.step[0]
+
+        def mean(tau: Array) -> Array:
+            return 0.5 * (_at(slew, rate_S, slew.time - tau - half) + _at(slew, rate_S, slew.time - tau + half))
+
+        return rate_S + (mean(p["tau"]) - mean(jnp.zeros_like(p["tau"])))
+
+
+def _at(slew: SlewContext, rows: Array, times: Array) -> Array:
+    """Rows (n, 3) given on the slew's grid at other times (m,): linear in between and beyond the ends."""
+    steps = jnp.sum(slew.step > 0.0)  # what follows is padding
+    left = jnp.clip(jnp.searchsorted(slew.time, times, side="right") - 1, 0, steps - 1)
+    slope = (rows[left + 1] - rows[left]) / slew.step[left][:, None]
+    held = (times < slew.time[0])[:, None] & jnp.any(slew.torque[0] != 0.0)
+    return rows[left] + jnp.where(held, 0.0, slope * (times - slew.time[left])[:, None])
