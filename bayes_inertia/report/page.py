@@ -1,0 +1,50 @@
+"""The page: sections, style sheet and pictures in one offline HTML file."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+
+from bayes_inertia.io import write_atomically
+from bayes_inertia.posterior import Posterior
+from bayes_inertia.report.section import Section, data_uri, packaged
+from bayes_inertia.report.sections import standard_sections
+
+
+def render(posterior: Posterior, sections: Sequence[Section] | None = None) -> str:
+    """The report of a fit as one HTML page that needs nothing from outside.
+
+    Parameters
+    ----------
+    sections : what it consists of, default `standard_sections(posterior)`; add your own to that list.
+
+    The same posterior always gives the same bytes.
+    """
+    chosen = standard_sections(posterior) if sections is None else sections
+    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    css = packaged("report.css")
+    policy = base64.b64encode(hashlib.sha256(css.encode()).digest()).decode("ascii")
+    return environment.from_string(packaged("page.html")).render(
+        campaign=posterior.attributes["campaign"],
+        css=Markup(css),
+        css_hash=policy,
+        sections=[_rendered(environment, section) for section in chosen],
+    )
+
+
+def _rendered(environment: Environment, section: Section) -> dict[str, Any]:
+    pictures = [{"uri": data_uri(p), "caption": p.caption, "alt": p.alt} for p in section.pictures]
+    body = Markup(environment.from_string(section.template).render(**section.context))
+    return {"title": section.title, "id": re.sub(r"\W+", "-", section.title.lower()).strip("-"), "body": body, "pictures": pictures}
+
+
+def write_report(posterior: Posterior, path: str | Path, sections: Sequence[Section] | None = None) -> Path:
+    """Write the report, atomically; returns its path. OutputError if the file cannot be written."""
+    return write_atomically(path, render(posterior, sections))
