@@ -15,6 +15,7 @@ from jax import Array
 from bayes_inertia.campaign import Campaign, Slew
 from bayes_inertia.dynamics import SlewInput
 from bayes_inertia.effect import SlewContext
+from bayes_inertia.errors import CampaignError
 
 CHANNELS = ("rate", "attitude", "momentum")
 # Rows are padded to a multiple of this so that campaigns of similar length share compiled code.
@@ -83,8 +84,8 @@ def longest_step(campaign: Campaign) -> float:
     >>> round(longest_step(Campaign("c", InertiaPrior(np.eye(3), 0.1, 0.1), (), RateSensor(sigma=1e-5), None, (slew,))), 3)
     0.058
     """
-    fastest = max(float(np.nanmax(np.linalg.norm(s.rate, axis=1))) for s in campaign.slews)
-    return 0.1 / max(fastest, 1e-9)
+    rates = np.concatenate([np.linalg.norm(s.rate, axis=1) for s in campaign.slews])
+    return 0.1 / float(np.max(rates[np.isfinite(rates)], initial=1e-9))
 
 
 def pack(campaign: Campaign, *, max_step: float | None = None, modes: int = 0) -> Arrays:
@@ -135,8 +136,18 @@ def _on_grid(slew: Slew, key: str, grid: np.ndarray, width: int) -> np.ndarray:
     values = getattr(slew, key)
     if values is None:
         return np.zeros((len(grid), width))
+    if not width:
+        return np.zeros((len(grid), 0))
     time = slew.time - slew.time[0]
-    return np.stack([np.interp(grid, time, values[:, i]) for i in range(width)], -1) if width else np.zeros((len(grid), 0))
+    return np.stack([_bridged(grid, time, column, f"slews.{slew.name}.{key}") for column in values.T], -1)
+
+
+def _bridged(grid: np.ndarray, time: np.ndarray, column: np.ndarray, where: str) -> np.ndarray:
+    """One column on the grid, straight lines across its gaps."""
+    given = np.isfinite(column)
+    if not given.any():
+        raise CampaignError("a column without any value", where=where, advice="leave these columns out")
+    return np.interp(grid, time[given], column[given])
 
 
 def _pack_slew(campaign: Campaign, index: int, grid, sample, n_grid, n_rows, n_fixes, modes):
@@ -200,5 +211,5 @@ def _reference(campaign: Campaign, slew: Slew) -> Reference:
     rate_B = np.linalg.solve(sensor.axes, np.array(sensor.scale_factor) * first - np.array(sensor.bias))
     fixes = np.flatnonzero(_fixes(slew))
     attitude = slew.attitude[fixes[0]] if len(fixes) else np.array([0.0, 0.0, 0.0, 1.0])
-    momentum = np.zeros(len(campaign.wheels)) if slew.wheel_momentum is None else np.nan_to_num(slew.wheel_momentum[0])
+    momentum = _on_grid(slew, "wheel_momentum", np.zeros(1), len(campaign.wheels))[0]
     return Reference(rate_B, attitude, momentum)
