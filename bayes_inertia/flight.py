@@ -179,12 +179,14 @@ def fly_slew(
         rounds, _, given = carry
         return (rounds + 1, *one_round(given))
 
-    return jax.lax.while_loop(going, again, (jnp.asarray(1), *one_round(given)))[1]
+    # An empty flight that has not converged, so that the round is compiled once and not twice.
+    empty = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(one_round, given)[0])
+    return jax.lax.while_loop(going, again, (jnp.asarray(0), empty._replace(change=jnp.asarray(jnp.inf)), given))[1]
 
 
 def _round(slew: SlewInput, script, truth: Truth, control: Control, noise: Noise, effects, values, substeps: int, given: _Given) -> tuple[Flown, _Given]:
     """Fly once with what the whole-history hooks made of the round before, and ask them again."""
-    context = slew.context._replace(torque=given.commands)
+    rows, context = len(script.time), slew.context._replace(torque=given.commands)
     slew = slew._replace(context=context)
     body, motion, delivered = prepare(slew, truth.start, truth.inertia_B, effects, values)
     exogenous = delivered - given.commands if effects else given.torque
@@ -218,13 +220,13 @@ def _round(slew: SlewInput, script, truth: Truth, control: Control, noise: Noise
         motion, path = jax.lax.scan(substep, motion, row["grid"], unroll=substeps <= 4)
         return (motion, believed, rate), (path, command, reading, momentum, fix)
 
-    by_row = jax.tree.map(lambda x: x.reshape(-1, substeps, *x.shape[1:]), grid_rows(slew, exogenous))
+    by_row = jax.tree.map(lambda x: x.reshape(rows, substeps, *x.shape[1:]), grid_rows(slew, exogenous))
     per_row = Noise(noise.rate, noise.momentum, noise.attitude, jnp.zeros(len(script.time)))
     shares = _Given(jnp.zeros(len(script.time)), given.rate_S, given.attitude, given.momentum, jnp.zeros(len(script.time)))
     inputs = {"grid": by_row, "plan": reference, "noise": per_row, "given": shares}
     first = (motion, script.attitude, jnp.zeros(3))
     _, (path, command, reading, momentum, fixes) = jax.lax.scan(period, first, inputs)
-    path = jax.tree.map(lambda x: x.reshape(-1, *x.shape[2:]), path)
+    path = jax.tree.map(lambda x: x.reshape(rows * substeps, *x.shape[2:]), path)
     seen, following = _hooks(path, command, script, truth, context, body, effects, values, substeps)
     change = jnp.max(jnp.abs(following.commands - given.commands)) / jnp.maximum(jnp.max(jnp.abs(command)), 1e-30)
     return _flown(script, command, reading, momentum, fixes, seen, substeps, change), following

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia import inertia
 from bayes_inertia.campaign import Campaign, InertiaPrior
 from bayes_inertia.effect import Effect
 from bayes_inertia.errors import CampaignError, OutputError
@@ -88,9 +87,13 @@ def draw_spacecraft(
     """
     prior, sensor = template.inertia, template.rate_sensor
     spin = spin_tensor(template.wheels) if prior.includes_wheel_spin else np.zeros((3, 3))
+    mean, sd = prior.elements, prior.sd
+    rows, columns = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)  # the order of inertia.ELEMENTS
     for _ in range(10_000):
-        J = np.asarray(inertia.tensor(rng.normal(prior.elements, prior.sd))) - spin
-        if bool(inertia.is_physical(inertia.elements(J))):
+        J = np.zeros((3, 3))
+        J[rows, columns] = J[columns, rows] = rng.normal(mean, sd)
+        J -= spin
+        if np.linalg.eigvalsh(0.5 * np.trace(J) * np.eye(3) - J)[0] > 0.0:
             break
     else:
         raise CampaignError("hardly any draw of the inertia prior is physical", where="key inertia", advice="reduce relative_sigma or product_sigma")
