@@ -301,6 +301,13 @@ class Campaign:
             value = getattr(slew, key)
             if value is not None:
                 _require(value.shape[1] == len(self.wheels), f"{where}.{key}", f"{value.shape[1]} columns for {len(self.wheels)} wheels", "give one a wheel")
+        complete = slew.wheel_torque is None or bool(np.isfinite(slew.wheel_torque).all())
+        _require(
+            complete,
+            f"{where}.wheel_torque",
+            "a torque is not a number",
+            "the simulator needs every wheel at every row: repair the row or leave the columns out",
+        )
         _require(slew.rate is not None, f"{where}.rate", "no rate-sensor columns", "the method needs rate telemetry: name its columns under columns.rate")
         has_fix = slew.attitude is not None and bool(np.isfinite(slew.attitude).any())
         _require(self.star_tracker is not None or not has_fix, f"{where}.attitude", "an attitude without a star tracker", "add [star_tracker] with its sigmas")
@@ -313,7 +320,8 @@ class Campaign:
     @property
     def has_tachometers(self) -> bool:
         """Whether every slew has wheel momentum telemetry and every wheel its noise (then the `measured` drive is possible)."""
-        return all(s.wheel_momentum is not None for s in self.slews) and all(w.momentum_sigma is not None for w in self.wheels)
+        read = all(s.wheel_momentum is not None and bool(np.isfinite(s.wheel_momentum).any(axis=0).all()) for s in self.slews)
+        return read and all(w.momentum_sigma is not None for w in self.wheels)
 
     @property
     def wheel_axes_B(self) -> np.ndarray:

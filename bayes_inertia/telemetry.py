@@ -15,7 +15,6 @@ from jax import Array
 from bayes_inertia.campaign import Campaign, Slew
 from bayes_inertia.dynamics import SlewInput
 from bayes_inertia.effect import SlewContext
-from bayes_inertia.errors import CampaignError
 
 CHANNELS = ("rate", "attitude", "momentum")
 # Rows are padded to a multiple of this so that campaigns of similar length share compiled code.
@@ -139,15 +138,13 @@ def _on_grid(slew: Slew, key: str, grid: np.ndarray, width: int) -> np.ndarray:
     if not width:
         return np.zeros((len(grid), 0))
     time = slew.time - slew.time[0]
-    return np.stack([_bridged(grid, time, column, f"slews.{slew.name}.{key}") for column in values.T], -1)
+    return np.stack([_bridged(grid, time, column) for column in values.T], -1)
 
 
-def _bridged(grid: np.ndarray, time: np.ndarray, column: np.ndarray, where: str) -> np.ndarray:
-    """One column on the grid, straight lines across its gaps."""
+def _bridged(grid: np.ndarray, time: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """One column on the grid, straight lines across its gaps; zero where nothing at all was measured."""
     given = np.isfinite(column)
-    if not given.any():
-        raise CampaignError("a column without any value", where=where, advice="leave these columns out")
-    return np.interp(grid, time[given], column[given])
+    return np.interp(grid, time[given], column[given]) if given.any() else np.zeros(len(grid))
 
 
 def _pack_slew(campaign: Campaign, index: int, grid, sample, n_grid, n_rows, n_fixes, modes):

@@ -11,6 +11,7 @@ import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
+from bayes_inertia.errors import CampaignError
 from bayes_inertia.estimate import estimate, marginal
 from bayes_inertia.likelihood import conditional_nuisances, log_posterior, residuals, sensitivities, whitening
 from bayes_inertia.model import Model, predict_all
@@ -116,6 +117,27 @@ def test_a_tachometer_with_gaps_can_drive_the_model(flown):
     assert np.all(np.isfinite(holed.theta))
     assert np.all(np.abs(holed.theta - whole.theta) < 0.5 * whole.sd)
     assert not holed.discounted
+
+
+def test_a_missing_torque_command_is_an_error_and_a_dead_tachometer_only_rules_out_the_measured_drive(flown):
+    def without(key, cells):
+        def change(slew):
+            array = getattr(slew, key).copy()
+            array[cells] = np.nan
+            return replace(slew, **{key: array})
+
+        return change
+
+    with pytest.raises(CampaignError, match=r"wheel_torque.*not a number"):
+        with_slews(flown.campaign, without("wheel_torque", (40, 1)))
+    dead = with_slews(flown.campaign, without("wheel_momentum", (slice(None), 1)))
+    with pytest.raises(CampaignError, match="measured drive needs"):
+        Model(dead, drive="measured")
+    r = residuals_at(Model(dead), flown.truth.theta)
+    assert all(np.all(np.isfinite(channel)) for channel in r)
+    momentum = np.asarray(r.momentum).reshape(3, -1, 3)
+    assert not np.any(momentum[..., 1])
+    assert np.any(momentum[..., 0])
 
 
 def test_a_slew_without_any_rate_reading_or_fix_is_simulated_but_weighs_nothing(flown):
