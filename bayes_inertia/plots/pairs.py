@@ -41,8 +41,8 @@ def pairs(posterior: Posterior, most: int = 16) -> Figure:
     d = len(names)
     size = min(style.WIDTH, 2.6 + 0.72 * d)
     figure = Figure(figsize=(size, size * 0.98))
-    bottom = 0.06 if d <= _UPRIGHT else 0.10
-    axes = figure.add_axes([0.135, bottom, 0.855, 0.95 - bottom])
+    bottom = 0.05 if d <= _UPRIGHT else 0.09
+    axes = figure.add_axes([0.15, bottom, 0.84, 0.95 - bottom])
     _densities(axes, z)
     _diagonal(axes, z)
     _ellipses(axes, covariance / np.outer(half, half), color=style.BLUE, ls="-")
@@ -158,12 +158,11 @@ def _short(value: float, half: float) -> str:
 
 
 def _labels(axes: Axes, names: list[str], posterior: Posterior, mean: np.ndarray, half: np.ndarray) -> None:
-    """Name and unit left and below, with the width of each cell."""
+    """Names left and below; left also the unit, and centre and half width of the cells."""
     d = len(names)
-    turned = d > _UPRIGHT
+    place = {"rotation": 45, "ha": "right"} if d > _UPRIGHT else {"ha": "center"}
     for i, name in enumerate(names):
-        unit = style.unit_text(str(posterior.tree["posterior"][name].attrs.get("units", "")))
+        unit = style.unit_text(str(posterior.tree["posterior"][name].attrs.get("units", ""))) or "–"
         short = name.replace(".", "\n")
-        axes.text(-0.06, i + 0.5, f"{short} [{unit or '–'}]\n± {half[i]:.2g}", ha="right", va="center", fontsize=7.5, clip_on=False)
-        place = {"rotation": 45, "ha": "right"} if turned else {"ha": "center"}
-        axes.text(i + 0.5, d + 0.06, f"{short} [{unit or '–'}]\n{_short(mean[i], half[i])}", va="top", fontsize=7.5, clip_on=False, **place)
+        axes.text(-0.06, i + 0.5, f"{short} [{unit}]\n{_short(mean[i], half[i])} ± {half[i]:.1g}", ha="right", va="center", fontsize=7.5, clip_on=False)
+        axes.text(i + 0.5, d + 0.06, short, va="top", fontsize=7.5, clip_on=False, **place)

@@ -93,7 +93,7 @@ def determination(posterior: Posterior) -> Section:
     picture = Picture(
         plots.pairs(posterior, _MOST_PARAMETERS),
         "Every pair of parameters: posterior draws (shading) with the ellipse that holds 90 % of a normal distribution of the same covariance (blue)."
-        f"{dashed} Each cell is centred on the mean (below) and reaches to the ± given on the left. Numbers: correlations, framed beyond ±0.9.{shown}",
+        f"{dashed} Each cell shows the range given on the left. Numbers: correlations, framed beyond ±0.9.{shown}",
         "Pair plot of the posterior with correlations",
         dense=True,
     )
