@@ -337,14 +337,17 @@ def _stack(components: tuple[Array, ...], *shape: int) -> Array:
 
 
 def _runge_kutta_4(slope, x: Motion, step: Array) -> Motion:
-    def moved(k: Motion, by: Array) -> Motion:
-        return jax.tree.map(lambda a, b: a + by * b, x, k)
+    """One classical step. The stages are a loop, not written out: with many effects the compiler takes minutes otherwise."""
 
-    k1 = slope(0.0, x)
-    k2 = slope(0.5, moved(k1, 0.5 * step))
-    k3 = slope(0.5, moved(k2, 0.5 * step))
-    k4 = slope(1.0, moved(k3, step))
-    return jax.tree.map(lambda a, b, c, d, e: a + step / 6.0 * (b + 2.0 * c + 2.0 * d + e), x, k1, k2, k3, k4)
+    def stage(carry, row):
+        at, share = row
+        k, total = carry
+        k = slope(at, jax.tree.map(lambda a, b: a + at * step * b, x, k))
+        return (k, jax.tree.map(lambda t, b: t + share * step * b, total, k)), None
+
+    still = jax.tree.map(jnp.zeros_like, x)
+    stages = (jnp.array([0.0, 0.5, 0.5, 1.0]), jnp.array([1.0, 2.0, 2.0, 1.0]) / 6.0)
+    return jax.lax.scan(stage, (still, x), stages)[0][1]
 
 
 def _next(rows: Array) -> Array:

@@ -23,6 +23,10 @@ from bayes_inertia.parameters import log_prior
 from bayes_inertia.telemetry import CHANNELS
 
 
+# Numbers of columns are rounded up to a multiple of this.
+_COLUMNS = 12
+
+
 class Whitening(NamedTuple):
     """Inverse Cholesky factors of the noise, zero where nothing was measured: `rate` (slews, n, 3, 3),
     `attitude` (slews, f, 3, 3), `momentum` (slews, n, wheels)."""
@@ -162,10 +166,12 @@ def _normal_equations(s: Sensitivities):
 def information(model: Model, theta, bias, local, white: Whitening, free: np.ndarray | None = None) -> Information:
     """Normal equations of every slew and channel at one point (host arrays), for the free parameters (all by default)."""
     free = np.arange(model.space.size) if free is None else np.asarray(free)
-    columns = jnp.asarray(all_columns(model, free))
-    at = sensitivities(model.structure, jnp.asarray(theta), jnp.asarray(bias), jnp.asarray(local), model.data, white, columns)
-    matrix, gradient, chi2 = _normal_equations(at)
-    return Information(np.array(matrix), np.array(gradient), np.array(chi2), n_data(white), free)
+    columns = all_columns(model, free)
+    padding = np.repeat(columns[-1:], -len(columns) % _COLUMNS)  # so that fits with a few parameters more share compiled code
+    args = (jnp.asarray(theta), jnp.asarray(bias), jnp.asarray(local), model.data, white)
+    matrix, gradient, chi2 = _normal_equations(sensitivities(model.structure, *args, jnp.asarray(np.concatenate([columns, padding]))))
+    p = len(columns)
+    return Information(np.array(matrix)[..., :p, :p], np.array(gradient)[..., :p], np.array(chi2), n_data(white), free)
 
 
 def discounted(white: Whitening, factors: np.ndarray) -> Whitening:
