@@ -159,7 +159,7 @@ class _Bench:
 def _in_drive(effect: Effect, campaign: Campaign, drive: Drive, thorough: bool) -> dict[str, float]:
     """All checks in one drive (those of the hooks' style only if `thorough`); returns the fingerprint."""
     step = _guarded(effect, "max_step(campaign)", lambda: effect.max_step(campaign))
-    bench = _Bench(_guarded(effect, "building the model", lambda: Model(campaign, (effect,), drive)))
+    bench = _guarded(effect, "building the model", lambda: _Bench(Model(campaign, (effect,), drive)))
     draws = bench.model.draw_prior(np.random.default_rng(_SEED), _DRAWS)[:, 9:]
     points = np.concatenate([bench.model.space.nulls[None, 9:], draws])
     pushed = _compiled(lambda x, v: jax.jvp(bench, (x,), (v,)))
