@@ -62,6 +62,35 @@ def report_(run: Annotated[Path, typer.Argument(help="Folder of a finished run."
 
 
 @app.command()
+def simulate(
+    out: Out,
+    plan: Annotated[Path | None, typer.Option(help="Plan to fly (TOML); without one, five slews like those of the MOST paper.")] = None,
+    hide: Annotated[list[str] | None, typer.Option(help="Hidden effect, as name or name.parameter=value[,value...]; may be repeated.")] = None,
+    seed: Seed = 0,
+) -> None:
+    """Fly a plan with a simulated MOST-like spacecraft: a campaign folder, with its truth beside it."""
+    from bayes_inertia.plan import paper_like_plan
+    from bayes_inertia.planfile import read_plan
+    from bayes_inertia.simulation import simulate_most
+
+    flight = simulate_most(read_plan(plan) if plan else paper_like_plan(), out, seed, hide or ())
+    typer.echo(f"wrote {len(flight.campaign.slews)} slews and truth.json in {out}")
+
+
+@app.command()
+def demo(out: Out = Path("demo_run"), seed: Seed = 1) -> None:
+    """Simulate a MOST-like campaign of five slews, fit it, and write the report."""
+    from bayes_inertia import run
+    from bayes_inertia.plan import paper_like_plan
+    from bayes_inertia.sample import Settings
+    from bayes_inertia.simulation import simulate_most
+
+    simulate_most(paper_like_plan(), out / "campaign", seed, ())
+    run.start(out / "campaign", out / "fit", settings=run.with_seed(Settings(), seed))
+    _finish(out / "fit", True)
+
+
+@app.command()
 def doctor() -> None:
     """Say what this installation consists of, and whether it works."""
     from bayes_inertia.terminal import show_installation

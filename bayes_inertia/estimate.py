@@ -28,11 +28,10 @@ from bayes_inertia.likelihood import (
     Marginal,
     Residuals,
     Whitening,
-    all_columns,
     discounted,
     information,
+    padded_sensitivities,
     residuals,
-    sensitivities,
     whitening,
 )
 from bayes_inertia.model import Model
@@ -295,7 +294,7 @@ def _moved(model: Model, point: Point, step: np.ndarray, free: np.ndarray) -> Po
 
 
 def _objective(model: Model, point: Point, white: Whitening) -> float:
-    if not bool(inertia.is_physical(point.theta[:6])):
+    if not bool(_is_physical(point.theta[:6])):
         return np.inf
     r = residuals(model.structure, jnp.asarray(point.theta), jnp.asarray(point.bias), jnp.asarray(point.local), model.data, white)
     chi2 = sum(float(np.sum(np.square(channel))) for channel in r)
@@ -345,6 +344,7 @@ def _in_chart(point: Point, hessian: np.ndarray, gradient: np.ndarray) -> tuple[
     return turn.T @ hessian @ turn, turn.T @ gradient
 
 
+_is_physical = jax.jit(inertia.is_physical)
 _to_chart = jax.jit(inertia.to_chart)
 _from_chart = jax.jit(inertia.from_chart)
 _chart_slope = jax.jit(jax.jacfwd(inertia.from_chart))
@@ -365,8 +365,7 @@ def marginal(at: Estimate) -> Marginal:
     """What the marginal log posterior needs, frozen at an estimate."""
     model, point = at.model, at.point
     d, m = len(point.theta), point.local.shape[1]
-    args = (jnp.asarray(point.theta), jnp.asarray(point.bias), jnp.asarray(point.local), model.data, at.white)
-    s = sensitivities(model.structure, *args, jnp.asarray(all_columns(model)))
+    s = padded_sensitivities(model, point.theta, point.bias, point.local, at.white, np.arange(d))
     nuisance = at.hessian[d:, d:]
     ridge = -solve(nuisance, at.hessian[d:, :d])
     return Marginal(
@@ -375,7 +374,7 @@ def marginal(at: Estimate) -> Marginal:
         local0=jnp.asarray(point.local),
         ridge_bias=jnp.asarray(ridge[:N_BIAS]),
         ridge_local=jnp.asarray(ridge[N_BIAS:].reshape(len(point.local), m, d)),
-        columns=Residuals(*(j[..., d:] for j in s.jacobian)),
+        columns=Residuals(*(j[..., d : d + N_BIAS + m] for j in s.jacobian)),
         root=jnp.asarray(inverse_root(nuisance)),
         prior=model.space.constants(),
         data=model.data,

@@ -9,6 +9,7 @@ residuals by less than one sigma in all are not counted: this campaign cannot se
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -148,6 +149,6 @@ def _projected(space: ParameterSpace, names: tuple[str, ...], hessian: np.ndarra
     pull = -(gradient[columns] - across.T @ (root @ gradient[fitted]))
     scale = space.sd[columns]
     ends = np.cumsum([0] + [s.stop - s.start for s in slices])
-    groups = tuple(np.arange(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True))
+    groups = tuple(np.arange(a, b) for a, b in itertools.pairwise(ends))
     one_sided = tuple(s.stop - s.start == 1 and space.lower[s.start] == space.nulls[s.start] for s in slices)
     return Fingerprints(tuple(names), groups, one_sided, pull * scale, matrix * np.outer(scale, scale))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
+from threading import Thread
 from time import perf_counter
 
 from bayes_inertia.campaign import Campaign
@@ -40,6 +42,8 @@ def fit(
     CampaignError, EffectError, EstimateError : see `Model` and `estimate`.
     """
     began = perf_counter()
+    # ArviZ takes seconds to import; it can do so while the compiler, which needs no interpreter lock, works.
+    Thread(target=import_module, args=("arviz",), daemon=True).start()
     settings = Settings(**{**(settings or Settings()).__dict__, "seed": seed})
     if progress:
         progress("optimizing", 0, 1)

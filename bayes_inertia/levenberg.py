@@ -16,7 +16,7 @@ from scipy import linalg
 X = TypeVar("X")
 
 
-def descend(
+def descend[X](
     objective: Callable[[X], float],
     equations: Callable[[X], tuple[np.ndarray, np.ndarray]],
     move: Callable[[X, np.ndarray], X],

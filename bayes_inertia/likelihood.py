@@ -9,6 +9,7 @@ theta0. On a linear model this is exact; the ridge keeps it accurate where theta
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -21,7 +22,6 @@ from bayes_inertia import inertia, rotation
 from bayes_inertia.model import Data, Model, Prediction, Structure, predict, predict_all
 from bayes_inertia.parameters import log_prior
 from bayes_inertia.telemetry import CHANNELS
-
 
 # Numbers of columns are rounded up to a multiple of this.
 _COLUMNS = 12
@@ -156,6 +156,14 @@ def all_columns(model: Model, free: np.ndarray | None = None) -> np.ndarray:
     return np.concatenate([free, np.arange(d, d + 3 + model.structure.n_local)])
 
 
+def padded_sensitivities(model: Model, theta, bias, local, white: Whitening, free: np.ndarray) -> Sensitivities:
+    """Sensitivities to (theta[free], bias, local nuisances), the last column repeated so that similar fits share compiled code."""
+    columns = all_columns(model, free)
+    columns = np.concatenate([columns, np.repeat(columns[-1:], -len(columns) % _COLUMNS)])
+    args = (jnp.asarray(theta), jnp.asarray(bias), jnp.asarray(local), model.data, white)
+    return sensitivities(model.structure, *args, jnp.asarray(columns))
+
+
 @jax.jit
 def _normal_equations(s: Sensitivities):
     matrix = jnp.stack([jnp.einsum("snp,snq->spq", j, j) for j in s.jacobian], 1)
@@ -166,11 +174,8 @@ def _normal_equations(s: Sensitivities):
 def information(model: Model, theta, bias, local, white: Whitening, free: np.ndarray | None = None) -> Information:
     """Normal equations of every slew and channel at one point (host arrays), for the free parameters (all by default)."""
     free = np.arange(model.space.size) if free is None else np.asarray(free)
-    columns = all_columns(model, free)
-    padding = np.repeat(columns[-1:], -len(columns) % _COLUMNS)  # so that fits with a few parameters more share compiled code
-    args = (jnp.asarray(theta), jnp.asarray(bias), jnp.asarray(local), model.data, white)
-    matrix, gradient, chi2 = _normal_equations(sensitivities(model.structure, *args, jnp.asarray(np.concatenate([columns, padding]))))
-    p = len(columns)
+    matrix, gradient, chi2 = _normal_equations(padded_sensitivities(model, theta, bias, local, white, free))
+    p = len(free) + 3 + model.structure.n_local
     return Information(np.array(matrix)[..., :p, :p], np.array(gradient)[..., :p], np.array(chi2), n_data(white), free)
 
 
@@ -238,31 +243,27 @@ def log_posterior_of(structure: Structure, m: Marginal, theta: Array) -> Array:
     return jnp.where(physical & jnp.isfinite(value), value, -jnp.inf)
 
 
-@partial(jax.jit, static_argnums=0)
-def log_posterior(structure: Structure, m: Marginal, thetas: Array) -> Array:
-    """Marginal log posterior (batch,) of thetas (batch, d)."""
-    return jax.vmap(lambda theta: log_posterior_of(structure, m, theta))(thetas)
+def log_posterior(structure: Structure, m: Marginal) -> Callable[[Array], Array]:
+    """The compiled marginal log posterior: thetas (batch, d) -> (batch,).
 
-
-@partial(jax.jit, static_argnums=0)
-def conditional_nuisances(structure: Structure, m: Marginal, thetas: Array, noise: Array) -> tuple[Array, Array]:
-    """Nuisances drawn from their posterior given each theta: bias (batch, 3), local (batch, slews, n_local).
-
-    `noise` (batch, 3 + slews * n_local) are standard normal numbers; zeros give the conditional mean.
+    The data are constants of the compiled code, which makes it twice as fast as passing them each time.
     """
-
-    def one(theta, z):
-        _, bias, local, gradient, _ = _project(structure, m, theta)
-        step = m.root.T @ (z - m.root @ gradient)
-        return bias + step[:3], local + step[3:].reshape(local.shape)
-
-    return jax.vmap(one)(thetas, noise)
+    return jax.jit(jax.vmap(partial(log_posterior_of, structure, m)))
 
 
-@partial(jax.jit, static_argnums=0)
-def predictions(structure: Structure, thetas: Array, bias: Array, local: Array, data: Data) -> Prediction:
-    """Predicted telemetry for a batch: fields with leading axes (batch, slews)."""
-    return jax.vmap(lambda t, b, x: predict_all(structure, t, x, b, data))(thetas, bias, local)
+def conditional_nuisances(structure: Structure, m: Marginal, theta: np.ndarray, noise: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Whitened bias (3,) and local nuisances (slews, n_local) drawn from their posterior given theta (d,).
+
+    `noise` (3 + slews * n_local,) are standard normal numbers; zeros give the conditional mean.
+    """
+    shift = np.asarray(theta) - np.asarray(m.theta0)
+    bias, local = np.asarray(m.bias0) + np.asarray(m.ridge_bias) @ shift, np.asarray(m.local0) + np.asarray(m.ridge_local) @ shift
+    r = residuals(structure, jnp.asarray(theta), jnp.asarray(bias), jnp.asarray(local), m.data, m.white)
+    pull = sum(np.einsum("sn,snk->sk", channel, columns) for channel, columns in zip(r, m.columns, strict=True))
+    gradient = np.concatenate([pull[:, :3].sum(0) + bias, (pull[:, 3:] + local).ravel()])
+    root = np.asarray(m.root)
+    step = root.T @ (noise - root @ gradient)
+    return bias + step[:3], local + step[3:].reshape(local.shape)
 
 
 def by_channel(values) -> dict:

@@ -24,7 +24,8 @@ from bayes_inertia.parameters import Normal, Parameter, ParameterSpace, scalar
 from bayes_inertia.telemetry import Arrays, Reference, Telemetry, pack
 
 # Slow shapes of tachometer noise that move the attitude; the rest acts only on its own sample.
-_TACHOMETER_MODES = 6
+_TACHOMETER_MODES = 12
+_is_physical = jax.jit(inertia.is_physical)
 _N_BASE = 9  # six elements of J, three scale factors
 
 
@@ -149,7 +150,7 @@ class Model:
         """n draws (n, d) of the prior; every J among them is physical."""
         drawn = self.space.draw(rng, n)
         for _ in range(1000):
-            bad = ~np.array(inertia.is_physical(jnp.asarray(drawn[:, :6])))
+            bad = ~np.array(_is_physical(drawn[:, :6]))
             if not bad.any():
                 return drawn
             drawn[bad] = self.space.draw(rng, int(bad.sum()))

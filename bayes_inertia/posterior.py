@@ -15,6 +15,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -22,7 +23,7 @@ from bayes_inertia import inertia, rotation
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.estimate import Estimate, marginal
 from bayes_inertia.io import write_atomically
-from bayes_inertia.likelihood import conditional_nuisances, predictions, residuals
+from bayes_inertia.likelihood import conditional_nuisances, residuals
 from bayes_inertia.parameters import log_prior
 from bayes_inertia.sample import Chains
 from bayes_inertia.telemetry import CHANNELS
@@ -100,7 +101,7 @@ class Posterior:
         about["parameters"] = {name: self._parameter(i, name) for i, name in enumerate(self.names)}
         about["derived"] = self._principal_moments()
         order = ("format", "campaign", "trusted", "reasons", "parameters", "derived", "diagnostics", "fit", "gates", "effects")
-        about |= {"format": "bayes-inertia-summary/1", "trusted": self.trusted}
+        about = {"campaign": None} | about | {"format": "bayes-inertia-summary/1", "trusted": self.trusted}
         about["reasons"] = [gate["says"] for gate in about["gates"] if not gate["passed"]]
         return {key: about[key] for key in [*order, *(k for k in about if k not in order)]}
 
@@ -158,7 +159,7 @@ def build(at: Estimate, chains: Chains, about: dict[str, Any], seed: int) -> Pos
         "prior": {name: prior[None, :, i] for i, name in enumerate(names)},
         "derived": {"principal_moment": inertia.principal_moments(flat[..., :6])},
         "sample_stats": {"lp": chains.log_posterior.reshape(ensembles * walkers, draws)},
-        "log_prior": {"theta": np.asarray(log_prior(model.space.constants(), jnp.asarray(flat)))},
+        "log_prior": {"theta": np.asarray(_log_prior(model.space.constants(), flat))},
     }
     predicted, pointwise = _telemetry_groups(at, chains, rng)
     observed, constant = _observed(at)
@@ -179,6 +180,8 @@ def build(at: Estimate, chains: Chains, about: dict[str, Any], seed: int) -> Pos
     return Posterior(tree)
 
 
+_log_prior = jax.jit(log_prior)
+_turned = jax.jit(lambda q, small_rotation: rotation.multiply(q, rotation.exp(small_rotation)))
 _AXES = {"rate": ["slew", "row", "sensor_axis"], "attitude": ["slew", "fix", "quaternion"], "momentum": ["slew", "row", "wheel"]}
 _TELEMETRY_DIMS = _AXES | {"time": ["slew", "row"], "fix_time": ["slew", "fix"]} | {f"{c}_point": _AXES[c][:2] for c in CHANNELS}
 _UNITS = {
@@ -200,29 +203,42 @@ def _telemetry_groups(at: Estimate, chains: Chains, rng: np.random.Generator) ->
     pick = np.linspace(0, chains.samples.shape[2] - 1, _PREDICTED).astype(int)
     thinned = chains.samples[:, rng.integers(0, chains.samples.shape[1], _PREDICTED), pick].reshape(ensembles * _PREDICTED, -1)
     frozen, structure = marginal(at), at.model.structure
-    noise = rng.standard_normal((len(thinned), len(frozen.root)))
     shape = (ensembles, _PREDICTED)
     out: dict[str, list[np.ndarray]] = {c: [] for c in CHANNELS}
     points: dict[str, list[np.ndarray]] = {c: [] for c in CHANNELS}
-    size = 16
-    for i in range(0, len(thinned), size):
-        thetas = jnp.asarray(thinned[i : i + size])
-        bias, local = conditional_nuisances(structure, frozen, thetas, jnp.asarray(noise[i : i + size]))
-        seen = predictions(structure, thetas, bias, local, at.model.data)
-        for c, values in zip(CHANNELS, seen, strict=True):
-            out[c].append(np.asarray(values, dtype=np.float32 if c != "attitude" else np.float64))
-        for k in range(len(thetas)):
-            r = residuals(structure, thetas[k], bias[k], local[k], at.model.data, at.stated)
-            for c, value in zip(CHANNELS, r, strict=True):
-                width = {"rate": 3, "attitude": 3, "momentum": max(1, structure.wheels)}[c]
-                square = np.square(np.asarray(value)).reshape(len(value), -1, width).sum(-1)
-                points[c].append(np.asarray(-0.5 * square, dtype=np.float32))
-    used = [c for c in CHANNELS if c != "momentum" or structure.drive == "commanded"]
-    predicted = {c: np.concatenate(out[c]).reshape(*shape, *out[c][0].shape[1:]) for c in used}
-    predicted = {c: v for c, v in predicted.items() if v.size}
-    pointwise = {f"{c}_point": np.stack(points[c]).reshape(*shape, *points[c][0].shape) for c in predicted}
-    constants = _log_norms(at)
-    return _with_noise(at, predicted, rng), {k: v + constants[k.removesuffix("_point")] for k, v in pointwise.items()}
+    for theta in thinned:
+        bias, local = conditional_nuisances(structure, frozen, theta, rng.standard_normal(len(frozen.root)))
+        r = residuals(structure, jnp.asarray(theta), jnp.asarray(bias), jnp.asarray(local), at.model.data, at.stated)
+        gaps = {c: np.asarray(value) for c, value in zip(CHANNELS, r, strict=True)}
+        for c, values in _predicted(at, gaps).items():
+            out[c].append(values)
+            points[c].append(-0.5 * np.square(gaps[c]).reshape(*values.shape[:2], -1).sum(-1))
+    predicted = {c: np.stack(v).reshape(*shape, *v[0].shape) for c, v in out.items() if v and v[0].size}
+    norms = _log_norms(at)
+    pointwise = {f"{c}_point": (np.stack(points[c]).reshape(*shape, *points[c][0].shape) + norms[c]).astype(np.float32) for c in predicted}
+    return _with_noise(at, predicted, rng), pointwise
+
+
+def _predicted(at: Estimate, gaps: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Predictions at the measurements, from residuals in stated sigmas: what is measured minus what is left."""
+    telemetry, white = at.model.data.arrays.telemetry, at.stated
+    rate = gaps["rate"].reshape(telemetry.rate.shape)
+    found = {"rate": np.asarray(telemetry.rate) - np.einsum("srij,srj->sri", _inverses(np.asarray(white.rate)), rate)}
+    if telemetry.attitude.size:
+        turn = np.einsum("srij,srj->sri", _inverses(np.asarray(white.attitude)), gaps["attitude"].reshape(*telemetry.attitude.shape[:2], 3))
+        found["attitude"] = np.asarray(_turned(telemetry.attitude, -turn))
+    if at.model.structure.drive == "commanded" and telemetry.momentum.size:
+        scale = np.asarray(white.momentum)
+        left = gaps["momentum"].reshape(scale.shape) / np.where(scale > 0, scale, 1.0)
+        found["momentum"] = np.asarray(telemetry.momentum) - left
+    return found
+
+
+def _inverses(factors: np.ndarray) -> np.ndarray:
+    """Inverses of triangular factors (..., 3, 3); zero rows, where nothing was measured, stay zero."""
+    empty = np.diagonal(factors, axis1=-2, axis2=-1) == 0.0
+    filled = factors + np.where(empty[..., None], np.eye(3), 0.0)
+    return np.linalg.inv(filled) * ~empty[..., None]
 
 
 def _log_norms(at: Estimate) -> dict[str, np.ndarray]:
@@ -249,7 +265,7 @@ def _with_noise(at: Estimate, predicted: dict[str, np.ndarray], rng: np.random.G
         along = np.outer(tracker.boresight_B, tracker.boresight_B)
         spread = tracker.sigma_cross * (np.eye(3) - along) + tracker.sigma_roll * along
         turn = rng.standard_normal((*predicted["attitude"].shape[:-1], 3)) @ spread
-        values = rotation.multiply(jnp.asarray(predicted["attitude"]), rotation.exp(jnp.asarray(turn)))
+        values = _turned(predicted["attitude"], turn)
         noisy["attitude"] = np.where(np.asarray(telemetry.fix_valid)[..., None], values, np.nan)
     if "momentum" in predicted:
         sigma = np.array([w.momentum_sigma or np.nan for w in campaign.wheels])
@@ -323,6 +339,7 @@ def _about(at: Estimate, chains: Chains) -> dict[str, Any]:
         "fit": {
             "reduced_chi2": {key: test.reduced_chi2 for key, test in tests.items()},
             "interval_99": {key: test.interval for key, test in tests.items()},
+            "p_chi2": {key: test.p_chi2 for key, test in tests.items()},
             "p_white": {key: test.p_white for key, test in tests.items()},
             "n_data": int(at.information.n_data.sum()),
             "discounted": at.discounted,
@@ -330,6 +347,8 @@ def _about(at: Estimate, chains: Chains) -> dict[str, Any]:
         },
         "gates": gates(at, chains),
         "effects": [e.name for e in at.model.effects],
+        "ensembles": len(chains.samples),
+        "includes_wheel_spin": at.model.structure.includes_wheel_spin,
         "drive": at.model.structure.drive,
         "versions": {name: metadata.version(name) for name in ("bayes-inertia", "jax", "emcee", "arviz", "numpy", "scipy")},
     }
@@ -346,7 +365,9 @@ def gates(at: Estimate, chains: Chains) -> list[dict[str, Any]]:
             f"the model does not explain the data: {', '.join(loud)}; use robust_sd, "
             "look for the missing effect with `diagnose`, and do not read sd as the uncertainty"
         )
-    converged = f"nested R-hat {found.nested_rhat_max:.4f}, effective samples {min(found.ess_bulk_min, found.ess_tail_min):.0f}"
+    length = (found.steps - found.discarded) / max(found.tau_max, 1.0)
+    converged = f"nested R-hat {found.nested_rhat_max:.4f} (below 1.01), effective samples {min(found.ess_bulk_min, found.ess_tail_min):.0f} (at least 400), "
+    converged += f"chains {length:.0f} autocorrelation times long (at least 20)"
     return [
         {"name": "converged", "passed": found.converged, "says": f"the ensembles {'agree' if found.converged else 'have not converged'}: {converged}"},
         {"name": "explained", "passed": not rejected, "says": explained},

@@ -15,9 +15,9 @@ from pathlib import Path
 from time import perf_counter
 
 import emcee
-import jax.numpy as jnp
 import numpy as np
 from emcee.autocorr import integrated_time
+from threadpoolctl import threadpool_limits
 
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.estimate import Estimate, marginal
@@ -50,8 +50,8 @@ class Settings:
     seed: int = 0
     ensembles: int = 4
     walkers: int = 64
-    steps: int = 84
-    max_steps: int = 2688
+    steps: int = 72
+    max_steps: int = 2304
     target_ess: float = 10_000.0
     threads: int = 2
 
@@ -97,10 +97,12 @@ class Chains:
 def log_density_of(structure: Structure, frozen: Marginal, *, batch: int) -> LogDensity:
     """The compiled marginal log posterior for numpy arrays (n, d) of any n, evaluated in batches of one size."""
 
+    compiled = log_posterior(structure, frozen)
+
     def log_density(thetas: np.ndarray) -> np.ndarray:
         n = len(thetas)
         padded = np.concatenate([thetas, np.repeat(thetas[-1:], -n % batch, axis=0)])
-        parts = [log_posterior(structure, frozen, jnp.asarray(padded[i : i + batch])) for i in range(0, len(padded), batch)]
+        parts = [compiled(padded[i : i + batch]) for i in range(0, len(padded), batch)]
         return np.concatenate([np.asarray(p) for p in parts])[:n]
 
     return log_density
@@ -112,7 +114,7 @@ def batch_size(at: Estimate) -> int:
     emcee's half-ensemble moves ask for 32 at a time.
     """
     rows = at.model.data.arrays.telemetry.rate.shape
-    return int(np.clip(2 ** int(np.log2(max(1.0, 75_000 / (rows[0] * rows[1])))), 8, 32))
+    return int(np.clip(2 ** int(np.log2(max(1.0, 150_000 / (rows[0] * rows[1])))), 8, 32))
 
 
 def sample(at: Estimate, settings: Settings | None = None, *, folder: Path | None = None, progress: Progress | None = None) -> Chains:
@@ -131,7 +133,7 @@ def sample(at: Estimate, settings: Settings | None = None, *, folder: Path | Non
     log_density = log_density_of(at.model.structure, marginal(at), batch=batch_size(at))
     seeds = np.random.SeedSequence(settings.seed).spawn(settings.ensembles + 1)
     move, spent = _proposal(at, log_density, np.random.RandomState(np.random.MT19937(seeds[-1])))
-    weight = 0.9 if move.degrees > 10.0 else 0.5
+    weight = 0.95 if move.degrees > 10.0 else 0.5
     moves = [(move, weight), (emcee.moves.DEMove(), 1.0 - weight)]
     samplers = [_ensemble(at, log_density, moves, move, settings, seed, k, folder) for k, seed in enumerate(seeds[:-1])]
     steps = settings.steps
@@ -216,14 +218,16 @@ def _advance(samplers: list[emcee.EnsembleSampler], steps: int, threads: int, pr
                 progress("sampling", sum(done), target)
         sampler._previous_state = sampler.get_last_sample()
 
-    with ThreadPoolExecutor(threads) as pool:
+    # BLAS gains nothing on matrices this small, and its waiting threads would take the cores from the ensembles.
+    with threadpool_limits(1), ThreadPoolExecutor(threads) as pool:
         list(pool.map(run, range(len(samplers))))
 
 
 def _collect(samplers, move: IndependenceMove, settings: Settings, spent: int, seconds: float) -> Chains:
     chain = np.stack([s.get_chain() for s in samplers])  # (ensembles, steps, walkers, d)
     lp = np.stack([s.get_log_prob() for s in samplers])
-    tau = max(float(np.max(integrated_time(c[_BURN:], quiet=True, tol=0))) for c in chain)
+    burn = min(_BURN, chain.shape[1] // 2)
+    tau = max(float(np.max(integrated_time(c[burn:], quiet=True, tol=0))) for c in chain)
     discard = min(max(_BURN, int(np.ceil(5.0 * tau))), chain.shape[1] // 2)
     kept = np.moveaxis(chain[:, discard:], 1, 2)
     evaluations = spent + int(chain.shape[0] * chain.shape[2] * (chain.shape[1] + 1))

@@ -13,12 +13,13 @@ import numpy as np
 
 from bayes_inertia.campaign import Campaign, InertiaPrior
 from bayes_inertia.effect import Effect
-from bayes_inertia.errors import CampaignError, OutputError
+from bayes_inertia.effects import by_name
+from bayes_inertia.errors import CampaignError, EffectError, OutputError
 from bayes_inertia.io import write_atomically, write_campaign
-from bayes_inertia.maneuver import Flight, fly
+from bayes_inertia.maneuver import Flight, fly, planned_campaign
 from bayes_inertia.parameters import ParameterSpace
 from bayes_inertia.plan import Plan
-from bayes_inertia.spacecraft import Controller, Spacecraft, spin_tensor
+from bayes_inertia.spacecraft import Controller, Spacecraft, most_like_prior, most_like_spacecraft, spin_tensor
 
 
 def simulate(
@@ -49,6 +50,49 @@ def simulate(
     write_campaign(flight.campaign, folder)
     write_atomically(path, text)
     return flight
+
+
+def simulate_most(plan: Plan, out_folder: str | Path, seed: int, hidden: Sequence[str] = ()) -> Flight:
+    """Fly a plan with the MOST-like spacecraft of Ferguson's Table 1, and write the campaign folder.
+
+    Parameters
+    ----------
+    hidden : effects that act and that the campaign does not mention, each `name` (parameters drawn from their
+        priors) or `name.parameter=value[,value...]` (parameters not named are at their null).
+
+    Raises `EffectError` for an unknown effect or parameter or a wrong number of values; otherwise as `simulate`.
+    """
+    craft, prior = most_like_spacecraft(), most_like_prior()
+    template = planned_campaign(plan, craft, prior)
+    effects, values = _hidden(hidden, template, np.random.default_rng([seed, 2]))
+    return simulate(plan, out_folder, seed, spacecraft=replace(craft, effects=effects, values=values), prior=prior)
+
+
+def _hidden(requests: Sequence[str], template: Campaign, rng: np.random.Generator) -> tuple[tuple[Effect, ...], dict[str, dict[str, Any]]]:
+    """Effects and values that requests like `wheel_command_lag.tau=0.12` name."""
+    parsed = [(*request.partition("=")[0].partition(".")[::2], request.partition("=")[2]) for request in requests]
+    effects = by_name(tuple(dict.fromkeys(name for name, _, _ in parsed)))
+    values: dict[str, dict[str, Any]] = {}
+    for effect in effects:
+        space = ParameterSpace(tuple((effect.name, p) for p in effect.parameters(template)))
+        mine = [(key, text) for name, key, text in parsed if name == effect.name]
+        drawn = not any(key for key, _ in mine)
+        own = {k: np.asarray(v) for k, v in space.split(space.draw(rng, 1)[0] if drawn else space.nulls)[effect.name].items()}
+        for key, text in (pair for pair in mine if pair[0]):
+            own[key] = _value(effect.name, key, text, own)
+        values[effect.name] = own
+    return effects, values
+
+
+def _value(effect: str, key: str, text: str, own: Mapping[str, np.ndarray]) -> np.ndarray:
+    if key not in own:
+        raise EffectError(f"no parameter {key!r}", where=effect, advice=f"its parameters are {', '.join(own)}")
+    try:
+        given = np.array([float(x) for x in text.split(",")])
+        return np.broadcast_to(given, own[key].shape) if own[key].shape else given.reshape(())
+    except ValueError:
+        count = f"{own[key].size} number{'s' if own[key].size > 1 else ''}"
+        raise EffectError(f"{text!r} is not {count}", where=f"{effect}.{key}", advice="give numbers separated by commas") from None
 
 
 def truth_of(flight: Flight, seed: int | None = None) -> dict[str, Any]:
