@@ -11,6 +11,7 @@ import warnings
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 
@@ -21,7 +22,7 @@ from threadpoolctl import threadpool_limits
 
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.estimate import Estimate, marginal
-from bayes_inertia.likelihood import Marginal, log_posterior
+from bayes_inertia.likelihood import Marginal, log_posterior, shared_log_posterior
 from bayes_inertia.model import Structure
 from bayes_inertia.moves import IndependenceMove
 
@@ -94,10 +95,13 @@ class Chains:
         return self.samples.reshape(-1, self.samples.shape[-1])
 
 
-def log_density_of(structure: Structure, frozen: Marginal, *, batch: int) -> LogDensity:
-    """The compiled marginal log posterior for numpy arrays (n, d) of any n, evaluated in batches of one size."""
+def log_density_of(structure: Structure, frozen: Marginal, *, batch: int, shared_code: bool = False) -> LogDensity:
+    """The compiled marginal log posterior for numpy arrays (n, d) of any n, evaluated in batches of one size.
 
-    compiled = log_posterior(structure, frozen)
+    `shared_code` compiles once for all campaigns of one shape, at half the speed afterwards.
+    """
+
+    compiled = partial(shared_log_posterior, structure, frozen) if shared_code else log_posterior(structure, frozen)
 
     def log_density(thetas: np.ndarray) -> np.ndarray:
         n = len(thetas)
@@ -117,20 +121,23 @@ def batch_size(at: Estimate) -> int:
     return int(np.clip(2 ** int(np.log2(max(1.0, 150_000 / (rows[0] * rows[1])))), 8, 32))
 
 
-def sample(at: Estimate, settings: Settings | None = None, *, folder: Path | None = None, progress: Progress | None = None) -> Chains:
+def sample(
+    at: Estimate, settings: Settings | None = None, *, folder: Path | None = None, progress: Progress | None = None, shared_code: bool = False
+) -> Chains:
     """Sample the marginal posterior around an estimate.
 
     Parameters
     ----------
     folder : where the chains are kept while they grow; with chains of the same run in it the run goes on.
     progress : called with (what, done, of).
+    shared_code : compile once for all campaigns of one shape (studies of many short fits).
 
     Raises
     ------
     EstimateError : no finite starting points.
     """
     settings, began = settings or Settings(), perf_counter()
-    log_density = log_density_of(at.model.structure, marginal(at), batch=batch_size(at))
+    log_density = log_density_of(at.model.structure, marginal(at), batch=batch_size(at), shared_code=shared_code)
     seeds = np.random.SeedSequence(settings.seed).spawn(settings.ensembles + 1)
     move, spent = _proposal(at, log_density, np.random.RandomState(np.random.MT19937(seeds[-1])))
     weight = 0.95 if move.degrees > 10.0 else 0.5
