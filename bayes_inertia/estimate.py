@@ -11,7 +11,7 @@ by many sigmas would otherwise overrule all prior knowledge with its errors.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -210,6 +210,53 @@ def re_estimate(previous: Estimate, theta: np.ndarray, free: np.ndarray) -> Esti
     begin = Point(np.asarray(theta, float), previous.point.bias, previous.point.local)
     settled = _settled(previous.model, begin, previous.discount, np.asarray(free), rounds=1)
     return _at(previous.model, *settled, previous.discount, np.asarray(free), Starts(1, 1))
+
+
+def move_to(previous: Estimate, model: Model) -> Estimate:
+    """The same point in a model of the same campaign and drive with more effects, each held at its null."""
+    theta = model.space.nulls
+    here = dict(zip(previous.model.space.names, previous.theta, strict=True))
+    free_names = {previous.model.space.names[i] for i in previous.free}
+    for i, name in enumerate(model.space.names):
+        theta[i] = here.get(name, theta[i])
+    free = np.array([i for i, name in enumerate(model.space.names) if name in free_names])
+    point = Point(theta, previous.point.bias, previous.point.local)
+    return replace(previous, model=model, point=point, information=previous.information._replace(free=free))
+
+
+def with_noise(previous: Estimate, factors: dict[str, float]) -> Estimate:
+    """The estimate repeated with each channel's stated noise multiplied by a factor."""
+    discount = np.tile([factors[c] ** -2.0 for c in CHANNELS], (previous.model.n_slews, 1))
+    if np.array_equal(discount, previous.discount):
+        return previous
+    point, objective, stated = _settled(previous.model, previous.point, discount, previous.free)
+    return _at(previous.model, point, objective, stated, discount, previous.free, previous.starts)
+
+
+def held_out(at: Estimate) -> float | None:
+    """Reduced chi^2 of slews that were left out of the fit, one after the other; None with fewer than two slews.
+
+    Each slew is predicted with theta and bias from the others; only its own start state is fitted. To first order
+    around the estimate.
+    """
+    info, m = at.information, at.point.local.shape[1]
+    n = len(info.chi2)
+    if n < 2:
+        return None
+    shared = len(at.free) + N_BIAS
+    total, numbers = 0.0, 0.0
+    for s in range(n):
+        weights = np.ones(n)
+        weights[s] = 0.0
+        hessian, gradient = normal_equations(at.model, at.point, info, weights)
+        step = -solve(hessian, gradient)[:shared]
+        A, g = info.matrix[s].sum(0), info.gradient[s].sum(0)
+        linear = g[:shared] + A[:shared, :shared] @ step
+        own = g[shared:] + A[shared:, :shared] @ step + at.point.local[s]
+        stiff = A[shared:, shared:] + np.eye(m)
+        chi2 = info.chi2[s].sum() + step @ (g[:shared] + linear) - own @ solve(stiff, own)
+        total, numbers = total + chi2, numbers + info.n_data[s].sum() - m
+    return float(total / numbers)
 
 
 def _discounted_fit(model: Model, point: Point, channels: np.ndarray, free: np.ndarray, starts: Starts) -> Estimate:

@@ -9,15 +9,15 @@ residuals by less than one sigma in all are not counted: this campaign cannot se
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy import stats
 
 from bayes_inertia.estimate import N_BIAS, Estimate, block_index, prior_rows
 from bayes_inertia.levenberg import inverse_root
-from bayes_inertia.likelihood import information
+from bayes_inertia.likelihood import padded_sensitivities
 from bayes_inertia.parameters import ParameterSpace
 
 # Signal-to-noise power, for an effect of prior size, below which a direction is invisible.
@@ -116,39 +116,59 @@ def _root(matrix: np.ndarray) -> np.ndarray:
     return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
-def fingerprints(at: Estimate, names: tuple[str, ...]) -> Fingerprints:
-    """Fingerprints of the effects `names` of a model that holds them at their null.
+@dataclass(frozen=True)
+class Imprint:
+    """Columns that a candidate would add to the residuals, given directly instead of by an effect's parameters.
+
+    `columns` : by slew (numbers, k), all channels one after the other, in units of prior sd.
+    """
+
+    name: str
+    columns: tuple[np.ndarray, ...]
+
+
+def fingerprints(at: Estimate, names: tuple[str, ...], imprints: tuple[Imprint, ...] = ()) -> Fingerprints:
+    """Fingerprints of candidate effects against all that is fitted.
 
     Parameters
     ----------
-    at : an estimate of a model with all candidates, in which only the parameters of others were free.
+    at : an estimate of a model that holds the effects `names` at their null; only others' parameters were free.
+    imprints : further candidates, given by their columns.
     """
     model, point, space = at.model, at.point, at.model.space
-    info = information(model, point.theta, point.bias, point.local, at.white)
     d, m = space.size, point.local.shape[1]
-    size = d + N_BIAS + point.local.size
+    s = padded_sensitivities(model, point.theta, point.bias, point.local, at.white, np.arange(d))
+    jacobian = np.concatenate([np.asarray(j)[..., : d + N_BIAS + m] for j in s.jacobian], 1)
+    residual = np.concatenate([np.asarray(r) for r in s.residuals], 1)
+    extra = sum(i.columns[0].shape[1] for i in imprints)
+    local = d + extra + N_BIAS
+    size = local + point.local.size
     hessian, gradient = np.zeros((size, size)), np.zeros(size)
-    for s, (block, pull) in enumerate(zip(info.matrix, info.gradient, strict=True)):
-        index = block_index(d + N_BIAS, m, s)
-        hessian[np.ix_(index, index)] += block.sum(0)
-        gradient[index] += pull.sum(0)
+    for k, (J, r) in enumerate(zip(jacobian, residual, strict=True)):
+        columns = np.concatenate([J[:, :d], *(i.columns[k] for i in imprints), J[:, d:]], 1)
+        index = block_index(local, m, k)
+        hessian[np.ix_(index, index)] += columns.T @ columns
+        gradient[index] += columns.T @ r
     slope, distance = prior_rows(model, point.theta)
-    fitted = np.concatenate([at.free, np.arange(d, size)])
-    stiffness, pull = np.concatenate([slope**2, np.ones(size - d)]), np.concatenate([slope * distance, point.bias, point.local.ravel()])
-    hessian[fitted, fitted] += stiffness[fitted]
-    gradient[fitted] += pull[fitted]
-    return _projected(space, names, hessian, gradient, fitted)
+    nuisances = np.arange(d + extra, size)
+    hessian[at.free, at.free] += slope[at.free] ** 2
+    gradient[at.free] += (slope * distance)[at.free]
+    hessian[nuisances, nuisances] += 1.0
+    gradient[nuisances] += np.concatenate([point.bias, point.local.ravel()])
+    return _projected(space, names, imprints, hessian, gradient, np.concatenate([at.free, nuisances]))
 
 
-def _projected(space: ParameterSpace, names: tuple[str, ...], hessian: np.ndarray, gradient: np.ndarray, fitted: np.ndarray) -> Fingerprints:
+def _projected(space: ParameterSpace, names, imprints, hessian: np.ndarray, gradient: np.ndarray, fitted: np.ndarray) -> Fingerprints:
     slices = [space.slice_of(name) for name in names]
-    columns = np.concatenate([np.arange(s.start, s.stop) for s in slices]) if slices else np.zeros(0, int)
+    starts = np.cumsum([space.size, *(i.columns[0].shape[1] for i in imprints)])
+    ranges = [np.arange(s.start, s.stop) for s in slices] + [np.arange(a, b) for a, b in pairwise(starts)]
+    columns = np.concatenate(ranges) if ranges else np.zeros(0, int)
     root = inverse_root(hessian[np.ix_(fitted, fitted)])
     across = root @ hessian[np.ix_(fitted, columns)]
     matrix = hessian[np.ix_(columns, columns)] - across.T @ across
     pull = -(gradient[columns] - across.T @ (root @ gradient[fitted]))
-    scale = space.sd[columns]
-    ends = np.cumsum([0] + [s.stop - s.start for s in slices])
-    groups = tuple(np.arange(a, b) for a, b in itertools.pairwise(ends))
-    one_sided = tuple(s.stop - s.start == 1 and space.lower[s.start] == space.nulls[s.start] for s in slices)
-    return Fingerprints(tuple(names), groups, one_sided, pull * scale, matrix * np.outer(scale, scale))
+    scale = np.concatenate([space.sd, np.ones(starts[-1] - space.size)])[columns]
+    groups = tuple(np.arange(a, b) for a, b in pairwise(np.cumsum([0, *(len(r) for r in ranges)])))
+    one_sided = [s.stop - s.start == 1 and space.lower[s.start] == space.nulls[s.start] for s in slices] + [False] * len(imprints)
+    labels = (*names, *(i.name for i in imprints))
+    return Fingerprints(labels, groups, tuple(one_sided), pull * scale, matrix * np.outer(scale, scale))

@@ -82,12 +82,13 @@ def longest_step(campaign: Campaign) -> float:
     >>> from bayes_inertia.campaign import InertiaPrior, RateSensor
     >>> slew = Slew("a", 0.0, np.arange(3.0), rate=np.ones((3, 3)))
     >>> round(longest_step(Campaign("c", InertiaPrior(np.eye(3), 0.1, 0.1), (), RateSensor(sigma=1e-5), None, (slew,))), 3)
-    0.019
+    0.016
     """
     rates = np.concatenate([np.linalg.norm(s.rate, axis=1) for s in campaign.slews])
     rates = rates[np.isfinite(rates)]
     fastest = 1.5 * float(np.quantile(rates, 0.99)) if len(rates) else 0.0
-    return 0.05 / max(fastest, 1e-9)
+    # A power of two, so that the grid does not change with every reading.
+    return 2.0 ** np.floor(np.log2(0.05 / max(fastest, 1e-9)))
 
 
 def pack(campaign: Campaign, *, max_step: float | None = None, modes: int = 0) -> Arrays:

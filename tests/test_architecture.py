@@ -41,6 +41,9 @@ LAYERS = {
     "flight": 7,
     "simulation": 7,
     "fingerprint": 7,
+    "noise": 7,
+    "torque_response": 7,
+    "oscillator": 7,
     "observability": 7,
     "design": 7,
     "diagnose": 7,
@@ -60,7 +63,7 @@ ORDERED = (
     ("dynamics", "telemetry", "effects"),
     ("adequacy", "likelihood"),
     ("moves", "estimate", "sample", "posterior", "fit"),
-    ("plan", "planfile", "spacecraft", "flight", "maneuver", "simulation", "fingerprint", "observability", "design", "diagnose", "testing"),
+    ("plan", "planfile", "spacecraft", "flight", "maneuver", "simulation", "fingerprint", "noise", "torque_response", "oscillator", "observability", "design", "diagnose", "testing"),
     ("plots", "report", "study", "run", "terminal", "cli"),
 )
 

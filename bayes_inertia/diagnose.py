@@ -1,0 +1,300 @@
+"""What is missing in the model: score all candidates, refit the best, name, admit ambiguity, or say "unknown".
+
+Forward search with re-linearisation: at the current fit every candidate effect is scored at once
+(`fingerprint`); the family-wise threshold comes from simulating the joint distribution of all scores. The
+best few are refitted in full and compared by evidence; what the data cannot tell apart is reported as a set.
+Effects that a later one makes needless are dropped again. What remains unexplained is called unknown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy import stats
+
+from bayes_inertia.adequacy import ChannelTest, channel_tests
+from bayes_inertia.campaign import Campaign
+from bayes_inertia.dynamics import Drive
+from bayes_inertia.effect import Effect
+from bayes_inertia.effects import LIBRARY
+from bayes_inertia.estimate import Estimate, estimate, held_out, move_to, re_estimate, with_noise
+from bayes_inertia.fingerprint import Fingerprints, fingerprints
+from bayes_inertia.model import Model
+from bayes_inertia.noise import noise_factors
+from bayes_inertia.oscillator import PREFIX, imprints
+from bayes_inertia.torque_response import torque_response
+
+FLEXIBLE = "flexible_mode"
+NOISE = "noise_level"
+
+
+@dataclass(frozen=True)
+class Rules:
+    """The thresholds of the search.
+
+    Attributes
+    ----------
+    false_alarms : probability of naming anything in a campaign without hidden effect. (2 %: an interval over 200 campaigns
+        then stays below 5 %.)
+    refits : candidates that are refitted in each step. most : effects that can be named at all.
+    margin : log evidence by which the best must beat another that could imitate it.
+    alike : correlation with the best signal above which another candidate counts as an imitation.
+    misfit : p-value of the whole residuals below which the data are not explained.
+    """
+
+    false_alarms: float = 0.02
+    refits: int = 4
+    most: int = 4
+    margin: float = 3.0
+    alike: float = 0.8
+    misfit: float = 1e-4
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """One candidate at the base fit: `score` is chi^2 with `dof` if the effect is absent; `log_bayes_factor` to first order."""
+
+    effect: str
+    dof: int
+    score: float
+    p_value: float
+    log_bayes_factor: float
+
+
+@dataclass(frozen=True)
+class Step:
+    """One effect added: the fits before and after, and others that explain the data as well."""
+
+    added: str
+    before: Estimate
+    after: Estimate
+    log_bayes_factor: float
+    alternatives: tuple[tuple[str, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class Diagnosis:
+    """The answer.
+
+    Attributes
+    ----------
+    verdict : "consistent", "named", "ambiguous" or "unknown". named : effects added (and `noise_level`).
+    ambiguous_with : sets of effects, the named one first, that this campaign cannot tell apart.
+    candidates : all candidates, scored at the base fit. threshold : p-value below which one is significant.
+    steps : what was added. base, final : the fits with nothing and with everything added.
+    noise : factor by which each channel's noise exceeds what is stated. tests : of the final residuals, at that noise.
+    skipped : candidates that could not be tried, and why.
+    """
+
+    verdict: str
+    named: tuple[str, ...]
+    ambiguous_with: tuple[tuple[str, ...], ...]
+    candidates: tuple[Candidate, ...]
+    threshold: float
+    steps: tuple[Step, ...]
+    base: Estimate
+    final: Estimate
+    noise: dict[str, float]
+    tests: dict[str, ChannelTest]
+    skipped: tuple[tuple[str, str], ...] = ()
+    correlations: dict[tuple[str, str], float] = field(default_factory=dict)
+
+
+def diagnose(campaign: Campaign, *, library: Sequence[Effect] = LIBRARY, drive: Drive | None = None, rules: Rules | None = None, seed: int = 0) -> Diagnosis:
+    """Find where model and data disagree, and which effects explain it.
+
+    Parameters
+    ----------
+    library : candidate effects; instances of your own may be among them. seed : of optimizer starts and thresholds.
+
+    Raises
+    ------
+    CampaignError, EstimateError : as `estimate`.
+    """
+    rules, rng = rules or Rules(), np.random.default_rng([seed, 3])
+    simple = estimate(Model(campaign, (), drive), seed=seed, discount=False)
+    noise = noise_factors(simple)
+    simple = with_noise(simple, noise)
+    usable, skipped = _usable(campaign, library)
+    whole = Model(campaign, tuple(e for e in usable if e.name != FLEXIBLE), simple.model.structure.drive)
+    base = at = move_to(simple, whole)
+    flexible = next((e for e in usable if e.name == FLEXIBLE), None)
+    first = None
+    steps: list[Step] = []
+    for _ in range(2):
+        steps, at, seen = _search(at, steps, flexible, rules, rng)
+        first = first or seen
+        # An effect's own jumps can look like noise: measure the noise again, without them.
+        settled = noise_factors(at)
+        if settled == noise:
+            break
+        noise, at = settled, with_noise(at, settled)
+    return _verdict(base, at, steps, first, noise, skipped, rules)
+
+
+def _search(at: Estimate, steps: list[Step], flexible: Effect | None, rules: Rules, rng: np.random.Generator):
+    """Add effects until none is significant; also what was seen before the first was added."""
+    seen = None
+    while True:
+        marks = _marks(at, flexible)
+        limit = marks.threshold(rules.false_alarms, rng)
+        found = _candidates(marks)
+        seen = seen or (found, limit, marks)
+        significant = [c for c in found if c.p_value < limit]
+        step = _best_step(at, marks, significant, flexible, rules, limit) if len(steps) < rules.most else None
+        if step is None:
+            return steps, at, seen
+        steps, at = _without_needless([*steps, step], step.after)
+
+
+def _usable(campaign: Campaign, library: Sequence[Effect]) -> tuple[list[Effect], tuple[tuple[str, str], ...]]:
+    """Candidates that the campaign's columns allow, and those that they do not."""
+    lacking = {e.name: [n for n in e.needs if any(getattr(s, n) is None for s in campaign.slews)] for e in library}
+    skipped = tuple((name, f"needs {', '.join(columns)} in every slew") for name, columns in lacking.items() if columns)
+    return [e for e in library if not lacking[e.name]], skipped
+
+
+def _marks(at: Estimate, flexible: Effect | None) -> Fingerprints:
+    """Fingerprints of everything that is not fitted yet."""
+    space = at.model.space
+    waiting = tuple(e.name for e in at.model.effects if not np.isin(np.arange(space.size)[space.slice_of(e.name)], at.free).any())
+    waiting = tuple(name for name in waiting if space.slice_of(name).stop > space.slice_of(name).start)
+    if flexible is None or any(e.name == FLEXIBLE for e in at.model.effects):
+        return fingerprints(at, waiting)
+    coupling = flexible.parameters(at.model.campaign)[0].priors[0].sd
+    return fingerprints(at, waiting, imprints(torque_response(at), coupling**2))
+
+
+def _candidates(marks: Fingerprints) -> list[Candidate]:
+    """All candidates, best evidence first; of the mode's frequencies only the best."""
+    found, modes = [], []
+    for k, name in enumerate(marks.names):
+        score = float(marks.score(k))
+        entry = Candidate(name, len(marks.visible(k)[0]), score, float(marks.p_value(k, np.asarray(score))), marks.log_bayes_factor(k))
+        (modes if name.startswith(PREFIX) else found).append(entry)
+    if modes:
+        found.append(min(modes, key=lambda c: (c.p_value, -c.score)))
+    return sorted(found, key=lambda c: -c.log_bayes_factor)
+
+
+def _best_step(at: Estimate, marks: Fingerprints, significant: list[Candidate], flexible, rules: Rules, limit: float) -> Step | None:
+    """Refit the most promising candidates and take the one with the best evidence."""
+    refitted = []
+    for candidate in significant[: rules.refits]:
+        after = _refit(at, marks, candidate, flexible)
+        evidence = log_evidence(after) - log_evidence(at)
+        gained = 2.0 * (at.objective - after.objective)
+        if stats.chi2.sf(max(gained, 0.0), max(candidate.dof, 1)) < limit:
+            refitted.append((evidence, candidate, after))
+    if not refitted:
+        return None
+    refitted.sort(key=lambda item: -item[0])
+    evidence, best, after = refitted[0]
+    where = {name: k for k, name in enumerate(marks.names)}
+    rivals = []
+    for other, candidate, _ in refitted[1:]:
+        alike = marks.mimicry(where[best.effect], where[candidate.effect])
+        if evidence - other < rules.margin and alike > rules.alike:
+            rivals.append((_plain(candidate.effect), alike))
+    return Step(_plain(best.effect), at, after, float(evidence), tuple(rivals[:2]))
+
+
+def _plain(name: str) -> str:
+    return FLEXIBLE if name.startswith(PREFIX) else name
+
+
+def _refit(at: Estimate, marks: Fingerprints, candidate: Candidate, flexible: Effect | None) -> Estimate:
+    """The fit with one candidate more, begun at its first-order amplitude."""
+    k = marks.names.index(candidate.effect)
+    if candidate.effect.startswith(PREFIX):
+        return _refit_mode(at, marks.amplitude(k), float(candidate.effect.removeprefix(PREFIX)), flexible)
+    space = at.model.space
+    part = space.slice_of(candidate.effect)
+    theta = at.theta.copy()
+    theta[part] += np.clip(marks.amplitude(k), -10.0, 10.0) * space.sd[part]
+    margin = 1e-3 * space.sd
+    theta[6:] = np.clip(theta, space.lower + margin, space.upper - margin)[6:]
+    return re_estimate(at, theta, np.concatenate([at.free, np.arange(part.start, part.stop)]))
+
+
+def _refit_mode(at: Estimate, products: np.ndarray, frequency: float, flexible: Effect) -> Estimate:
+    """The fit with a flexible mode, begun at the rank-one part of its first-order products delta_i delta_j."""
+    mode = replace(flexible, frequency=frequency)
+    whole = Model(at.model.campaign, (*at.model.effects, mode), at.model.structure.drive)
+    lifted = move_to(at, whole)
+    xx, yy, zz, xy, xz, yz = products
+    values, vectors = np.linalg.eigh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
+    part = whole.space.slice_of(FLEXIBLE)
+    theta = lifted.theta.copy()
+    theta[part.start : part.start + 3] = vectors[:, -1] * np.sqrt(max(values[-1], 1e-4)) * whole.space.sd[part.start]
+    return re_estimate(lifted, theta, np.concatenate([lifted.free, np.arange(part.start, part.stop)]))
+
+
+def log_evidence(at: Estimate) -> float:
+    """Laplace's approximation of the log evidence, up to a constant that fits of one campaign share.
+
+    Effects' priors enter with their norms; J, K and the nuisances are in every model and their norms cancel.
+    """
+    extra = at.free[at.free >= 9]
+    prior = -np.sum(np.log(at.model.space.sd[extra])) if len(extra) else 0.0
+    return float(-at.objective + prior - 0.5 * np.linalg.slogdet(at.hessian)[1])
+
+
+def _without_needless(steps: list[Step], at: Estimate) -> tuple[list[Step], Estimate]:
+    """Drop effects, other than the newest, that the fit can do without."""
+    for step in steps[:-1]:
+        part = np.arange(at.model.space.size)[at.model.space.slice_of(step.added)]
+        amplitude = (at.theta - at.model.space.nulls)[part]
+        block = at.covariance[np.ix_(part, part)]
+        wald = float(amplitude @ np.linalg.solve(block, amplitude))
+        if stats.chi2.sf(wald, len(part)) > 0.01:
+            theta = at.theta.copy()
+            theta[part] = at.model.space.nulls[part]
+            at = re_estimate(at, theta, at.free[~np.isin(at.free, part)])
+            steps = [replace(s, after=at) if s is steps[-1] else s for s in steps if s is not step]
+    return steps, at
+
+
+def final_tests(at: Estimate) -> dict[str, ChannelTest]:
+    """Tests of the residuals against the noise as used (stated noise times what was measured of it)."""
+    scale = {c: np.sqrt(at.discount[0, i]) for i, c in enumerate(("rate", "attitude", "momentum"))}
+    series = {c: [scale[c] * x for x in slews] for c, slews in at.residual_series.items()}
+    info = at.information
+    return channel_tests(series, info.chi2.sum(0), info.n_data.sum(0) - at.effective_parameters)
+
+
+def explained(tests: dict[str, ChannelTest], rules: Rules) -> bool:
+    """Whether nothing is left in the residuals that noise would not leave."""
+    values = [p for test in tests.values() for p in (test.p_chi2, test.p_white) if p is not None]
+    return min(values, default=1.0) > rules.misfit
+
+
+def _verdict(base: Estimate, at: Estimate, steps: list[Step], first: tuple, noise: dict[str, float], skipped, rules: Rules) -> Diagnosis:
+    found, limit, marks = first
+    tests = final_tests(at)
+    louder = any(factor > 1.0 for factor in noise.values())
+    sets = tuple((s.added, *(name for name, _ in s.alternatives)) for s in steps if s.alternatives)
+    names = tuple(s.added for s in steps) + ((NOISE,) if louder else ())
+    if not explained(tests, rules):
+        verdict, names = "unknown", ()
+    elif sets:
+        verdict = "ambiguous"
+    elif names:
+        verdict = "named"
+    else:
+        verdict = "consistent"
+    candidates = tuple(replace(c, effect=_plain(c.effect)) for c in found)
+    correlations = {
+        (a, b): marks.canonical_correlation(i, j)
+        for i, a in enumerate(marks.names)
+        for j, b in enumerate(marks.names)
+        if i < j and not (a.startswith(PREFIX) or b.startswith(PREFIX))
+    }
+    return Diagnosis(verdict, names, sets if verdict == "ambiguous" else (), candidates, limit, tuple(steps), base, at, noise, tests, skipped, correlations)
+
+
+def held_out_chi2(step: Step) -> tuple[float | None, float | None]:
+    """Reduced chi^2 of slews left out of the fit, before and after the step; None with fewer than two slews."""
+    return held_out(step.before), held_out(step.after)
