@@ -90,6 +90,17 @@ def table_rows(theta: np.ndarray, wls: np.ndarray, sd: np.ndarray, draws: np.nda
     return rows
 
 
+def flight_rows(at: Estimate, draws: np.ndarray) -> list[list[str]]:
+    """Rows of Table 3: the paper's new estimate is the truth of the simulated flight."""
+    rows = []
+    for i, name in enumerate(NAMES):
+        change = (FLIGHT.new[i] - FLIGHT.initial[i]) / at.sd[i]
+        numbers = (FLIGHT.initial[i], FLIGHT.new[i], at.theta[i])
+        rows.append([name, *(f"{x:.4f}" for x in numbers), f"{at.sd[i]:.4f}", f"{draws[:, i].mean():.4f} ± {draws[:, i].std():.4f}", f"{change:+.1f} sd"])
+    return rows
+
+
+_FLIGHT_HEADER = ("parameter", "initial", "paper's new = truth here", "WLS here", "sd", "posterior here", "the paper's change")
 _HEADER = ("parameter", "initial", "truth", "paper's new", "WLS here", "sd", "posterior here", "error paper, WLS", "paper's value in the posterior")
 
 
@@ -280,7 +291,8 @@ def _result(found: dict, tables: list[Table], at: Estimate) -> Result:
     notes = [
         "The flight telemetry of July 2007 is not public. Table 3 is therefore the anchor of a simulated flight, whose truth is the paper's new estimate: "
         "it says how well such a campaign finds what is there, and which of the paper's changes are larger than its sd, not whether the paper found the truth.",
-        "Nobody here has the paper's figures 3 to 6. The pictures of the same name show what their captions are known to treat.",
+        "Nobody here has the paper's figures 3 to 6. Those below show what such figures show: rates, wheels, and residuals before and after, of the "
+        "simulated slews.",
         "The noise multiplier is inferred from the estimator's first-order scatter H⁻¹(H − P)H⁻¹ with the prior (4 %, 0.03 kg m²) centred on the paper's "
         "initial estimate; "
         f"without a prior it is {parts['flat']['best']:.0f} ({parts['flat']['low']:.0f} to {parts['flat']['high']:.0f}). A multiplier explains the size "
