@@ -1,0 +1,263 @@
+"""How well the diagnosis names hidden effects: confusion matrix, power against the ideal test, false alarms.
+
+Every campaign has its own J, K, bias, start attitude, angles and senses of its slews, and wheel momenta, drawn from the prior,
+flown in closed loop with the hidden effect. The amplitude is set by the ideal test: the non-centrality of the hidden
+effect's score, projected off everything that is fitted, in a noise-free copy of the campaign. Results are kept one file a
+campaign, written atomically: a killed study goes on where it was.
+
+    python analyses/diagnosis_study.py --kind clean --count 200
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+from scipy import optimize, stats
+
+from bayes_inertia.diagnose import Rules, diagnose
+from bayes_inertia.effect import Effect
+from bayes_inertia.effects import LIBRARY
+from bayes_inertia.errors import BayesInertiaError
+from bayes_inertia.estimate import estimate
+from bayes_inertia.io import write_atomically
+from bayes_inertia.maneuver import planned_campaign
+from bayes_inertia.model import Model
+from bayes_inertia.plan import Plan, paper_like_plan
+from bayes_inertia.simulation import draw_flight
+from bayes_inertia.spacecraft import most_like_prior, most_like_spacecraft
+
+HERE = Path(__file__).parent
+FOLDER = HERE / "results" / "diagnosis_study"
+RULES = Rules()
+# Effects without a trace in these campaigns: fixes are taken at rest, so that their time stamps do not matter.
+INVISIBLE = ("star_tracker_time_offset",)
+NAMES = tuple(e.name for e in LIBRARY if e.name not in INVISIBLE)
+
+
+@dataclass(frozen=True)
+class Swirl(Effect):
+    """Outside the library: a torque that turns with time about z (a rotating antenna's imbalance), 0.02 Hz."""
+
+    name: ClassVar[str] = "outside_swirl"
+
+    def body_torque(self, p, slew, t, state):
+        phase = 2.0 * jnp.pi * 0.02 * (t + slew.start)
+        return p["size"] * jnp.stack([jnp.cos(phase), jnp.sin(phase), jnp.zeros_like(phase)])
+
+
+@dataclass(frozen=True)
+class Leak(Effect):
+    """Outside the library: bursts of a thruster leak along -y, ten seconds long, once in each slew."""
+
+    name: ClassVar[str] = "outside_leak"
+
+    def body_torque(self, p, slew, t, state):
+        return p["size"] * jnp.array([0.3, -1.0, 0.0]) * jnp.exp(-(((t - 45.0 - 3.0 * slew.index) / 6.0) ** 2))
+
+
+@dataclass(frozen=True)
+class RateSquared(Effect):
+    """Outside the library: a torque along the body x axis that grows with the square of the rate (fuel in a ring)."""
+
+    name: ClassVar[str] = "outside_rate_squared"
+
+    def body_torque(self, p, slew, t, state):
+        return p["size"] * jnp.array([1.0, 0.0, 0.5]) * jnp.sum(state.rate_B**2) * 1e4
+
+
+@dataclass(frozen=True)
+class Ripple(Effect):
+    """Outside the library: rate-sensor ripple at 0.05 Hz on all axes (a beat with the sampling)."""
+
+    name: ClassVar[str] = "outside_ripple"
+
+    def rate_output(self, p, slew, trajectory, rate_S):
+        return rate_S + p["size"] * jnp.sin(2.0 * jnp.pi * 0.05 * trajectory.time)[:, None] * jnp.array([1.0, 0.7, -0.4])
+
+
+# Sizes at which the residuals of a campaign hold this effect at many sigma (chi^2 well outside its interval).
+OUTSIDE: dict[str, tuple[Effect, float]] = {
+    "outside_swirl": (Swirl(), 2e-5),
+    "outside_leak": (Leak(), 4e-5),
+    "outside_rate_squared": (RateSquared(), 3e-5),
+    "outside_ripple": (Ripple(), 2e-5),
+}
+
+
+def plan() -> Plan:
+    """Five slews like the paper's, at 2 Hz to keep the study short."""
+    return replace(paper_like_plan(), telemetry_period=0.5)
+
+
+def template_campaign():
+    """The planned campaign: hardware, prior, and the scale of default priors."""
+    return planned_campaign(plan(), most_like_spacecraft(), most_like_prior())
+
+
+def draw(seed: np.random.SeedSequence, effects: tuple[Effect, ...], values: dict, tachometers: bool):
+    """One campaign and its truth."""
+    flight = draw_flight(template_campaign(), plan(), seed, effects=effects, values=values)
+    campaign = flight.campaign
+    if not tachometers:
+        wheels = tuple(replace(w, momentum_sigma=None) for w in campaign.wheels)
+        slews = tuple(replace(s, wheel_momentum=None) for s in campaign.slews)
+        campaign = replace(campaign, wheels=wheels, slews=slews)
+    return campaign, flight
+
+
+def noncentrality(power: float, dof: int, level: float) -> float:
+    """Non-centrality at which an ideal chi^2 test of this level has this power.
+
+    >>> round(noncentrality(0.99, 1, 0.05), 1)
+    18.4
+    """
+    limit = stats.chi2.isf(level, dof)
+    return float(optimize.brentq(lambda nc: stats.ncx2.sf(limit, dof, nc) - power, 1e-3, 1e4))
+
+
+def direction(effect: Effect, rng: np.random.Generator) -> dict:
+    """Values of an effect's parameters one prior sd from null in a random direction, shape parameters at their null."""
+    parameters = effect.parameters(template_campaign())
+    values = {}
+    for p in parameters:
+        step = rng.normal(size=len(p.names))
+        if p.priors[0].lower == p.null:
+            step = np.abs(step)
+        if p.priors[0].logarithmic:
+            step = np.zeros(len(p.names))
+        values[p.name] = (p.null, step * np.array([q.sd for q in p.priors]), p.components)
+    return values
+
+
+def scaled(values: dict, size: float) -> dict:
+    return {k: null + size * step if components else float(null + size * step[0]) for k, (null, step, components) in values.items()}
+
+
+def amplitude_for(effect: Effect, values: dict, wanted: float, seed, tachometers: bool) -> float:
+    """Multiple of `values` at which the projected signal has the wanted non-centrality (two tangent steps)."""
+    size = 1e-2
+    for _ in range(4):
+        size = size * np.sqrt(wanted / max(_signal(effect, scaled(values, size), seed, tachometers), 1e-12))
+        size = float(np.clip(size, 1e-9, 30.0))
+    return size
+
+
+def _signal(effect: Effect, values: dict, seed, tachometers: bool) -> float:
+    """Drop of chi^2 that knowing the effect would bring, without noise: the difference of two simulated campaigns, projected."""
+    with_it, _ = draw(seed, (effect,), {effect.name: values}, tachometers)
+    without, flight = draw(seed, (), {}, tachometers)
+    return projected_difference(with_it, without, flight)
+
+
+def projected_difference(with_it, without, flight) -> float:
+    """|P (y1 - y0)|^2 for two campaigns with equal noise: what is left of their difference after fitting J, K, bias and starts."""
+    first = estimate(Model(without), starts=1, discount=False, start=_truth(flight))
+    second = estimate(Model(with_it), starts=1, discount=False, start=first.theta)
+    # Both hold the same noise e: their residuals are P e and P (e + s).
+    gaps = [np.concatenate([np.nan_to_num(x).ravel() for slews in at.residual_series.values() for x in slews]) for at in (first, second)]
+    return float(np.sum((gaps[1] - gaps[0]) ** 2))
+
+
+def _truth(flight) -> np.ndarray:
+    J = flight.spacecraft.inertia_B
+    return np.array([J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2], *flight.spacecraft.scale_factor])
+
+
+def run_one(kind: str, label: str, index: int, effects: tuple[Effect, ...], tachometers: bool, power: float, level: float) -> dict:
+    """Simulate and diagnose one campaign."""
+    seed = np.random.SeedSequence(20260, spawn_key=(hash_of(kind + label), index, int(tachometers)))
+    rng = np.random.default_rng(seed.spawn(1)[0])
+    values, sizes = {}, {}
+    for effect in effects:
+        if effect.name in OUTSIDE:
+            values[effect.name] = {"size": OUTSIDE[effect.name][1]}
+            continue
+        drawn = direction(effect, rng)
+        dof = sum(len(p.names) for p in effect.parameters(template_campaign()) if not p.priors[0].logarithmic)
+        sizes[effect.name] = amplitude_for(effect, drawn, noncentrality(power, dof, level), np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key), tachometers)
+        values[effect.name] = scaled(drawn, sizes[effect.name])
+    campaign, flight = draw(np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key), effects, values, tachometers)
+    began = time.perf_counter()
+    found = diagnose(campaign, rules=RULES, seed=index)
+    z = (found.final.theta[:9] - _truth(flight)) / found.final.sd[:9]
+    return {
+        "kind": kind,
+        "label": label,
+        "index": index,
+        "tachometers": tachometers,
+        "hidden": [e.name for e in effects],
+        "sizes": sizes,
+        "verdict": found.verdict,
+        "named": list(found.named),
+        "ambiguous_with": [list(s) for s in found.ambiguous_with],
+        "steps": [s.added for s in found.steps],
+        "best": found.candidates[0].effect,
+        "p_best": min(c.p_value for c in found.candidates),
+        "limit": found.threshold,
+        "max_abs_z": float(np.abs(z).max()),
+        "seconds": time.perf_counter() - began,
+    }
+
+
+def hash_of(text: str) -> int:
+    """A number that does not depend on the interpreter's hash seed.
+
+    >>> hash_of("a")
+    97
+    """
+    return int.from_bytes(text.encode(), "big") % (2**31)
+
+
+def tasks(kind: str, count: int):
+    """(label, index, effects) of all campaigns of a kind."""
+    library = {e.name: e for e in LIBRARY}
+    if kind == "clean":
+        return [("clean", i, ()) for i in range(count)]
+    if kind == "single":
+        return [(name, i, (library[name],)) for i in range(count) for name in NAMES]
+    if kind == "outside":
+        return [(name, i, (OUTSIDE[name][0],)) for i in range(count) for name in OUTSIDE]
+    rng = np.random.default_rng(5)
+    pairs = [tuple(rng.choice(len(NAMES), 2, replace=False)) for _ in range(count)]
+    return [("pair", i, tuple(library[NAMES[k]] for k in pair)) for i, pair in enumerate(pairs)]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--kind", choices=["clean", "single", "outside", "pair"], required=True)
+    parser.add_argument("--count", type=int, required=True, help="campaigns (clean, pair) or campaigns of each effect (single, outside)")
+    parser.add_argument("--power", type=float, default=0.99)
+    parser.add_argument("--level", type=float, default=RULES.false_alarms / len(NAMES), help="level of the ideal test")
+    parser.add_argument("--without-tachometers", action="store_true")
+    parser.add_argument("--minutes", type=float, default=60.0, help="stop after this time")
+    arguments = parser.parse_args()
+    tachometers = not arguments.without_tachometers
+    folder = FOLDER / f"{arguments.kind}-{arguments.power:g}-{'tacho' if tachometers else 'notacho'}"
+    folder.mkdir(parents=True, exist_ok=True)
+    end = time.time() + 60.0 * arguments.minutes
+    for label, index, effects in tasks(arguments.kind, arguments.count):
+        path = folder / f"{label}-{index:04d}.json"
+        if path.exists():
+            continue
+        if time.time() > end:
+            print("time is up; run again to go on")
+            break
+        try:
+            row = run_one(arguments.kind, label, index, effects, tachometers, arguments.power, arguments.level)
+        except BayesInertiaError as error:
+            row = {"kind": arguments.kind, "label": label, "index": index, "hidden": [e.name for e in effects], "error": str(error)}
+        write_atomically(path, json.dumps(row) + "\n")
+        print(label, index, row.get("verdict"), row.get("named"), row.get("ambiguous_with"), f"{row.get('seconds', 0):.1f} s", flush=True)
+
+
+if __name__ == "__main__":
+    main()
+
+
