@@ -225,7 +225,12 @@ def write_result(result: Result, pictures: dict[str, Figure], out: Path) -> None
 def write_page(out: Path) -> Path:
     """`analyses/PAPER.md` from all results under `out`."""
     found = [json.loads(p.read_text(encoding="utf-8")) for n in ANALYSES if (p := out / "analyses" / "results" / f"{n}.json").is_file()]
-    return write_atomically(out / "analyses" / "PAPER.md", "\n".join([_INTRODUCTION, *map(_section, found)]))
+    return write_atomically(out / "analyses" / "PAPER.md", "\n".join([_INTRODUCTION, _overview(found), *map(_section, found)]))
+
+
+def _overview(found: list[dict]) -> str:
+    rows = [f"| {paper} | {verdict} |" for result in found for paper, _, verdict in result["claims"]]
+    return "\n".join(["## In one table", "", "| the paper says | agree? |", "|---|---|", *rows, ""])
 
 
 _INTRODUCTION = """# Ferguson's paper, run again

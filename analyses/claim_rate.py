@@ -1,0 +1,195 @@
+"""Claim about slew rate: the cross terms need about 1 deg/s, for the gyric motion.
+
+Run it with `python analyses/claim_rate.py` (about two minutes).
+"""
+
+# Printed text has typographic signs on purpose.
+# ruff: noqa: RUF001
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+from common import DEG, NAMES, SIMULATION, Result, Table, flown, run, spacecraft_of
+from matplotlib.figure import Figure
+
+from bayes_inertia.effect import Effect
+from bayes_inertia.estimate import estimate
+from bayes_inertia.model import Model
+from bayes_inertia.plan import Plan, PlannedSlew, paper_like_plan
+from bayes_inertia.plots import style
+
+TRUTH = SIMULATION.truth
+COAST = 100.0  # [s] in every slew, whatever its rate, so that all campaigns have equally much telemetry
+DURATION = 206.0
+FAST, SLOW = 20.0, 60.0  # ramp times [s]
+
+
+@dataclass(frozen=True)
+class WithoutGyricTorque(Effect):
+    """A world without the term w x (J w + G H): what is left of J's influence is angular acceleration."""
+
+    name: ClassVar[str] = "without_gyric_torque"
+
+    def body_torque(self, p, slew, t, state):
+        wheels = slew.wheel_axes_B @ state.wheel_momentum
+        return jnp.cross(state.rate_B, state.inertia_B @ state.rate_B + wheels)
+
+
+def plan_of(rate: float, ramp: float = FAST) -> Plan:
+    """The paper-like axes at another rate [rad/s], ramps of `ramp` seconds, equal duration and (for all ramps) equal angle at equal rate."""
+    base = paper_like_plan()
+    settings = {"rate": rate, "acceleration": rate / ramp, "duration": DURATION}
+    # The angle is a hair larger than the ramps need, so that the rate is reached.
+    slews = tuple(PlannedSlew(s.axis_B, rate * (COAST + FAST) * 1.0001, **settings) for s in base.slews)
+    return Plan("rates", slews, base.start_attitude, base.wheel_momentum)
+
+
+def sd_of(rate: float, effects: tuple[Effect, ...] = (), ramp: float = FAST) -> np.ndarray:
+    """sd (9,) that five slews at this rate give (flown without noise)."""
+    values = {e.name: {} for e in effects}
+    craft = spacecraft_of(TRUTH, bias=(0.0, 0.0, 0.0), effects=effects, values=values)
+    flight = flown(plan_of(rate, ramp), craft, seed=None)
+    return estimate(Model(flight.campaign, effects), starts=1, start=TRUTH).sd[:9]
+
+
+def errors_of(rate: float, seeds: int) -> np.ndarray:
+    """Errors (seeds, 9) of WLS in flights with noise."""
+    plan = plan_of(rate)
+    return np.array([estimate(Model(flown(plan, spacecraft_of(TRUTH), seed=s).campaign), starts=1).theta - TRUTH for s in range(seeds)])
+
+
+def rms(values: np.ndarray) -> float:
+    """Root mean square over the three products of inertia (last axis), and everything before it."""
+    return float(np.sqrt(np.mean(np.square(values[..., 3:6]))))
+
+
+def gyric_only(both: np.ndarray, without: np.ndarray) -> np.ndarray:
+    """sd that the gyroscopic part alone would give: information adds up."""
+    return 1.0 / np.sqrt(np.maximum(1.0 / both**2 - 1.0 / without**2, 1e-300))
+
+
+@style.styled
+def picture(rates: np.ndarray, curves: dict[str, np.ndarray], dots: dict[float, np.ndarray]) -> Figure:
+    """Accuracy of the cross terms against rate."""
+    figure = Figure(figsize=(style.WIDTH, 4.2), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
+    looks = {
+        "both": (style.BLUE, "-", 2.0, "both"),
+        "acceleration": (style.ORANGE, (0, (5, 2)), 1.6, "angular acceleration alone"),
+        "gyric": (style.GREEN, (0, (1.5, 1.2)), 1.8, "gyroscopic part alone (difference)"),
+        "slow": (style.PURPLE, (0, (6, 2, 1.5, 2)), 1.4, f"both, ramps of {SLOW:.0f} s instead of {FAST:.0f} s"),
+    }
+    for key, values in curves.items():
+        if key in looks:
+            color, dash, width, label = looks[key]
+            shown = np.where(values < 0.2, values, np.nan)
+            left.plot(rates, shown, color=color, ls=dash, lw=width, label=label)
+    for rate, errors in dots.items():
+        n = errors[:, 3:6].size
+        value = rms(errors)
+        # chi-square interval of a root mean square of n errors
+        left.errorbar(
+            rate,
+            value,
+            value * 2 / math.sqrt(2 * n),
+            color=style.INK,
+            marker="o",
+            ms=4.5,
+            capsize=2,
+            label="errors of simulated campaigns (±2 sd)" if rate == min(dots) else None,
+        )
+    went_in = rms(SIMULATION.initial - TRUTH)
+    left.axhline(went_in, color=style.VERMILLION, lw=1.0, ls=(0, (4, 3)))
+    left.text(rates[0], went_in * 0.93, "error of the paper's initial estimate", color=style.VERMILLION, fontsize=8, va="top")
+    left.axvline(1.0, color=style.MUTED, lw=0.8, ls=(0, (4, 3)))
+    left.set(
+        xscale="log",
+        yscale="log",
+        xlabel="slew rate [deg/s]",
+        ylabel="sd of a product of inertia [kg m²] (rms of three)",
+        title="Cross terms: both parts get better with rate",
+    )
+    left.legend(loc="upper right")
+    for i, (name, values) in enumerate(curves["all"].items()):
+        right.plot(rates, values, color=style.color(i % 3), ls=style.DASHES[i // 3], lw=1.4, label=name)
+    right.set(xscale="log", yscale="log", xlabel="slew rate [deg/s]", ylabel="sd [kg m²; K: –]", title="All nine parameters")
+    right.legend(ncols=3, loc="upper right", fontsize=8)
+    for ax in (left, right):
+        ax.set_xticks([0.05, 0.1, 0.2, 0.5, 1.0, 2.0], ["0.05", "0.1", "0.2", "0.5", "1", "2"])
+        ax.minorticks_off()
+    return figure
+
+
+def analysis(quick: bool = False):
+    """sd against rate, with and without gyroscopic torque."""
+    rates = np.array([0.05, 1.0]) if quick else np.array([0.05, 0.07, 0.1, 0.14, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0])
+    both = np.array([sd_of(r * DEG) for r in rates])
+    without = both * np.nan if quick else np.array([sd_of(r * DEG, (WithoutGyricTorque(),)) for r in rates])
+    slow = np.array([sd_of(r * DEG, ramp=SLOW) for r in rates])
+    dots = {} if quick else {r: errors_of(r * DEG, 12) for r in (0.05, 0.2, 1.0, 2.0)}
+    of = {key: np.array([rms(row) for row in values]) for key, values in (("both", both), ("acceleration", without), ("slow", slow))}
+    of["gyric"] = gyric_only(of["both"], of["acceleration"])
+    curves = of | {"all": {name: both[:, i] for i, name in enumerate(NAMES)}}
+    at_one, at_slow = of["both"][rates == 1.0][0], of["both"][0]
+    slopes = {k: float(np.polyfit(np.log(rates[-4:]), np.log(v[-4:]), 1)[0]) for k, v in of.items() if np.isfinite(v).all()}
+    numbers = {"sd_at_0.05": float(at_slow), "sd_at_1": float(at_one)}
+    if quick:
+        return Result("claim_rate", "Slew rate", [("", "", "")], (), (), (), numbers), {}
+    share = (of["both"] / of["gyric"]) ** 2
+    needed = float(np.exp(np.interp(0.0, np.log(rms(SIMULATION.initial - TRUTH) / of["both"]), np.log(rates))))
+    rows = [
+        [f"{r:g}", *(f"{of[k][i]:.1e}" if of[k][i] < 1.0 else "none" for k in ("both", "acceleration", "gyric", "slow")), f"{100 * share[i]:.0f} %"]
+        for i, r in enumerate(rates)
+    ]
+    table = Table(
+        "sd of a product of inertia [kg m²] (rms of three) from five slews at our noise",
+        ("rate [deg/s]", "both", "acceleration alone", "gyroscopic alone", f"both, ramps of {SLOW:.0f} s", "share of information that is gyroscopic"),
+        rows,
+    )
+    half = float(np.interp(0.5, share, rates)) if share.max() > 0.5 else math.inf
+    gone = (
+        "the gyroscopic part never gives more than half of the information"
+        if math.isinf(half)
+        else f"the gyroscopic part gives half of the information from {half:.1f} deg/s on"
+    )
+    worst = max(abs(rms(e) / np.interp(r, rates, of["both"]) - 1.0) * math.sqrt(2 * e[:, 3:6].size) for r, e in dots.items())
+    at = int(np.flatnonzero(rates == 1.0)[0])
+    claims = [
+        (
+            "about 1 deg/s is needed for the gyric motion to show the cross terms",
+            f"sd {at_slow:.1e} kg m² at 0.05 deg/s, {at_one:.1e} at 1 deg/s, {of['both'][-1]:.1e} at 2; at 1 deg/s {100 * share[at]:.0f} % of the "
+            f"information is gyroscopic, and {gone}. "
+            f"It is better than the paper's initial cross terms from {needed:.2f} deg/s on",
+            f"**{'no threshold' if share[at] < 0.5 else 'in part'}**: the sd falls smoothly (as rate to the power {slopes['both']:.1f}). Angular "
+            f"acceleration alone determines the cross terms to {of['acceleration'][at]:.1e} kg m² at 1 deg/s",
+        ),
+        (
+            "(the ramps do not matter)",
+            f"ramps of {SLOW:.0f} s instead of {FAST:.0f} s at 1 deg/s: sd {of['slow'][at]:.1e} instead of {at_one:.1e} kg m²",
+            "acceleration matters as much as rate: where rate is limited, ramp harder",
+        ),
+    ]
+    figures = [
+        (
+            "claim_rate.png",
+            f"Accuracy of the cross terms against slew rate; equal telemetry ({DURATION:.0f} s a slew), coast {COAST:.0f} s, ramps {FAST:.0f} s; lines "
+            "from the information matrix, dots from refitted campaigns",
+        )
+    ]
+    notes = [
+        "The part of angular acceleration is measured in a world without the term w × (J w + G H): a torque that cancels it acts in the simulator and in "
+        "the model, "
+        "and the closed loop flies the same slews. The gyroscopic part is the difference of information, 1/sd² − 1/sd²; for correlated parameters that "
+        "is a summary, not a theorem.",
+        f"Errors of refitted campaigns agree with the curve: the largest deviation of their rms is {worst:.1f} times its own sd. Larger rates turn the "
+        "spacecraft further (2 deg/s: 240 deg), as equal telemetry demands.",
+    ]
+    return Result("claim_rate", "Cross terms and slew rate", claims, [table], figures, notes, numbers), {"claim_rate.png": picture(rates, curves, dots)}
+
+
+if __name__ == "__main__":
+    run(__doc__, analysis)
