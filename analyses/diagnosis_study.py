@@ -2,8 +2,8 @@
 
 Every campaign has its own J, K, bias, start attitude, angles and senses of its slews, and wheel momenta, drawn from the prior,
 flown in closed loop with the hidden effect. The amplitude is set by the ideal test: the non-centrality of the hidden
-effect's score, projected off everything that is fitted, in a noise-free copy of the campaign. Results are kept one file a
-campaign, written atomically: a killed study goes on where it was.
+effect's score, projected off everything that is fitted, in a noise-free copy of the campaign. Results are one line a
+campaign in a file that is replaced atomically: a killed study goes on where it was.
 
     python analyses/diagnosis_study.py --kind clean --count 200
 """
@@ -34,7 +34,7 @@ from bayes_inertia.simulation import draw_flight
 from bayes_inertia.spacecraft import most_like_prior, most_like_spacecraft
 
 HERE = Path(__file__).parent
-FOLDER = HERE / "results" / "diagnosis_study"
+FOLDER = HERE / "results"
 RULES = Rules()
 # Effects without a trace in these campaigns: fixes are taken at rest, so that their time stamps do not matter.
 INVISIBLE = ("star_tracker_time_offset",)
@@ -141,11 +141,12 @@ def scaled(values: dict, size: float) -> dict:
 
 
 def amplitude_for(effect: Effect, values: dict, wanted: float, seed, tachometers: bool) -> float:
-    """Multiple of `values` at which the projected signal has the wanted non-centrality (two tangent steps)."""
-    size = 1e-2
-    for _ in range(4):
-        size = size * np.sqrt(wanted / max(_signal(effect, scaled(values, size), seed, tachometers), 1e-12))
-        size = float(np.clip(size, 1e-9, 30.0))
+    """Multiple of `values` at which the projected signal has the wanted non-centrality (three steps of a secant)."""
+    # A flexible mode's signal is of second order in its coupling.
+    order, size, largest = (4.0, 0.5, 4.0) if effect.name == "flexible_mode" else (2.0, 1e-2, 30.0)
+    for _ in range(3):
+        size *= (wanted / max(_signal(effect, scaled(values, size), seed, tachometers), 1e-12)) ** (1.0 / order)
+        size = float(np.clip(size, 1e-9, largest))
     return size
 
 
@@ -181,7 +182,9 @@ def run_one(kind: str, label: str, index: int, effects: tuple[Effect, ...], tach
             continue
         drawn = direction(effect, rng)
         dof = sum(len(p.names) for p in effect.parameters(template_campaign()) if not p.priors[0].logarithmic)
-        sizes[effect.name] = amplitude_for(effect, drawn, noncentrality(power, dof, level), np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key), tachometers)
+        sizes[effect.name] = amplitude_for(
+            effect, drawn, noncentrality(power, dof, level), np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key), tachometers
+        )
         values[effect.name] = scaled(drawn, sizes[effect.name])
     campaign, flight = draw(np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key), effects, values, tachometers)
     began = time.perf_counter()
@@ -239,12 +242,12 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=60.0, help="stop after this time")
     arguments = parser.parse_args()
     tachometers = not arguments.without_tachometers
-    folder = FOLDER / f"{arguments.kind}-{arguments.power:g}-{'tacho' if tachometers else 'notacho'}"
-    folder.mkdir(parents=True, exist_ok=True)
+    path = FOLDER / f"diagnosis_{arguments.kind}_{arguments.power:g}_{'tacho' if tachometers else 'notacho'}.jsonl"
+    rows = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
+    done = {(row["label"], row["index"]) for row in rows}
     end = time.time() + 60.0 * arguments.minutes
     for label, index, effects in tasks(arguments.kind, arguments.count):
-        path = folder / f"{label}-{index:04d}.json"
-        if path.exists():
+        if (label, index) in done:
             continue
         if time.time() > end:
             print("time is up; run again to go on")
@@ -253,11 +256,10 @@ def main() -> None:
             row = run_one(arguments.kind, label, index, effects, tachometers, arguments.power, arguments.level)
         except BayesInertiaError as error:
             row = {"kind": arguments.kind, "label": label, "index": index, "hidden": [e.name for e in effects], "error": str(error)}
-        write_atomically(path, json.dumps(row) + "\n")
+        rows.append(row)
+        write_atomically(path, "".join(json.dumps(r) + "\n" for r in rows))
         print(label, index, row.get("verdict"), row.get("named"), row.get("ambiguous_with"), f"{row.get('seconds', 0):.1f} s", flush=True)
 
 
 if __name__ == "__main__":
     main()
-
-

@@ -357,9 +357,12 @@ def _about(at: Estimate, chains: Chains) -> dict[str, Any]:
 def gates(at: Estimate, chains: Chains) -> list[dict[str, Any]]:
     """What must hold before the numbers are used: [{name, passed, says}], in plain words."""
     found = chains.diagnostics
-    rejected = [key for key, test in at.tests.items() if test.rejected]
+    rejected = [key for key, test in at.tests.items() if test.too_large]
+    small = [key for key, test in at.tests.items() if test.rejected and not test.too_large]
     loud = [f"{key} (reduced chi^2 {at.tests[key].reduced_chi2:.3g})" for key in rejected]
     explained = "the residuals are what the model and the stated noise predict"
+    if small:
+        explained = f"the residuals are smaller than the stated noise ({', '.join(small)}): the uncertainties are too cautious"
     if rejected:
         explained = (
             f"the model does not explain the data: {', '.join(loud)}; use robust_sd, "

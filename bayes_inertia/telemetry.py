@@ -15,10 +15,12 @@ from jax import Array
 from bayes_inertia.campaign import Campaign, Slew
 from bayes_inertia.dynamics import SlewInput
 from bayes_inertia.effect import SlewContext
+from bayes_inertia.errors import CampaignError
 
 CHANNELS = ("rate", "attitude", "momentum")
 # Rows are padded to a multiple of this so that campaigns of similar length share compiled code.
 _PAD = 32
+_MOST_POINTS = 1e6
 
 
 class Telemetry(NamedTuple):
@@ -60,12 +62,18 @@ class Arrays(NamedTuple):
 def refined_grid(time: np.ndarray, max_step: float | None) -> tuple[np.ndarray, np.ndarray]:
     """Integration times that contain every sample time with no step above `max_step` [s], and the samples' indices.
 
+    Raises `CampaignError` if that takes more than a million steps.
+
     >>> refined_grid(np.array([0.0, 1.0, 1.5]), 0.5)
     (array([0. , 0.5, 1. , 1.5]), array([0, 2, 3]))
     """
     if max_step is None:
         return time, np.arange(len(time))
-    parts = np.maximum(1, np.ceil(np.diff(time) / max_step - 1e-9)).astype(int)
+    wanted = np.maximum(1.0, np.ceil(np.diff(time) / max_step - 1e-9))
+    if not wanted.sum() < _MOST_POINTS:
+        what = f"integrating {time[-1] - time[0]:.6g} s in steps of {max_step:.3g} s is too much"
+        raise CampaignError(what, where="rate columns", advice="check the unit of the rates and of time: such fast rotation is not plausible")
+    parts = wanted.astype(int)
     sample = np.concatenate([[0], np.cumsum(parts)])
     steps = np.repeat(np.diff(time) / parts, parts)
     grid = np.concatenate([[time[0]], time[0] + np.cumsum(steps)])

@@ -142,7 +142,8 @@ def verdict(summary: Mapping[str, Any], n_slews: int) -> Verdict:
     if not explained:
         sentences += _unexplained(misfit, small, has_robust)
     else:
-        sentences.append("The model explains the data: the residuals are what the model and the stated noise predict.")
+        says = next((gate["says"] for gate in summary["gates"] if gate["name"] == "explained"), "the residuals are as predicted")
+        sentences.append(f"The model explains the data: {printed(says)}.")
     other = [printed(gate["says"]) for gate in summary["gates"] if not gate["passed"] and gate["name"] not in ("converged", "explained")]
     sentences += [f"{text[0].upper()}{text[1:]}." for text in other]
     sentences += _starts(fit["starts_agreeing"])
