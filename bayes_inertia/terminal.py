@@ -9,11 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.box import SIMPLE
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from bayes_inertia.campaign import Campaign
+
+_WORDS = {"determined": "yes", "partly determined": "partly", "not determined": "no"}
 
 
 @contextmanager
@@ -51,27 +54,50 @@ def show_campaign(campaign: Campaign) -> None:
 
 def show_summary(summary: dict[str, Any], folder: Path) -> None:
     """Print a fit's verdict first, then its numbers."""
+    from bayes_inertia.report import wording
+
     console = Console()
     if summary["trusted"]:
-        console.print(f"[bold green]The result can be used.[/bold green] {' '.join(g['says'] + '.' for g in summary['gates'])}")
+        console.print("[bold green]The result can be used.[/bold green]")
     else:
-        console.print("[bold red]Do not use the sd of this result as its uncertainty.[/bold red]")
-        for reason in summary["reasons"]:
-            console.print(f"  {reason}")
-    table = Table("parameter", "estimate", "uncertainty", "robust sd", "prior sd", "contraction", "unit", "determined")
+        console.print("[bold red]Do not use this result as it stands.[/bold red]")
+    for gate in summary["gates"]:
+        console.print(f"  {'[green]passed[/green]' if gate['passed'] else '[red]FAILED[/red]'} {gate['name']}: {gate['says']}")
+    table = Table(box=SIMPLE)
+    for heading in ("name", "estimate", "± sd", "unit", "prior sd", "contraction", "determined"):
+        table.add_column(heading, no_wrap=True)
     for name, p in summary["parameters"].items():
-        robust = p["robust_sd"]
-        quoted = max(p["sd"], robust or 0.0)
-        digits = max(0, 1 - int(np.floor(np.log10(quoted)))) if quoted > 0 else 6
-        word = "yes" if p["contraction"] > 0.9 else ("partly" if p["observable"] else "no: prior")
-        shown = "-" if robust is None else f"{robust:.2g}"
-        table.add_row(name, f"{p['mean']:.{min(digits, 10)}f}", f"{quoted:.2g}", shown, f"{p['prior_sd']:.2g}", f"{p['contraction']:.4f}", p["unit"], word)
+        used = wording.quoted(p["sd"], p["robust_sd"])
+        power = wording.exponent(p["mean"], used.sd)
+        gained = wording.contraction(used.sd, p["prior_sd"])
+        shown = [wording.number(value, used.sd, power) for value in (p["mean"], used.sd)]
+        prior = f"{p['prior_sd'] / 10.0**power:.2g}"
+        table.add_row(name, *shown, wording.unit_text(p["unit"], power), prior, wording.contraction_text(gained), _WORDS[wording.determined(gained)])
     console.print(table)
+    console.print("sd: the larger of the model's and of what the scatter between slews supports")
     chi2 = ", ".join(f"{key} {value:.3f}" for key, value in summary["fit"]["reduced_chi2"].items() if value is not None)
     found = summary["diagnostics"]
     console.print(f"reduced chi^2: {chi2}")
     console.print(f"{found['ess_bulk_min']:.0f} effective samples from {found['evaluations']} evaluations in {found['seconds']:.1f} s")
     console.print(f"wrote posterior.nc, summary.json and report.html in {folder}")
+
+
+def show_diagnosis(content: dict[str, Any]) -> None:
+    """Print a diagnosis' verdict first, then why, and the best candidates."""
+    from bayes_inertia.report.diagnosis_wording import verdict
+
+    console = Console()
+    said = verdict(content)
+    color = {"good": "green", "caution": "yellow", "bad": "red"}[said.level]
+    console.print(f"[bold {color}]{said.title}[/bold {color}]")
+    for sentence in said.sentences:
+        console.print(f"  {sentence}")
+    table = Table("candidate", "score", "directions", "p", "log Bayes factor", "")
+    for c in [c for c in content["candidates"] if c["p_value"] is not None][:6]:
+        word = "named" if c["effect"] in content["named"] else "significant alone" if c["p_value"] < content["threshold"] else ""
+        table.add_row(c["effect"], f"{c['score']:.4g}", str(c["dof"]), f"{c['p_value']:.2g}", f"{c['log_bayes_factor']:.4g}", word)
+    console.print(table)
+    console.print("wrote diagnosis.json")
 
 
 def show_installation() -> None:
