@@ -90,10 +90,12 @@ def stale_picture(offsets: np.ndarray, found: dict[str, np.ndarray]) -> Figure:
     )
     for ax, (index, title, scale, label) in zip(panels, groups, strict=True):
         for kind, color, marker in (("trusted", style.VERMILLION, "o"), ("fitted", style.BLUE, "s")):
-            rms = np.sqrt(np.mean(np.square(found[kind][..., index] * scale), axis=(1, 2)))
+            each = np.sqrt(np.mean(np.square(found[kind][..., index] * scale), axis=2))
+            ax.fill_between(hours, each.min(1), each.max(1), color=color, alpha=0.2, lw=0)
+            rms = np.sqrt(np.mean(each**2, axis=1))
             name = {"trusted": "snapshot taken as exact", "fitted": "bias fitted along"}[kind]
             ax.plot(hours, rms, color=color, marker=marker, ms=5, lw=1.2, label=name)
-        ax.set(yscale="log", xlabel="bias since the snapshot [deg/h]", ylabel=label, title=title)
+        ax.set(ylim=(0.0, None), xlabel="bias since the snapshot [deg/h]", ylabel=label, title=title)
     panels[0].legend()
     return figure
 
@@ -134,7 +136,7 @@ def dipole_picture(halves: np.ndarray, found: list[dict[str, np.ndarray]], check
 
 def analysis(quick: bool = False):
     """Bias and magnetic dipole."""
-    offsets = (np.array([0.0, 20.0]) if quick else np.array([0.0, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0])) * DEG / 3600.0
+    offsets = (np.array([0.0, 20.0]) if quick else np.array([0.0, 2.0, 5.0, 10.0, 20.0])) * DEG / 3600.0
     bias = stale(offsets, 1 if quick else 4)
     rms = {k: np.sqrt(np.mean(np.square(v), axis=1)) for k, v in bias.items()}
     pictures = {"claim_stale_bias.png": stale_picture(offsets, bias)}
@@ -180,7 +182,7 @@ def analysis(quick: bool = False):
     header = ("half orbits", *(f"{part}: {k}" for part in ("diagonal", "cross") for k in size))
     tables = [Table(f"rms error [10⁻³ kg m²] from a dipole of {DIPOLE} A m² a component", header, rows)]
     figures = [
-        ("claim_stale_bias.png", "Errors when the bias has moved since the snapshot, on all axes (rms over 4 flights)"),
+        ("claim_stale_bias.png", "Errors when the bias has moved since the snapshot, on all axes (rms over 4 flights; bands: the flights)"),
         (
             "claim_magnetic.png",
             f"Errors from a dipole of {DIPOLE} A m² a component against the campaign's length; bands: six places on the orbit to begin; dots: 16 refitted "

@@ -24,7 +24,7 @@ from bayes_inertia.plots import style
 
 TRUTH = SIMULATION.truth
 COAST = 100.0  # [s] in every slew, whatever its rate, so that all campaigns have equally much telemetry
-DURATION = 206.0
+DURATION = 246.0
 FAST, SLOW = 20.0, 60.0  # ramp times [s]
 
 

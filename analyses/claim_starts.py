@@ -108,7 +108,7 @@ def analysis(quick: bool = False):
     rng = np.random.default_rng(30)
     campaign = flown(paper_like_plan(), spacecraft_of(TRUTH), seed=3).campaign
     sizes = np.array([0.3]) if quick else np.array([0.1, 0.3, 0.5, 0.7, 0.9])
-    counts = np.array([6]) if quick else np.array([30, 200, 30, 30, 30])
+    counts = np.array([6]) if quick else np.array([20, 200, 20, 20, 20])
     both, starts, misfits = tried(campaign, sizes, counts, rng)
     distances, rescued, limit = [d[:, 0] for d in both], [d[:, 1] for d in both], LIMIT
     k = int(np.flatnonzero(sizes == 0.3)[0])
