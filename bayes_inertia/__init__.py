@@ -23,7 +23,7 @@ jax.config.update("jax_cpu_enable_async_dispatch", False)
 
 __version__ = "0.1.0"
 
-# Public names and where they live; loaded on first use, so that a quick check does not pay for samplers and plots.
+# Further public names and where they live, loaded on first use: plots and reports take a second to import.
 _PUBLIC = {
     "Campaign": "campaign",
     "InertiaPrior": "campaign",
@@ -37,15 +37,12 @@ _PUBLIC = {
     "Posterior": "posterior",
     "Settings": "sample",
     "check_effect": "testing",
-    "diagnose": "diagnose",
-    "estimate": "estimate",
-    "fit": "fit",
     "read_campaign": "io",
     "write_campaign": "io",
     "write_report": "report",
 }
 
-__all__ = sorted(_PUBLIC)
+__all__ = sorted([*_PUBLIC, "diagnose", "estimate", "fit"])
 
 
 def __getattr__(name: str) -> Any:
@@ -56,3 +53,10 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return [*globals(), *__all__]
+
+
+# After everything above, because these modules need it. They are bound here and not on first use because a module and its
+# function share a name: the function must win.
+from bayes_inertia.diagnose import diagnose  # noqa: E402, F401
+from bayes_inertia.estimate import estimate  # noqa: E402, F401
+from bayes_inertia.fit import fit  # noqa: E402, F401
