@@ -46,6 +46,16 @@ def fit(campaign: Campaign, out: Out, effects: Effects = "", drive: DriveName = 
 
 
 @app.command()
+def diagnose(campaign: Campaign, out: Out, drive: DriveName = None, seed: Seed = 0, report: bool = True) -> None:
+    """Find which physical effect is missing from the model: diagnosis.json, and the fit with what was found."""
+    from bayes_inertia import run
+    from bayes_inertia.sample import Settings
+
+    run.start(campaign, out, drive=drive, settings=run.with_seed(Settings(), seed), kind="diagnose")
+    _finish(out, report)
+
+
+@app.command()
 def resume(run: Annotated[Path, typer.Argument(help="Folder of a run that was interrupted.")], report: bool = True) -> None:
     """Go on with an interrupted fit, bit for bit as if it had never stopped."""
     _finish(run, report)
@@ -53,11 +63,13 @@ def resume(run: Annotated[Path, typer.Argument(help="Folder of a run that was in
 
 @app.command("report")
 def report_(run: Annotated[Path, typer.Argument(help="Folder of a finished run.")]) -> None:
-    """Write report.html again from posterior.nc."""
+    """Write report.html again from posterior.nc (and diagnosis.json)."""
     from bayes_inertia.posterior import Posterior
     from bayes_inertia.report import write_report
+    from bayes_inertia.run import sections
 
-    path = write_report(Posterior.load(run / "posterior.nc"), run / "report.html")
+    posterior = Posterior.load(run / "posterior.nc")
+    path = write_report(posterior, run / "report.html", sections(posterior, run))
     typer.echo(f"wrote {path}")
 
 
@@ -100,12 +112,15 @@ def doctor() -> None:
 
 def _finish(folder: Path, report: bool) -> None:
     from bayes_inertia import run
-    from bayes_inertia.terminal import progress_bar, show_summary
+    from bayes_inertia.terminal import progress_bar, show_diagnosis, show_summary
 
     with progress_bar() as progress:
         posterior = run.finish(folder, report=report, progress=progress)
+    content = run.read_diagnosis(folder)
+    if content is not None:
+        show_diagnosis(content)
     show_summary(posterior.summary(), folder)
-    if not posterior.trusted:
+    if not posterior.trusted or (content is not None and content["verdict"] == "unknown"):
         raise typer.Exit(3)
 
 

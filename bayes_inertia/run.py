@@ -2,6 +2,7 @@
 
 `RUN/run.json` (what is fitted, with which seed), `RUN/campaign/` (a copy of the telemetry),
 `RUN/chains/` (emcee's HDF5 chains, growing), and when done `posterior.nc`, `summary.json`, `report.html`.
+A diagnosis first writes `diagnosis.json`; what it names is then fitted in full.
 """
 
 from __future__ import annotations
@@ -10,28 +11,36 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any, Literal
 
 from bayes_inertia import __version__
+from bayes_inertia.campaign import Campaign
+from bayes_inertia.diagnose import diagnose
+from bayes_inertia.diagnosis_file import effects_of, to_json
+from bayes_inertia.disagreement import disagreement
 from bayes_inertia.dynamics import Drive
 from bayes_inertia.effects import by_name
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.fit import fit
 from bayes_inertia.io import campaign_sha256, copy_campaign, read_campaign, write_atomically
 from bayes_inertia.posterior import Posterior
-from bayes_inertia.report import write_report
+from bayes_inertia.report import Section, diagnosis_sections, standard_sections, write_report
 from bayes_inertia.sample import Progress, Settings
+from bayes_inertia.unknown import unknown_torque
 
 FORMAT = "bayes-inertia-run/1"
 
 
 @dataclass(frozen=True)
 class Run:
-    """What a run folder fits: `campaign_sha256`, names of the `effects`, `drive`, sampler `settings` (seed included)."""
+    """What a run folder fits: `campaign_sha256`, names of the `effects`, `drive`, sampler `settings` (seed included); of the
+    `kind` "diagnose" it fits what its diagnosis names."""
 
     campaign_sha256: str
     effects: tuple[str, ...]
     drive: Drive | None
     settings: Settings
+    kind: Literal["fit", "diagnose"] = "fit"
 
     def to_json(self) -> str:
         """The content of run.json."""
@@ -48,12 +57,20 @@ def read_run(folder: Path) -> Run:
         content = json.loads(path.read_text())
         if content["format"] != FORMAT:
             raise ValueError(f"format {content['format']!r}")
-        return Run(content["campaign_sha256"], tuple(content["effects"]), content["drive"], Settings(**content["settings"]))
+        return Run(content["campaign_sha256"], tuple(content["effects"]), content["drive"], Settings(**content["settings"]), content.get("kind", "fit"))
     except (ValueError, KeyError, TypeError) as error:
         raise CampaignError(f"not a run description ({error})", where=str(path), advice="start a new run in another folder") from error
 
 
-def start(campaign: Path, folder: Path, *, effects: Sequence[str] = (), drive: Drive | None = None, settings: Settings | None = None) -> Run:
+def start(
+    campaign: Path,
+    folder: Path,
+    *,
+    effects: Sequence[str] = (),
+    drive: Drive | None = None,
+    settings: Settings | None = None,
+    kind: Literal["fit", "diagnose"] = "fit",
+) -> Run:
     """Begin a run in a folder, or find the same run there (then it goes on).
 
     Raises
@@ -63,13 +80,13 @@ def start(campaign: Path, folder: Path, *, effects: Sequence[str] = (), drive: D
     """
     read_campaign(campaign)
     by_name(effects)
-    run = Run(campaign_sha256(campaign), tuple(effects), drive, settings or Settings())
+    run = Run(campaign_sha256(campaign), tuple(effects), drive, settings or Settings(), kind)
     if folder.exists() and not folder.is_dir():
         raise OutputError("is a file, not a folder", where=str(folder), advice="choose another folder")
     if (folder / "run.json").is_file():
         _same_or_error(folder, read_run(folder), run)
         return run
-    taken = [name for name in ("posterior.nc", "summary.json", "report.html", "chains", "campaign") if (folder / name).exists()]
+    taken = [name for name in ("posterior.nc", "summary.json", "diagnosis.json", "report.html", "chains", "campaign") if (folder / name).exists()]
     if taken:
         raise OutputError(f"{taken[0]} is there already, without a run.json", where=str(folder), advice="choose an empty folder")
     copy_campaign(campaign, folder / "campaign")
@@ -96,9 +113,14 @@ def finish(folder: Path, *, report: bool = True, progress: Progress | None = Non
     run = read_run(folder)
     if campaign_sha256(folder / "campaign") != run.campaign_sha256:
         raise CampaignError("the run's copy of the campaign was changed", where=str(folder / "campaign"), advice="start a new run")
+    campaign, effects = read_campaign(folder / "campaign"), by_name(run.effects)
+    if run.kind == "diagnose":
+        content = _diagnosed(folder, campaign, run, progress)
+        effects = effects_of(content)
+        campaign = with_measured_noise(campaign, content["noise"]) if content["verdict"] != "unknown" else campaign
     posterior = fit(
-        read_campaign(folder / "campaign"),
-        effects=by_name(run.effects),
+        campaign,
+        effects=effects,
         drive=run.drive,
         seed=run.settings.seed,
         settings=run.settings,
@@ -111,8 +133,53 @@ def finish(folder: Path, *, report: bool = True, progress: Progress | None = Non
     if report:
         if progress:
             progress("writing the report", 0, 1)
-        write_report(posterior, folder / "report.html")
+        write_report(posterior, folder / "report.html", sections(posterior, folder))
     return posterior
+
+
+def sections(posterior: Posterior, folder: Path) -> list[Section]:
+    """The sections of a run's report: of its diagnosis, if it has one, then of its fit."""
+    content = read_diagnosis(folder)
+    return ([] if content is None else diagnosis_sections(content)) + standard_sections(posterior)
+
+
+def read_diagnosis(folder: Path) -> dict[str, Any] | None:
+    """The content of a run's diagnosis.json, None if it has none; CampaignError if it cannot be read."""
+    path = folder / "diagnosis.json"
+    if not path.is_file():
+        return None
+    try:
+        return json.loads(path.read_text())
+    except ValueError as error:
+        raise CampaignError(f"not a diagnosis ({error})", where=str(path), advice="delete it and run `bayes-inertia resume`") from error
+
+
+def _diagnosed(folder: Path, campaign: Campaign, run: Run, progress: Progress | None) -> dict[str, Any]:
+    """The run's diagnosis, made now unless it was made before the run was interrupted."""
+    done = read_diagnosis(folder)
+    if done is not None:
+        return done
+    if progress:
+        progress("diagnosing", 0, 1)
+    seed = run.settings.seed
+    found = diagnose(campaign, drive=run.drive, seed=seed)
+    before = disagreement(found.base, seed=seed)
+    changed = bool(found.steps) or any(factor > 1.0 for factor in found.noise.values())
+    after = disagreement(found.final, seed=seed, stated=False) if changed else None
+    unknown = unknown_torque(found.base) if found.verdict == "unknown" else None
+    content = to_json(found, before, after, unknown)
+    write_atomically(folder / "diagnosis.json", json.dumps(content, indent=None, separators=(", ", ": "), allow_nan=False) + "\n")
+    return content
+
+
+def with_measured_noise(campaign: Campaign, factors: dict[str, float]) -> Campaign:
+    """The campaign with each sensor's sigma multiplied by what a diagnosis measured of it."""
+    sensor, tracker = campaign.rate_sensor, campaign.star_tracker
+    louder = replace(sensor, sigma=tuple(factors["rate"] * s for s in sensor.sigma))
+    wheels = tuple(replace(w, momentum_sigma=w.momentum_sigma and factors["momentum"] * w.momentum_sigma) for w in campaign.wheels)
+    if tracker is not None:
+        tracker = replace(tracker, sigma_cross=factors["attitude"] * tracker.sigma_cross, sigma_roll=factors["attitude"] * tracker.sigma_roll)
+    return replace(campaign, rate_sensor=louder, wheels=wheels, star_tracker=tracker)
 
 
 def with_seed(settings: Settings, seed: int) -> Settings:

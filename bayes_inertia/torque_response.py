@@ -30,13 +30,14 @@ class TorqueResponse:
     Attributes
     ----------
     time : (slews, n) [s] of the integration grid, from each slew's zero (padding repeats the end).
-    rate_B : (slews, n, 3) [rad/s] and wheel_momentum (slews, n, wheels) [N m s] of the estimate.
+    attitude (slews, n, 4), rate_B (slews, n, 3) [rad/s] and wheel_momentum (slews, n, wheels) [N m s] of the estimate.
     transition : (slews, n, 6, 6) change of (attitude [rad, body axes], rate [rad/s]) per change of the start state.
     inverse_inertia : (3, 3) [1/(kg m^2)] from body momentum to body rate.
     """
 
     at: Estimate
     time: np.ndarray
+    attitude: np.ndarray
     rate_B: np.ndarray
     wheel_momentum: np.ndarray
     transition: np.ndarray
@@ -73,16 +74,14 @@ def torque_response(at: Estimate) -> TorqueResponse:
     """The linear response to body torques of all slews of an estimate."""
     model = at.model
     time = np.asarray(model.data.arrays.slews.context.time)
-    _attitude, rate, momentum, turn, change = (
-        np.asarray(x) for x in _tangents(model.structure, jnp.asarray(at.theta), jnp.asarray(at.point.local), model.data)
-    )
+    attitude, rate, momentum, turn, change = (np.asarray(x) for x in _tangents(model.structure, jnp.asarray(at.theta), jnp.asarray(at.point.local), model.data))
     transition = np.concatenate([turn, change], axis=-2)
     J = np.array(inertia.tensor(jnp.asarray(at.theta[:6])))
     spin = np.array(inertia.wheel_spin_tensor(jnp.asarray(model.campaign.wheel_axes_B), jnp.asarray(model.campaign.spin_inertias)))
     if model.structure.includes_wheel_spin:
         J = J - spin
     inverse = np.linalg.inv(J if model.structure.drive == "commanded" else J + spin)
-    return TorqueResponse(at, time, rate, momentum, transition, inverse)
+    return TorqueResponse(at, time, attitude, rate, momentum, transition, inverse)
 
 
 @partial(jax.jit, static_argnums=0)

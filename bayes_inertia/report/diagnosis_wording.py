@@ -1,0 +1,171 @@
+"""What the report says about a diagnosis, as pure functions of the content of diagnosis.json."""
+
+# Printed text has typographic signs on purpose.
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from bayes_inertia.report.wording import Verdict, exponent, listed, number, unit_text
+
+CHANNEL_NAMES = {"rate": "rate sensor", "attitude": "star tracker", "momentum": "wheel momentum", "total": "all channels"}
+_LEVELS = {"consistent": "good", "named": "good", "ambiguous": "caution", "unknown": "bad"}
+
+
+def plain(name: str) -> str:
+    """An effect's name as printed.
+
+    >>> plain("wheel_command_lag")
+    'wheel command lag'
+    """
+    return name.replace("_", " ")
+
+
+def verdict(content: Mapping[str, Any]) -> Verdict:
+    """What is missing, and what that means."""
+    title = headline(content)
+    sentences = [*_where(content), *_what(content)]
+    if content["verdict"] == "unknown":
+        sentences.append(
+            "The fit below is the base model's, with every slew counted for as much as its residuals allow: use the robust sd, and do not trust the sd."
+        )
+    elif content["steps"]:
+        sentences.append("The fit below includes the named effects: J and K are estimated together with them.")
+    else:
+        sentences.append("The fit below is the base model's.")
+    return Verdict(_LEVELS[content["verdict"]], title, tuple(sentences))
+
+
+def headline(content: Mapping[str, Any]) -> str:
+    """The verdict in one line.
+
+    >>> headline({"verdict": "consistent", "named": [], "ambiguous_with": []})
+    'Nothing is missing: the model explains the data.'
+    """
+    kind = content["verdict"]
+    if kind == "consistent":
+        return "Nothing is missing: the model explains the data."
+    if kind == "unknown":
+        return "Something is missing that no candidate explains."
+    names = [plain(n) for n in content["named"]]
+    if kind == "ambiguous":
+        sets = [f"{listed_or([plain(n) for n in group])}" for group in content["ambiguous_with"]]
+        sure = [plain(n) for n in content["named"] if not any(n in group for group in content["ambiguous_with"])]
+        also = f" Besides: {listed(sure)}." if sure else ""
+        return f"Something is missing: {'; and '.join(sets)}. This campaign cannot tell which.{also}"
+    if content["named"] == ["noise_level"]:
+        return "No effect is missing, but the noise is larger than stated."
+    return f"Found what is missing: {listed(names)}."
+
+
+def listed_or(items: Sequence[str]) -> str:
+    """Alternatives in a sentence.
+
+    >>> listed_or(["a", "b", "c"])
+    'either a, b or c'
+    """
+    return f"either {', '.join(items[:-1])} or {items[-1]}" if len(items) > 1 else "".join(items)
+
+
+def _where(content: Mapping[str, Any]) -> list[str]:
+    windows = content["disagreement"]
+    if not windows:
+        return ["The residuals of the base model were searched in every channel, slew and time window: nowhere are they more than noise explains."]
+    channels = [CHANNEL_NAMES[c] for c in ("rate", "attitude", "momentum") if any(w["channel"] == c for w in windows)]
+    slews = sorted({w["slew"] for w in windows})
+    worst = windows[0]
+    return [
+        f"The base model disagrees with the data of the {listed(channels)} in {len(slews)} slew{'s' if len(slews) > 1 else ''}, "
+        f"most clearly in {window_text(worst)} ({probability(worst['p_value'])} by chance anywhere in the campaign)."
+    ]
+
+
+def window_text(window: Mapping[str, Any]) -> str:
+    """A window in words.
+
+    >>> window_text({"channel": "rate", "slew": "slew 2", "component": "axis 1", "t_start": 3.25, "t_end": 40.0})
+    'slew 2, rate sensor axis 1, 3.25 to 40 s'
+    """
+    return f"{window['slew']}, {CHANNEL_NAMES[window['channel']]} {window['component']}, {window['t_start']:.4g} to {window['t_end']:.4g} s"
+
+
+def probability(p: float) -> str:
+    """A p-value in words.
+
+    >>> probability(0.03), probability(1e-300), probability(2.3e-7)
+    ('p = 0.03', 'p < 1e-100', 'p = 2e-07')
+    """
+    return "p < 1e-100" if p < 1e-100 else f"p = {p:.1g}"
+
+
+def _what(content: Mapping[str, Any]) -> list[str]:
+    said = [_step(step, content) for step in content["steps"]] if content["verdict"] != "unknown" else []
+    said += [
+        f"The noise of the {CHANNEL_NAMES[c]} is {f:.2f} times what campaign.toml states: correct it there." for c, f in content["noise"].items() if f > 1.0
+    ]
+    for group in content["ambiguous_with"]:
+        said.append(f"{listed([plain(n) for n in group]).capitalize()} would look so alike in this campaign that naming one of them would be a guess.")
+    if content["verdict"] == "unknown":
+        tried = sum(c["p_value"] is not None for c in content["candidates"])
+        said.append(f"None of the {tried} candidates brings the residuals down to the noise, so none is named.")
+        if content["unknown"]:
+            said.append(f"What is left looks like this: {content['unknown']['description']}.")
+    missing = [plain(s["effect"]) for s in content["skipped"]]
+    if missing:
+        said.append(f"Not tried for lack of columns: {listed(missing)}.")
+    return said
+
+
+def _step(step: Mapping[str, Any], content: Mapping[str, Any]) -> str:
+    before, after = step["reduced_chi2_before"]["total"], step["reduced_chi2_after"]["total"]
+    text = f"Adding {plain(step['added'])} takes the reduced χ² from {before:.4g} to {after:.4g}"
+    if step["held_out_before"] is not None:
+        text += f", and of slews left out of the fit from {step['held_out_before']:.4g} to {step['held_out_after']:.4g}"
+    values = next((c["parameters"] for c in content["candidates"] if c["effect"] == step["added"] and c["parameters"]), None)
+    return f"{text}. {parameters_text(values)}" if values else f"{text}."
+
+
+def parameters_text(values: Mapping[str, Mapping[str, Any]]) -> str:
+    """Parameters with their sd in a sentence.
+
+    >>> parameters_text({"tau": {"mean": 0.0512, "sd": 0.0013, "unit": "s"}})
+    'Found: tau = 0.0512 ± 0.0013 s.'
+    """
+    return f"Found: {'; '.join(f'{plain(name)} = {value_text(v)}' for name, v in values.items())}."
+
+
+def value_text(v: Mapping[str, Any]) -> str:
+    """A value with its sd and unit.
+
+    >>> value_text({"mean": 2.31e-6, "sd": 1.1e-7, "unit": "N m"})
+    '(2.31 ± 0.11) 10⁻⁶ N m'
+    """
+    power = exponent(v["mean"], v["sd"])
+    both = f"{number(v['mean'], v['sd'], power)} ± {number(v['sd'], v['sd'], power)}"
+    unit = unit_text(v["unit"], power) if v["unit"] or power else ""
+    return f"({both}) {unit}" if power else f"{both} {unit}".strip()
+
+
+def significance(candidate: Mapping[str, Any], threshold: float) -> str:
+    """One candidate in a word or two.
+
+    >>> significance({"p_value": 1e-9, "dof": 3, "reason": None}, 1e-3)
+    'significant'
+    """
+    if candidate["p_value"] is None:
+        return candidate["reason"]
+    if not candidate["dof"]:
+        return "cannot be seen in this campaign"
+    return "significant" if candidate["p_value"] < threshold else "not significant"
+
+
+def alike_text(content: Mapping[str, Any], most: int = 8) -> list[str]:
+    """Sentences on candidates that this campaign can hardly tell apart."""
+    pairs = content["alike"][:most]
+    said = [
+        f"{plain(p['effects'][0]).capitalize()} and {plain(p['effects'][1])} can imitate each other (canonical correlation {p['correlation']:.2f})."
+        for p in pairs
+    ]
+    if len(content["alike"]) > most:
+        said.append(f"{len(content['alike']) - most} further pairs correlate beyond 0.8 (see diagnosis.json).")
+    return said or ["No two candidates can imitate each other beyond a canonical correlation of 0.8."]
