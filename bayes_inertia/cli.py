@@ -56,6 +56,24 @@ def diagnose(campaign: Campaign, out: Out, drive: DriveName = None, seed: Seed =
 
 
 @app.command()
+def observe(
+    campaign: Campaign,
+    out: Out,
+    effects: Effects = "",
+    drive: DriveName = None,
+    seed: Seed = 0,
+    both_drives: Annotated[bool, typer.Option(help="Also estimate in the other drive: what are the recorded commands worth?")] = True,
+) -> None:
+    """Say how well each parameter is determined, and why not better: observability.json and observability.png."""
+    from bayes_inertia.observe import observe as look
+    from bayes_inertia.terminal import show_observability
+
+    names = [name.strip() for name in effects.split(",") if name.strip()]
+    seen = look(campaign, out, effects=names, drive=drive, seed=seed, both_drives=both_drives)
+    show_observability(seen, out)
+
+
+@app.command()
 def resume(run: Annotated[Path, typer.Argument(help="Folder of a run that was interrupted.")], report: bool = True) -> None:
     """Go on with an interrupted fit, bit for bit as if it had never stopped."""
     _finish(run, report)

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.box import SIMPLE
@@ -14,7 +14,11 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from bayes_inertia import observability_view
 from bayes_inertia.campaign import Campaign
+
+if TYPE_CHECKING:
+    from bayes_inertia.observe import Observed
 
 _WORDS = {"determined": "yes", "partly determined": "partly", "not determined": "no"}
 
@@ -98,6 +102,30 @@ def show_diagnosis(content: dict[str, Any]) -> None:
         table.add_row(c["effect"], f"{c['score']:.4g}", str(c["dof"]), f"{c['p_value']:.2g}", f"{c['log_bayes_factor']:.4g}", word)
     console.print(table)
     console.print("wrote diagnosis.json")
+
+
+def show_observability(seen: Observed, folder: Path) -> None:
+    """Print what a campaign tells about each parameter: a table, a sentence each, what it cannot tell, and where emcee differs."""
+    console, found = Console(), seen.found
+    table = Table("parameter", "prior sd", "sd", "contraction", "signal [sigma]", "sd lost to others", "commands worth", "unit", "determined")
+    for p in found.parameters:
+        worth = observability_view.commands_worth(p, found.drive)
+        lost, word = f"x{np.sqrt(p.variance_inflation):.2g}", {"determined": "yes", "prior": "no: prior"}.get(p.verdict, p.verdict)
+        shown = "-" if worth is None else f"x{worth:.2g}"
+        table.add_row(p.name, f"{p.prior_sd:.2g}", f"{p.sd:.2g}", f"{p.contraction:.4f}", f"{p.signal:.3g}", lost, shown, p.unit, word)
+    console.print(table)
+    for name in found.names:
+        console.print(f"  {observability_view.sentence(found, name)}", highlight=False)
+    weakest = [d for d in found.directions if d.verdict_is_prior] or list(found.directions[:1])
+    for d in weakest:
+        kind = "exactly degenerate" if d.exact else f"prior sd shrinks by {100 * (1 - (1 - d.contraction) ** 0.5):.4g} %"
+        console.print(f"[bold]least known together:[/bold] {d.says} ({kind})", highlight=False)
+    for d in found.degeneracies:
+        console.print(f"[bold]{d.name}:[/bold] {d.says}", highlight=False)
+    for row in seen.comparison or ():
+        for warning in row.warnings:
+            console.print(f"[bold yellow]{row.name}:[/bold yellow] {warning}", highlight=False)
+    console.print(f"wrote observability.json and observability.png in {folder}")
 
 
 def show_installation() -> None:
