@@ -1,0 +1,337 @@
+"""Every move samples the density it should, a kill costs nothing, the gates fail when they must, and the prior is respected."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import emcee
+import numpy as np
+import pytest
+from scipy import stats
+
+from bayes_inertia import inertia
+from bayes_inertia.cli import main
+from bayes_inertia.estimate import estimate
+from bayes_inertia.io import write_campaign
+from bayes_inertia.model import Model
+from bayes_inertia.moves import IndependenceMove
+from bayes_inertia.sample import Settings, diagnose_chains, sample
+
+D = 9
+
+
+@dataclass(frozen=True)
+class Target:
+    """A density of x = root z whose components z are independent, with mean 0, variance 1 and known quantiles.
+
+    `log_z` gives the log densities of standard components (n, D), `laws` the same as frozen scipy distributions.
+    """
+
+    log_z: Callable[[np.ndarray], np.ndarray]
+    laws: tuple
+    root: np.ndarray
+
+    def log_density(self, x: np.ndarray) -> np.ndarray:
+        return self.log_z(self.standard(x)).sum(1)
+
+    def standard(self, x: np.ndarray) -> np.ndarray:
+        return np.linalg.solve(self.root, x.T).T
+
+    def draw(self, rng: np.random.Generator, n: int) -> np.ndarray:
+        return np.stack([law.rvs(n, random_state=rng) for law in self.laws], 1) @ self.root.T
+
+    @property
+    def covariance(self) -> np.ndarray:
+        return self.root @ self.root.T
+
+
+def _root(seed: int = 5) -> np.ndarray:
+    """Correlations up to 0.9 and scales from 1e-6 to 1e2."""
+    rng = np.random.default_rng(seed)
+    turned, _ = np.linalg.qr(rng.normal(size=(D, D)))
+    correlated = turned * np.sqrt(np.geomspace(0.1, 3.0, D))
+    return rng.permutation(np.geomspace(1e-6, 1e2, D))[:, None] * correlated
+
+
+def _gaussian() -> Target:
+    return Target(lambda z: -0.5 * z**2, (stats.norm(),) * D, _root())
+
+
+def _skewed() -> Target:
+    """Five Gumbel components (skewness 1.14, one exponential tail) and four of Student's t with eight degrees of freedom."""
+    width, middle = np.sqrt(6.0) / np.pi, -np.euler_gamma * np.sqrt(6.0) / np.pi
+    narrow = np.sqrt(6.0 / 8.0)
+    laws = (stats.gumbel_r(middle, width),) * 5 + (stats.t(8, 0.0, narrow),) * 4
+
+    def log_z(z: np.ndarray) -> np.ndarray:
+        y = (z[:, :5] - middle) / width
+        with np.errstate(over="ignore"):
+            return np.concatenate([-y - np.exp(-y), -4.5 * np.log1p((z[:, 5:] / narrow) ** 2 / 8.0)], 1)
+
+    return Target(log_z, laws, _root(6))
+
+
+TARGETS = {"gaussian": _gaussian(), "skewed": _skewed()}
+LEVELS = np.array([0.01, 0.05, 0.5, 0.95, 0.99])
+BATCHES = 40
+
+
+def departures(target: Target, moves, steps: int, walkers: int = 64, seed: int = 1) -> np.ndarray:
+    """Means, second moments and quantiles of a long run minus their true values, each in its own Monte Carlo error.
+
+    The run starts in the target, and its error comes from the scatter of the means of 40 stretches of the run.
+    """
+    random = np.random.RandomState(np.random.MT19937(seed))
+    sampler = emcee.EnsembleSampler(walkers, D, target.log_density, vectorize=True, moves=moves)
+    start = target.draw(np.random.default_rng(seed), walkers)
+    sampler.run_mcmc(emcee.State(start, random_state=random.get_state()), steps)
+    z = target.standard(sampler.get_chain(flat=True)).reshape(BATCHES, -1, D)
+    cuts = np.array([[law.ppf(p) for p in LEVELS] for law in target.laws])
+    upper = np.triu_indices(D)
+    means = z.mean(1)
+    products = np.einsum("bni,bnj->bij", z, z)[:, *upper] / z.shape[1] - np.eye(D)[upper]
+    below = np.stack([(z[..., None, i] < cuts[i]).mean(1) - LEVELS for i in range(D)], 1).reshape(BATCHES, -1)
+    found = np.concatenate([means, products, below], 1)
+    error = found.std(0, ddof=1) / np.sqrt(BATCHES)
+    # What never changes during the run (a sampler that is stuck) is infinitely wrong.
+    return np.divide(found.mean(0), error, out=np.full_like(error, np.inf), where=error > 0.0)
+
+
+def limit(statistics: int) -> float:
+    """No exact move exceeds this in one of 2000 runs: Student's t with as many degrees of freedom as stretches less one."""
+    return float(stats.t.isf(0.5 / 2000 / statistics, BATCHES - 1))
+
+
+def _right(t: Target) -> IndependenceMove:
+    return IndependenceMove(np.zeros(D), t.covariance, 8.0)
+
+
+def _wrong(t: Target) -> IndependenceMove:
+    """Centre off by half a sigma in every component, widths off by factors of 0.8 to 1.6, correlations ignored in part."""
+    z = np.diag(np.linspace(0.8, 1.6, D) ** 2) + 0.15
+    return IndependenceMove(t.root @ np.full(D, 0.3), t.root @ z @ t.root.T, 5.0)
+
+
+MOVES = {
+    "independence": (lambda t: _right(t), 2000),
+    "independence, wrong covariance": (lambda t: _wrong(t), 4000),
+    "differential evolution": (lambda t: emcee.moves.DEMove(), 6000),
+    "stretch": (lambda t: emcee.moves.StretchMove(), 10000),
+    "as sample() mixes them": (lambda t: [(_right(t), 0.5), (emcee.moves.DEMove(), 0.5)], 3000),
+}
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("move", MOVES)
+def test_every_move_samples_its_target_exactly_in_nine_dimensions(move, target):
+    make, steps = MOVES[move]
+    t = departures(TARGETS[target], make(TARGETS[target]), steps)
+    assert np.abs(t).max() < limit(len(t))
+
+
+class _WrongSign(IndependenceMove):
+    def _propose(self, coords, random):
+        proposed, factors = super()._propose(coords, random)
+        return proposed, -factors
+
+
+class _NoCorrection(IndependenceMove):
+    def _propose(self, coords, random):
+        proposed, factors = super()._propose(coords, random)
+        return proposed, np.zeros_like(factors)
+
+
+class _OneDimensionTooMany(emcee.moves.StretchMove):
+    def get_proposal(self, s, c, random):
+        proposed, factors = super().get_proposal(s, c, random)
+        return proposed, factors * D / (D - 1.0)
+
+
+CONTROLS = {
+    "wrong sign": ("gaussian", lambda t: _WrongSign(np.zeros(D), t.covariance, 8.0), 1000),
+    "no correction": ("gaussian", lambda t: _NoCorrection(np.zeros(D), t.covariance, 8.0), 1000),
+    "stretch with a wrong power": ("gaussian", lambda t: _OneDimensionTooMany(), 10000),
+    # Its step is along a Euclidean direction: with scales as far apart as above it only ever moves one component.
+    "emcee's snooker move": ("isotropic", lambda t: [(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)], 6000),
+}
+
+
+@pytest.mark.parametrize("move", CONTROLS)
+def test_the_harness_notices_moves_that_sample_another_density(move):
+    name, make, steps = CONTROLS[move]
+    target = {**TARGETS, "isotropic": replace(TARGETS["gaussian"], root=np.eye(D))}[name]
+    t = departures(target, make(target), steps)
+    assert np.abs(t).max() > 1.5 * limit(len(t))
+
+
+def _diagnosed(samples: np.ndarray):
+    return diagnose_chains(samples, tau=1.0, evaluations=samples[..., 0].size, seconds=1.0, acceptance=1.0, discarded=0)
+
+
+def test_gates_fail_for_stuck_ensembles_and_pass_for_good_ones():
+    good = np.random.default_rng(0).normal(size=(4, 32, 40, 3))
+    assert _diagnosed(good).converged
+    stuck = good.copy()
+    stuck[0, ..., 1] += 6.0  # one ensemble has found another mode than the rest
+    found = _diagnosed(stuck)
+    assert not found.converged
+    assert found.nested_rhat_max > 1.2
+    # Walkers that never move agree between ensembles, and are still no sample.
+    frozen = np.broadcast_to(good[:, :, :1], good.shape).copy()
+    assert not _diagnosed(frozen + 1e-9 * good).converged
+    short = good[:, :, :10]
+    assert not _diagnosed(short).converged
+
+
+def test_two_modes_between_the_ensembles_fail_the_gate():
+    """Two modes, 12 sigma apart, that no walker leaves: each ensemble looks perfect, together they do not."""
+    rng = np.random.default_rng(1)
+    modes = np.array([-6.0, 6.0, 6.0, -6.0])[:, None, None, None]
+    within = _diagnosed(rng.normal(size=(4, 32, 60, 2)))
+    between = _diagnosed(rng.normal(size=(4, 32, 60, 2)) + modes)
+    assert within.converged
+    assert not between.converged
+
+
+@pytest.fixture(scope="module")
+def small_at(flown):
+    return estimate(Model(flown.campaign), seed=1)
+
+
+SHORT = Settings(seed=3, ensembles=2, walkers=32, steps=12, max_steps=12)
+
+
+def test_one_seed_gives_the_same_bytes_whatever_the_threads_and_another_seed_does_not(small_at, tmp_path):
+    first = sample(small_at, replace(SHORT, threads=1), folder=tmp_path / "a")
+    again = sample(small_at, replace(SHORT, threads=2), folder=tmp_path / "b")
+    assert first.samples.tobytes() == again.samples.tobytes()
+    assert first.log_posterior.tobytes() == again.log_posterior.tobytes()
+    names = sorted(p.name for p in (tmp_path / "a").iterdir())
+    assert names == ["ensemble_0.h5", "ensemble_1.h5"]
+    for name in names:
+        assert _chain(tmp_path / "a" / name) == _chain(tmp_path / "b" / name)
+    other = sample(small_at, replace(SHORT, seed=4, threads=1))
+    assert not np.any(other.samples == first.samples)
+    assert not np.any(first.samples[0] == first.samples[1])  # nor do ensembles share random numbers
+
+
+def test_shared_code_samples_the_same_posterior(small_at):
+    own, shared = sample(small_at, SHORT), sample(small_at, SHORT, shared_code=True)
+    # Rounding differs in the last digits of the density: hardly a decision of the sampler does.
+    assert np.mean(np.isclose(own.samples, shared.samples, rtol=1e-9).all(-1)) > 0.9
+
+
+def _chain(path: Path) -> tuple:
+    """Everything that emcee keeps, as bytes."""
+    backend = emcee.backends.HDFBackend(str(path), read_only=True)
+    state = backend.random_state
+    return backend.get_chain().tobytes(), backend.get_log_prob().tobytes(), np.asarray(backend.accepted).tobytes(), state[1].tobytes(), state[2:]
+
+
+def _command(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as stopped:
+        main(list(arguments))
+    return stopped.value.code
+
+
+def _kill_in_the_middle(campaign: Path, run: Path) -> None:
+    """Start `fit` in a process of its own, and SIGKILL it while its chains grow; on a busy machine that may take another try."""
+    for _ in range(4):
+        _kill(campaign, run)
+        lengths = [emcee.backends.HDFBackend(str(p), read_only=True).iteration for p in sorted((run / "chains").glob("*.h5"))]
+        if 0 < sum(lengths) < Settings().ensembles * Settings().steps:
+            return
+        shutil.rmtree(run)
+    pytest.fail("none of four kills hit the middle of the sampling")
+
+
+def _kill(campaign: Path, run: Path) -> None:
+    program = "import sys; from bayes_inertia.cli import main; main(sys.argv[1:])"
+    command = [sys.executable, "-c", program, "fit", str(campaign), "-o", str(run), "--seed", "5", "--no-report"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    files, seen, deadline = run / "chains", set(), time.monotonic() + 300.0
+    try:
+        while len(seen) < 60:
+            assert process.poll() is None, f"the fit ended before it was killed: {process.stdout.read().decode()}"
+            assert time.monotonic() < deadline, "the fit never began to sample"
+            seen |= {(p.name, p.stat().st_mtime_ns) for p in files.glob("*.h5")}
+            time.sleep(0.002)
+        os.kill(process.pid, signal.SIGKILL)
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
+def test_a_killed_fit_resumes_to_the_bits_of_one_that_was_not_killed(flown, tmp_path):
+    campaign, whole, killed = tmp_path / "campaign", tmp_path / "whole", tmp_path / "killed"
+    write_campaign(flown.campaign, campaign)
+    _kill_in_the_middle(campaign, killed)
+    assert not (killed / "summary.json").exists()
+    code = _command("fit", str(campaign), "-o", str(whole), "--seed", "5", "--no-report")
+    assert _command("resume", str(killed), "--no-report") == code
+    for k in range(4):
+        assert _chain(whole / "chains" / f"ensemble_{k}.h5") == _chain(killed / "chains" / f"ensemble_{k}.h5")
+    summaries = [json.loads((run / "summary.json").read_text()) for run in (whole, killed)]
+    for summary in summaries:
+        assert summary["diagnostics"].pop("seconds") > 0.0
+    assert summaries[0] == summaries[1]
+    # Done is done: to resume a finished run changes nothing.
+    before = (killed / "chains" / "ensemble_0.h5").read_bytes()
+    assert _command("resume", str(killed), "--no-report") == code
+    assert (killed / "chains" / "ensemble_0.h5").read_bytes() == before
+
+
+def _independent(chains, n: int, seed: int) -> np.ndarray:
+    """n draws (n, d), each of another walker or long after it."""
+    draws = chains.samples[:, :, :: max(1, int(np.ceil(8 * chains.diagnostics.tau_max)))].reshape(-1, chains.samples.shape[-1])
+    assert len(draws) >= n
+    return np.random.default_rng(seed).permutation(draws)[:n]
+
+
+def _p_values(draws: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    return np.array([stats.ks_2samp(a, b).pvalue for a, b in zip(draws.T, reference.T, strict=True)])
+
+
+def test_without_motion_the_posterior_is_the_prior_physical_edge_included(flying, setup_type):
+    """A quarter of this prior's tensors break the triangle inequality: its edge is sampled, not only its middle."""
+    setup = setup_type(turns=((0.0, 0.0, 0.0),), rows=64, relative_sigma=0.25, product_sigma=0.3, start_rate=(0.0, 0.0, 0.0), start_momentum=0.0)
+    model = Model(flying(3, setup).campaign)
+    rng = np.random.default_rng(0)
+    assert np.mean(np.asarray(inertia.is_physical(model.space.draw(rng, 2000)[:, :6]))) < 0.9
+    at = estimate(model)
+    chains = sample(at, Settings(steps=144, max_steps=144))
+    assert chains.diagnostics.converged
+    assert np.all(np.asarray(inertia.is_physical(chains.flat[:, :6])))
+    draws, prior = _independent(chains, 1000, 1), model.draw_prior(rng, 20_000)
+    assert _p_values(draws, prior).min() > 1e-3 / D
+    # The smallest distance from the triangle inequality's edge, as the prior has it.
+    edge = [0.5 * m.sum(-1) - m[..., -1] for m in (inertia.principal_moments(x[:, :6]) for x in (draws, prior))]
+    assert stats.ks_2samp(*edge).pvalue > 1e-3
+    # The same test notices a prior without the constraint.
+    assert _p_values(draws, model.space.draw(rng, 20_000)).min() < 1e-4
+
+
+def test_what_one_slew_cannot_see_stays_as_the_prior_has_it(flying, setup_type):
+    setup = setup_type(turns=((0.8, 0.0, 0.0),), rows=64, start_rate=(0.0, 0.0, 0.0), start_momentum=0.0)
+    at = estimate(Model(flying(3, setup).campaign))
+    contraction = 1.0 - (at.sd / at.model.space.sd) ** 2
+    unseen = np.flatnonzero(contraction < 0.01)
+    assert {"Jyy", "Jzz", "Jyz"} <= {at.model.space.names[i] for i in unseen}
+    assert contraction[0] > 0.99
+    chains = sample(at, Settings())
+    assert chains.diagnostics.converged
+    assert np.all(np.asarray(inertia.is_physical(chains.flat[:, :6])))
+    draws, prior = _independent(chains, 700, 2), at.model.draw_prior(np.random.default_rng(1), 20_000)
+    assert _p_values(draws[:, unseen], prior[:, unseen]).min() > 1e-3 / len(unseen)
+    assert _p_values(draws[:, :1], prior[:, :1]).max() < 1e-6
