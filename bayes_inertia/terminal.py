@@ -107,13 +107,16 @@ def show_diagnosis(content: dict[str, Any]) -> None:
 def show_observability(seen: Observed, folder: Path) -> None:
     """Print what a campaign tells about each parameter: a table, a sentence each, what it cannot tell, and where emcee differs."""
     console, found = Console(), seen.found
-    table = Table("parameter", "prior sd", "sd", "contraction", "signal [sigma]", "sd lost to others", "commands worth", "unit", "determined")
+    table = Table(box=SIMPLE)
+    for heading in ("name", "prior sd", "sd", "unit", "signal", "lost", "commands", "determined"):
+        table.add_column(heading, no_wrap=True)
     for p in found.parameters:
         worth = observability_view.commands_worth(p, found.drive)
         lost, word = f"x{np.sqrt(p.variance_inflation):.2g}", {"determined": "yes", "prior": "no: prior"}.get(p.verdict, p.verdict)
-        shown = "-" if worth is None else f"x{worth:.2g}"
-        table.add_row(p.name, f"{p.prior_sd:.2g}", f"{p.sd:.2g}", f"{p.contraction:.4f}", f"{p.signal:.3g}", lost, shown, p.unit, word)
+        table.add_row(p.name, f"{p.prior_sd:.2g}", f"{p.sd:.2g}", p.unit, f"{p.signal:,.3g}", lost, "-" if worth is None else f"x{worth:.2g}", word)
     console.print(table)
+    console.print("signal: response of all telemetry to one prior sd, in sigmas; lost: sd over its value if all else were known;")
+    console.print("commands: sd with the torque commands ignored over sd with them")
     for name in found.names:
         console.print(f"  {observability_view.sentence(found, name)}", highlight=False)
     weakest = [d for d in found.directions if d.verdict_is_prior] or list(found.directions[:1])

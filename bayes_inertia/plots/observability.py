@@ -7,17 +7,20 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from bayes_inertia.observability_view import Observability, in_windows
+from bayes_inertia.observability_view import Arrival, Observability, in_windows
 from bayes_inertia.plots import style
 
 _CROSS = ("Jxy", "Jxz", "Jyz")
+_MOST_SLEWS = 6
 
 
 @style.styled
 def observability(found: Observability) -> Figure:
     """Left: sd over prior sd, filled bar; open bar were everything else known. Right: factors of the variance by which each
-    group of unknowns widens it. Below: precision of the cross terms (of all parameters, if those are held) over each slew's time."""
-    n, slews = len(found.parameters), len(found.arrivals)
+    group of unknowns widens it. Below: when the cross terms' information arrives, in the (at most six) slews that tell most of them."""
+    shown = [name for name in _CROSS if name in found.names] or list(found.names)[:3]
+    arrivals = _telling(found, shown)
+    n, slews = len(found.parameters), len(arrivals)
     bars, below, top, gap = 0.34 * n + 0.3, 2.2, 0.75, 1.15
     height = top + bars + gap + below + 0.55
     figure = Figure(figsize=(style.WIDTH, height))
@@ -27,10 +30,15 @@ def observability(found: Observability) -> Figure:
     right = figure.add_axes((0.56, place, 0.42, bars / height), sharey=left)
     _inflation(right, found)
     width = 0.87 / slews
-    shown = [name for name in _CROSS if name in found.names] or list(found.names)[:3]
     panels = [figure.add_axes((0.11 + s * width, 0.55 / height, 0.86 * width, below / height)) for s in range(slews)]
-    _times(panels, found, shown)
+    _times(panels, found, arrivals, shown)
     return figure
+
+
+def _telling(found: Observability, shown: list[str]) -> list[Arrival]:
+    """The slews that tell most of the shown parameters, in the order flown."""
+    parts = np.sum([found[name].share.sum(1) for name in shown], axis=0)
+    return [found.arrivals[s] for s in sorted(np.argsort(-parts)[:_MOST_SLEWS])]
 
 
 def _bars(axes: Axes, found: Observability) -> None:
@@ -59,12 +67,12 @@ def _inflation(axes: Axes, found: Observability) -> None:
     most = max(0.5 * np.log10(max(p.variance_inflation, 1.0)) for p in found.parameters)
     axes.set(xlim=(0.0, 1.2 * max(most, 0.1)), xlabel="decades of sd lost to not knowing …")
     handles = [Patch(fc=style.COLORS[k % 6], hatch="///" if k % 2 else None, ec="white", label=g) for k, g in enumerate(groups)]
-    axes.legend(handles=handles, loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=3)
+    axes.legend(handles=handles, loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=min(len(groups), 4), columnspacing=1.2)
 
 
-def _times(panels: list[Axes], found: Observability, shown: list[str]) -> None:
+def _times(panels: list[Axes], found: Observability, arrivals: list[Arrival], shown: list[str]) -> None:
     highest = 0.0
-    for s, (axes, arrival) in enumerate(zip(panels, found.arrivals, strict=True)):
+    for s, (axes, arrival) in enumerate(zip(panels, arrivals, strict=True)):
         edges, precision = in_windows(arrival)
         for k, name in enumerate(shown):
             share = 100.0 * precision[..., found.names.index(name)].sum(1) * found[name].sd ** 2
