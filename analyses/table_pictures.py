@@ -116,7 +116,7 @@ def cross_terms(paper: PaperTable, sd: np.ndarray, own_sd: np.ndarray) -> Figure
 @style.styled
 def corrections(table2: dict, table4: dict, simulated: tuple, flight: tuple) -> Figure:
     """Predicted correction slews over all axes, beside the paper's numbers."""
-    figure = Figure(figsize=(style.WIDTH, 3.6), layout="constrained")
+    figure = Figure(figsize=(style.WIDTH, 4.0), layout="constrained")
     axes = figure.subplots(1, 2)
     for ax, table, (angle, before, after), limit in ((axes[0], table2, simulated, 480.0), (axes[1], table4, flight, 2000.0)):
         tops = []
@@ -127,7 +127,7 @@ def corrections(table2: dict, table4: dict, simulated: tuple, flight: tuple) -> 
             ax.axvline(number, color=color, lw=1.8, ls=(0, (5, 2)) if key == "before" else "-", label=f'paper, {key}: {number:.0f}"')
         ax.set(xlabel="correction slew [arcsec]", yticks=[], xlim=(0, limit), ylim=(0, 1.1 * max(tops)))
         ax.spines["left"].set_visible(False)
-        ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.2), ncols=4, columnspacing=1.0, handlelength=1.6)
+        ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2)
         ax.set_title(f"After a {angle / DEG:.0f} degree slew about any axis ({'simulation' if simulated[0] == angle else 'flight'})")
     return figure
 
