@@ -62,8 +62,8 @@ def _compare(found: Observability, i: int, draws: np.ndarray, effective: float, 
     differs = abs(np.log(ratio)) > _SD + 4.0 / np.sqrt(2.0 * effective) or abs(shift) > _SHIFT + 4.0 / np.sqrt(effective)
     odd = abs(skewness) > _SKEW + 4.0 * np.sqrt(6.0 / effective) or abs(kurtosis) > _KURTOSIS + 4.0 * np.sqrt(24.0 / effective)
     warnings = []
-    if p.verdict == "prior":
-        warnings.append("prior-dominated: both numbers repeat the prior")
+    if p.verdict in ("prior", "weakly"):
+        warnings.append("prior-dominated: both numbers say mostly what was known before")
     if differs:
         warnings.append(f"the posterior differs from the prediction: sd {ratio:.3g} times, mean moved by {shift:+.2g} predicted sd; use the posterior's")
     if cut > _TRUNCATED and p.name in inertia.ELEMENTS and (differs or odd):

@@ -211,13 +211,21 @@ def _across(at: Estimate, unseen: np.ndarray) -> tuple[str, ...]:
 def _no_attitude(at: Estimate) -> list[Degeneracy]:
     if at.information.n_data[:, 1].any():
         return []
-    part = -_scale_direction(at)
-    whole = part.copy()
-    scales = _places(at, ("K1", "K2", "K3"))
-    whole[scales] = at.theta[at.free[scales]]
-    ratio = _ratio(at, whole, part)
+    ratio = _left_with_free_inertia(at)
     says = (
-        "There is no star tracker fix: nothing measures the angle turned, so that a scale common to the three rate sensor axes trades against the size of J; "
-        f"only gyroscopic terms tell ({ratio:.1g} of the information on the size of J is left)."
+        "There is no star tracker fix: nothing measures the angle turned, and a scale common to the three rate sensor axes trades against J, "
+        f"apart from gyroscopic terms: with J free, {ratio:.1g} of the information on that scale is left."
     )
     return [Degeneracy("no attitude", ratio < EXACT_BELOW, True, (*inertia.ELEMENTS, "K1", "K2", "K3"), ratio, says)]
+
+
+def _left_with_free_inertia(at: Estimate) -> float:
+    """Information on a scale common to K1, K2 and K3 with J free, over that with J known."""
+    information, tensor, scales = data_information(at), _places(at, inertia.ELEMENTS), _places(at, ("K1", "K2", "K3"))
+    direction = np.zeros(len(at.free))
+    direction[scales] = at.theta[at.free[scales]]
+    slope = prior_rows(at.model, at.theta)[0][at.free[tensor]]
+    pull = (information @ direction)[tensor] / slope
+    alone = direction @ information @ direction
+    hidden = pull @ np.linalg.pinv(information[np.ix_(tensor, tensor)] / np.outer(slope, slope), rcond=1e-12, hermitian=True) @ pull
+    return float(np.clip(1.0 - hidden / alone, 0.0, 1.0)) if alone > 0.0 else 0.0

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.degeneracy import Degeneracy
+from bayes_inertia.posterior import OBSERVABLE_ABOVE
 from bayes_inertia.telemetry import CHANNELS
 
 FORMAT = "bayes-inertia-observability/1"
@@ -64,8 +65,10 @@ class ParameterView:
 
     @property
     def verdict(self) -> str:
-        """ "determined", "partly" or "prior"."""
-        return "prior" if self.contraction < PRIOR_BELOW else "determined" if self.contraction > DETERMINED_ABOVE else "partly"
+        """How far the data determine it, from its contraction: "determined", "partly", "weakly" (mostly prior) or "prior"."""
+        if self.contraction < PRIOR_BELOW:
+            return "prior"
+        return "determined" if self.contraction >= DETERMINED_ABOVE else "partly" if self.contraction > OBSERVABLE_ABOVE else "weakly"
 
 
 @dataclass(frozen=True)
@@ -165,6 +168,7 @@ def sentence(found: Observability, name: str) -> str:
     gain = p.prior_sd / p.sd
     verdict = {
         "prior": "is the prior, although the telemetry responds",
+        "weakly": f"is mostly the prior, {gain:.2g} times sharper than it",
         "partly": f"is partly determined, {gain:.2g} times sharper than the prior",
         "determined": f"is determined, {gain:,.3g} times sharper than the prior",
     }[p.verdict]
@@ -196,6 +200,9 @@ def _others(name: str, group: str) -> str:
 def _source(p: ParameterView, slews: tuple[str, ...]) -> str:
     by_slew, by_channel = p.share.sum(1), p.share.sum(0)
     best, channel = int(np.argmax(by_slew)), int(np.argmax(by_channel))
+    prior = p.share_own_prior + p.share_other_priors
+    if prior > 0.5:
+        return f"{100 * prior:.0f} % of what is known is prior knowledge; of the slews {slews[best]} tells most, through the {CHANNELS[channel]} channel"
     return f"{100 * by_slew[best]:.0f} % of what is known comes from {slews[best]}, {100 * by_channel[channel]:.0f} % from the {CHANNELS[channel]} channel"
 
 

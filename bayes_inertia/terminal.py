@@ -20,6 +20,7 @@ from bayes_inertia.campaign import Campaign
 if TYPE_CHECKING:
     from bayes_inertia.observe import Observed
 
+_DETERMINED = {"determined": "yes", "weakly": "no: mostly prior", "prior": "no: prior"}
 _WORDS = {"determined": "yes", "partly determined": "partly", "not determined": "no"}
 
 
@@ -112,7 +113,7 @@ def show_observability(seen: Observed, folder: Path) -> None:
         table.add_column(heading, no_wrap=True)
     for p in found.parameters:
         worth = observability_view.commands_worth(p, found.drive)
-        lost, word = f"x{np.sqrt(p.variance_inflation):.2g}", {"determined": "yes", "prior": "no: prior"}.get(p.verdict, p.verdict)
+        lost, word = f"x{np.sqrt(p.variance_inflation):.2g}", _DETERMINED.get(p.verdict, p.verdict)
         table.add_row(p.name, f"{p.prior_sd:.2g}", f"{p.sd:.2g}", p.unit, f"{p.signal:,.3g}", lost, "-" if worth is None else f"x{worth:.2g}", word)
     console.print(table)
     console.print("signal: response of all telemetry to one prior sd, in sigmas; lost: sd over its value if all else were known;")

@@ -46,7 +46,7 @@ def _bars(axes: Axes, found: Observability) -> None:
     sd = np.array([p.sd / p.prior_sd for p in found.parameters])
     known = np.array([p.conditional_sd / p.prior_sd for p in found.parameters])
     low = 0.5 * min(known.min(), sd.min())
-    colors = [{"determined": style.BLUE, "partly": style.ORANGE, "prior": style.VERMILLION}[p.verdict] for p in found.parameters]
+    colors = [{"determined": style.BLUE, "partly": style.SKY, "weakly": style.ORANGE, "prior": style.VERMILLION}[p.verdict] for p in found.parameters]
     axes.barh(y, sd - low, left=low, height=0.55, color=colors)
     axes.plot(known, y, "|", color=style.INK, ms=10, mew=1.4)
     axes.axvline(1.0, color=style.MUTED, ls=(0, (4, 2)))
