@@ -68,6 +68,8 @@ def _other(campaign: Campaign, at: Estimate, seed: int) -> Estimate | None:
 def _ours_or_error(folder: Path, digest: str) -> None:
     if folder.exists() and not folder.is_dir():
         raise OutputError("is a file, not a folder", where=str(folder), advice="choose another folder")
+    if (folder / PICTURE).exists() and not (folder / FILE).exists():
+        raise OutputError(f"{PICTURE} is there already, without {FILE}", where=str(folder), advice="choose another folder; nothing was overwritten")
     for name, form in (("run.json", None), (FILE, FORMAT)):
         path = folder / name
         if not path.exists():

@@ -7,20 +7,23 @@ from dataclasses import replace
 from itertools import permutations
 from types import SimpleNamespace
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy import stats
 
+from bayes_inertia import inertia
 from bayes_inertia.agreement import compare_with_posterior
 from bayes_inertia.cli import main
 from bayes_inertia.degeneracy import data_information, stated_degeneracies
+from bayes_inertia.dynamics import Start, idle_slew, simulate
 from bayes_inertia.effects import by_name
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.estimate import estimate, normal_equations
 from bayes_inertia.io import write_campaign
 from bayes_inertia.model import Model
 from bayes_inertia.observability import observability, variance_inflation
-from bayes_inertia.observability_view import in_windows, sentence
+from bayes_inertia.observability_view import commands_worth, in_windows, sentence
 
 
 @pytest.fixture(scope="module")
@@ -110,6 +113,15 @@ def test_the_other_drive_must_be_of_the_same_parameters(at):
         observability(at, at)
 
 
+def test_commands_are_worth_the_sd_without_them_over_the_sd_with_them(at, found):
+    measured = replace(at, model=Model(at.model.campaign, drive="measured"), hessian=at.hessian / 4.0)  # as if its sd were twice as large
+    view = observability(at, measured)["Jxy"]
+    assert abs(commands_worth(view, "commanded") - 2.0) < 1e-9
+    assert abs(commands_worth(view, "measured") - 0.5) < 1e-9
+    assert commands_worth(found["Jxy"], "commanded") is None
+    assert "without the recorded commands its sd would be 2 times larger" in sentence(observability(at, measured), "Jxy")
+
+
 # --- what cannot be told -----------------------------------------------------------------------------------------
 def test_one_slew_about_z_leaves_the_rest_of_the_tensor_to_the_prior(flying, setup_type, truth_type):
     # A truth like the prior and wheels that start at rest: hardly any motion about x and y.
@@ -154,6 +166,25 @@ def test_a_common_wheel_gain_is_always_stated_and_shown_where_it_is_fitted(flown
     v = np.zeros(len(with_gain.names))
     v[with_gain.names.index("Jxx")] = with_gain["Jxx"].value
     assert v @ data_information(at) @ v > 1e4
+
+
+def test_without_wheels_the_size_of_the_tensor_is_exactly_degenerate(flown):
+    """A body that tumbles freely, simulated here: stated, and found in the numbers as the weakest direction."""
+    rng, truth = np.random.default_rng(62), flown.truth.theta
+    slews = []
+    for s in flown.campaign.slews:
+        start = Start(jnp.asarray(0.02 * rng.normal(size=3)), jnp.array([0.0, 0.0, 0.0, 1.0]), jnp.zeros(0))
+        tumble = simulate(idle_slew(s.time), start, inertia.tensor(jnp.asarray(truth[:6])))[0]
+        rate = np.asarray(tumble.rate_B) / truth[6:9] + 2e-5 * rng.normal(size=s.rate.shape)
+        attitude = np.where(np.isfinite(s.attitude), np.asarray(tumble.attitude), np.nan)
+        slews.append(replace(s, rate=rate, attitude=attitude, wheel_torque=None, wheel_momentum=None))
+    free = observability(estimate(Model(replace(flown.campaign, wheels=(), slews=tuple(slews))), starts=1))
+    stated = next(d for d in free.degeneracies if d.name == "no wheels")
+    assert stated.exact
+    assert stated.information_ratio < 1e-9
+    assert [d.exact for d in free.directions] == [True] + [False] * 8
+    assert free.directions[0].says == "Jxx+Jyy+Jzz"
+    assert not any(d.name == "common wheel gain" for d in free.degeneracies)
 
 
 def test_tachometers_tell_the_gain_and_take_its_place(flown):
@@ -256,3 +287,6 @@ def test_observe_writes_its_file_once_for_one_campaign(flown, found, tmp_path, c
     (out / "observability.json").write_text("mine")
     assert run() == 2
     assert (out / "observability.json").read_text() == "mine"
+    (out / "observability.json").unlink()
+    assert run() == 2
+    assert "observability.png" in capsys.readouterr().err
