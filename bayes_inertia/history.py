@@ -81,11 +81,11 @@ class History:
 
 
 def knots(fit: Linearised, components: int) -> np.ndarray:
-    """Knot times (slews, k) [s]: evenly over each slew, not closer than two rows."""
+    """Knot times (slews, k) [s]: evenly over each slew, not closer than its rows."""
     time = fit.channels["rate"].time
     rows = np.array([np.count_nonzero(np.diff(t) > 0) + 1 for t in time])
     most = int(_MOST_NUMBERS / (fit.residual.size * components))
-    k = int(np.clip(np.max(rows) // 2, 4, max(8, min(_MOST_KNOTS, most))))
+    k = int(np.clip(np.max(rows), 4, max(8, min(_MOST_KNOTS, most))))
     return np.linspace(time[:, 0], time[:, -1], k, axis=1)
 
 

@@ -127,13 +127,14 @@ def axis_name(axis: np.ndarray, *, signed: bool = True) -> str:
 
 
 def _spectrum(time: np.ndarray, along: np.ndarray) -> Spectrum:
-    """Mean periodogram of all slews (Hann window, padded fourfold)."""
-    step = float(np.median(np.diff(time, axis=1)))
+    """Mean periodogram of all slews (Hann window, padded fourfold), each with its own knot spacing."""
     n = along.shape[1]
+    steps = (time[:, -1] - time[:, 0]) / (n - 1)
     window = np.hanning(n)
-    grid = np.fft.rfftfreq(4 * n, step)
-    power = np.mean(np.abs(np.fft.rfft((along - along.mean(1, keepdims=True)) * window, 4 * n)) ** 2, 0) / np.sum(window**2)
-    duration = n * step
+    grid = np.fft.rfftfreq(4 * n, steps.max())
+    own = np.abs(np.fft.rfft((along - along.mean(1, keepdims=True)) * window, 4 * n, axis=1)) ** 2 / np.sum(window**2)
+    power = np.mean([np.interp(grid, np.fft.rfftfreq(4 * n, step), p) for step, p in zip(steps, own, strict=True)], axis=0)
+    duration = n * float(np.median(steps))
     fast = grid > 2.5 / duration
     peak = float(grid[fast][np.argmax(power[fast])]) if fast.any() else 0.0
     near = np.abs(grid - peak) < 3.0 / duration

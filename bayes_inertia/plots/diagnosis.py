@@ -19,6 +19,7 @@ from bayes_inertia.plots import style
 CHANNEL_NAMES = {"rate": "rate sensor", "attitude": "star tracker", "momentum": "wheels", "total": "all"}
 _LIMIT = 6.0  # sigma at which colours saturate
 _MOST_SLEWS = 9
+_MOST_FRAMES = 2  # in one channel and slew
 # Blue and vermillion differ in hue and lightness for every reader; white is "as expected".
 _COLORS = LinearSegmentedColormap.from_list("residual", [style.BLUE, "#ffffff", style.VERMILLION])
 
@@ -71,14 +72,12 @@ def _map_panel(axes: Axes, cells: Mapping[str, Any], windows: Sequence[Mapping[s
         if row:
             axes.axhline(row - 0.5, color=style.MUTED, lw=0.8)
         row += len(shift)
-    width = edges[-1] - edges[0]
-    for w in windows:
-        if w["slew"] == cells["slews"][s]:
-            below, n = first[w["channel"]]
-            least = 0.006 * width
+    least = 0.008 * (edges[-1] - edges[0])
+    for channel, (below, n) in first.items():
+        # Where nearly everything disagrees, frames side by side would only hide it.
+        for w in [w for w in windows if w["slew"] == cells["slews"][s] and w["channel"] == channel][:_MOST_FRAMES]:
             begin = min(w["t_start"], edges[-1] - least)
-            frame = Rectangle((begin, below - 0.42), max(w["t_end"] - begin, least), n - 0.16, fill=False, ec=style.INK, lw=1.2, zorder=5)
-            axes.add_patch(frame)
+            axes.add_patch(Rectangle((begin, below - 0.42), max(w["t_end"] - begin, least), n - 0.16, fill=False, ec=style.INK, lw=1.3, zorder=5))
     axes.set(ylim=(row - 0.5, -0.5), xlim=(edges[0], edges[-1]), facecolor="#f0f0f0")
 
 
@@ -202,7 +201,7 @@ def shifts(steps: Sequence[Mapping[str, Any]]) -> Figure | None:
         axes.set(ylim=(-0.7, 1.7), xlim=(-half / scale.factor, half / scale.factor))
         axes.set_yticks([])
         axes.spines["left"].set_visible(False)
-        axes.set_xlabel(scale.label.replace(name, f"{name} − {center:.5g}".replace("- ", "− ")), labelpad=1)
+        axes.set_xlabel(scale.label.replace(name, f"{name} {'−' if center >= 0 else '+'} {abs(center):.5g}"), labelpad=1)
     handles = [
         Line2D([], [], marker="s", color=style.MUTED, ls="-", label="base model ± sd"),
         Line2D([], [], marker="o", color=style.BLUE, ls="-", label="with the named effects ± sd"),

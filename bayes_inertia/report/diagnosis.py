@@ -33,7 +33,7 @@ def disagreement(content: Mapping[str, Any]) -> Section:
     which = " The nine slews that disagree most are drawn." if cut else ""
     explained = (
         "Mean of measured minus predicted in short stretches of time, in standard deviations of such a mean: white is what noise gives, strong colours of one "
-        "sense over many stretches are not. Frames: stretches that noise does not explain, with all places that were looked at counted."
+        "sense over many stretches are not. Frames: the two clearest stretches of a channel that noise does not explain, all places looked at counted."
     )
     pictures = [Picture(plots.disagreement_map(before, windows), f"The base model. {explained}{which}", "Map of residuals of the base model", dense=True)]
     if after is not None:

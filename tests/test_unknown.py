@@ -1,0 +1,120 @@
+"""The equivalent torque: planted torques come back with their size, axis and words; sensor errors are not called torques."""
+
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from bayes_inertia.effect import Effect
+from bayes_inertia.estimate import estimate
+from bayes_inertia.history import body_torque, cardinal, infer
+from bayes_inertia.linearised import linearise
+from bayes_inertia.maneuver import planned_campaign
+from bayes_inertia.model import Model
+from bayes_inertia.parameters import Normal, scalar
+from bayes_inertia.plan import paper_like_plan
+from bayes_inertia.simulation import draw_flight
+from bayes_inertia.spacecraft import most_like_prior, most_like_spacecraft
+from bayes_inertia.torque_response import torque_response
+from bayes_inertia.unknown import unknown_torque
+
+
+@dataclass(frozen=True)
+class Planted(Effect):
+    """A torque outside the library: `sine` at 0.3 Hz about -y, `square` along x with the square of the rate, both in N m."""
+
+    name: ClassVar[str] = "planted"
+
+    def parameters(self, campaign):
+        return tuple(scalar(n, unit="N m", prior=Normal(0.0, 1e-4)) for n in ("sine", "square", "steady"))
+
+    def body_torque(self, p, slew, t, state):
+        ringing = p["sine"] * jnp.sin(2.0 * jnp.pi * 0.3 * t)
+        return jnp.stack([p["square"] * jnp.sum(state.rate_B**2) / 3e-4, -ringing, p["steady"]])
+
+
+@pytest.fixture(scope="module")
+def planted():
+    """`planted(sine=, square=, steady=)`: a campaign of five slews at 2 Hz with that torque."""
+    plan = replace(paper_like_plan(), telemetry_period=0.5)
+    template = planned_campaign(plan, most_like_spacecraft(), most_like_prior())
+
+    def fly(sine=0.0, square=0.0, steady=0.0, seed=1):
+        values = {"planted": {"sine": sine, "square": square, "steady": steady}}
+        return draw_flight(template, plan, seed, effects=(Planted(),), values=values, vary=False).campaign
+
+    return fly
+
+
+def fitted(campaign):
+    return estimate(Model(campaign), discount=False, starts=1)
+
+
+def edited(campaign, change):
+    def one(slew):
+        rate = slew.rate.copy()
+        change(slew.time, rate)
+        return replace(slew, rate=rate)
+
+    return replace(campaign, slews=tuple(one(s) for s in campaign.slews))
+
+
+def test_ringing_about_an_axis(planted):
+    amplitude = 3e-4
+    found = unknown_torque(fitted(planted(sine=amplitude)))
+    assert found.source == "body torque"
+    assert found.frequency_hz == pytest.approx(0.3, abs=0.01)  # a slew resolves 1 / 115 s
+    assert abs(found.axis_B[1]) > 0.99
+    assert found.torque_rms == pytest.approx(amplitude / np.sqrt(2.0), rel=0.2)
+    assert found.description.startswith("0.3 Hz ringing about y")
+    assert "before the wheels act" in found.description  # it runs all the time
+    # The band holds the truth.
+    truth = -amplitude * np.sin(2.0 * np.pi * 0.3 * found.torque.time)
+    inside = np.abs(found.torque.mean[..., 1] - truth) < 2.5 * found.torque.sd[..., 1]
+    assert inside.mean() > 0.9
+
+
+def test_a_torque_that_grows_with_the_square_of_the_rate(planted):
+    found = unknown_torque(fitted(planted(square=2e-5)))
+    assert found.source == "body torque"
+    assert found.axis_B[0] > 0.99
+    assert found.matches[0].name == "square of the body rate"
+    assert "about +x, proportional to the square of the body rate" in found.description
+    assert found.frequency_hz is None
+
+
+def test_a_constant_torque(planted):
+    found = unknown_torque(fitted(planted(steady=-5e-6)))
+    assert "constant about -z in all slews" in found.description
+    assert found.torque_rms == pytest.approx(5e-6, rel=0.1)
+
+
+def test_a_glitch_of_the_rate_sensor_is_no_torque(planted):
+    def shifted(time, rate):
+        rate[(time > 60.0) & (time < 70.0), 0] += 3e-4
+
+    found = unknown_torque(fitted(edited(planted(), shifted)))
+    assert found.source == "rate sensor"
+    assert "no torque explains it: it is in the sensors" in found.description
+
+    def spikes(time, rate):
+        rate[::23, 2] += 6e-4
+
+    found = unknown_torque(fitted(edited(planted(), spikes)))
+    assert found.source in ("rate sensor", "nothing smooth")
+    assert "no torque explains it" in found.description
+
+
+def test_nothing_is_found_in_perfect_data(planted):
+    at = fitted(planted())
+    history = infer(linearise(at), body_torque(linearise(at), torque_response(at)))
+    assert history.log_evidence < 8.0  # the best of many sizes and lengths gains a little by chance
+    assert np.mean(np.abs(history.mean) < 2.5 * history.sd) > 0.97
+
+
+def test_splines_reproduce_cubics():
+    t = np.linspace(0.0, 10.0, 12)
+    at = np.linspace(0.0, 10.0, 77)
+    np.testing.assert_allclose(cardinal(at, t) @ (t**3 - 4.0 * t), at**3 - 4.0 * at, atol=1e-9)
