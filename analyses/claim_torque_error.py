@@ -186,7 +186,7 @@ def analysis(quick: bool = False):
     claims = [
         (
             "a torque error of a wheel becomes the same error of the inertia about its axis",
-            f"wheels at rest before the campaign, no tachometers: {slope['no tachometers, wheels start at rest']:+.2f} % for each per cent; with 50 to "
+            f"wheels at rest before the campaign, no tachometers: {slope['no tachometers, wheels start at rest']:+.2f} % for each per cent; with 30 to "
             "70e-3 N m s stored "
             f"in them {slope['without tachometers']:+.2f} %; with tachometers fitted {slope['with tachometers']:+.2f} %; "
             f"tachometers as input {slope['tachometers as input']:+.3f} %; gain fitted along {slope['gain fitted']:+.3f} %",
