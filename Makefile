@@ -13,7 +13,7 @@ demo: $(VENV)/ready
 
 test: $(VENV)/ready-test
 	$(BIN)/ruff check .
-	$(BIN)/python -m pytest -q
+	$(BIN)/python -m pytest -q -n 2 --dist loadfile
 
 lint: $(VENV)/ready-test
 	$(BIN)/ruff check . && $(BIN)/ruff format --check .

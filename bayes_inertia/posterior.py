@@ -305,7 +305,7 @@ def _estimate_group(at: Estimate):
         "covariance": (("parameter", "parameter_2"), at.covariance),
         "robust_covariance": (("parameter", "parameter_2"), covariance),
         "robust_sd": (("parameter",), np.sqrt(np.diag(covariance))),
-        "robust_principal_sd": (("axis",), _principal_sd(at, covariance)),
+        "robust_principal_sd": (("axis",), principal_sd(at, covariance)),
         "discount": (("slew", "channel"), at.discount),
         "slew_chi2": (("slew", "channel"), at.information.chi2 / at.discount),
         "slew_n_data": (("slew", "channel"), at.information.n_data),
@@ -324,7 +324,7 @@ def _residual_arrays(at: Estimate):
     return zip(CHANNELS, r, (3, 3, max(1, at.model.structure.wheels)), strict=True)
 
 
-def _principal_sd(at: Estimate, covariance: np.ndarray) -> np.ndarray:
+def principal_sd(at: Estimate, covariance: np.ndarray) -> np.ndarray:
     """Standard deviations of the principal moments by linear propagation: dI_i = v_i^T dJ v_i."""
     _, axes = np.linalg.eigh(np.asarray(inertia.tensor(jnp.asarray(at.theta[:6]))))
     weights = np.stack([np.asarray(inertia.elements(np.outer(v, v))) * [1, 1, 1, 2, 2, 2] for v in axes.T])
