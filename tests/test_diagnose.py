@@ -1,0 +1,178 @@
+"""What is missing: strong hidden effects are named, nothing is named where nothing is missing, and outsiders stay unknown."""
+
+import json
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from bayes_inertia.diagnose import diagnose
+from bayes_inertia.diagnosis_file import effects_of, fitted, to_json
+from bayes_inertia.disagreement import disagreement
+from bayes_inertia.effect import Effect
+from bayes_inertia.effects import LIBRARY, ConstantTorque, WheelCommandLag
+from bayes_inertia.maneuver import planned_campaign
+from bayes_inertia.parameters import Normal, scalar
+from bayes_inertia.plan import paper_like_plan
+from bayes_inertia.report import diagnosis_sections
+from bayes_inertia.report.diagnosis_wording import headline, verdict
+from bayes_inertia.run import with_measured_noise
+from bayes_inertia.simulation import draw_flight
+from bayes_inertia.spacecraft import most_like_prior, most_like_spacecraft
+from bayes_inertia.unknown import unknown_torque
+
+# Without the flexible mode, whose every refit compiles code of its own.
+RIGID = tuple(e for e in LIBRARY if e.name != "flexible_mode")
+
+
+@dataclass(frozen=True)
+class Pump(Effect):
+    """Outside the library: a torque at 0.3 Hz about -y that never stops."""
+
+    name: ClassVar[str] = "pump"
+
+    def parameters(self, campaign):
+        return (scalar("torque", unit="N m", prior=Normal(0.0, 1e-4)),)
+
+    def body_torque(self, p, slew, t, state):
+        return -p["torque"] * jnp.sin(2.0 * jnp.pi * 0.3 * t) * jnp.array([0.0, 1.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def flight():
+    """`flight(effects, values, seed)`: a campaign of three slews at 2 Hz; all have one shape, so that they share compiled code."""
+    plan = replace(paper_like_plan(), telemetry_period=0.5)
+    plan = replace(plan, slews=(plan.slews[0], plan.slews[3], plan.slews[4]))
+    template = planned_campaign(plan, most_like_spacecraft(), most_like_prior())
+
+    def fly(effects=(), values=None, seed=11):
+        return draw_flight(template, plan, seed, effects=effects, values=values, vary=False).campaign
+
+    return fly
+
+
+@pytest.fixture(scope="module")
+def clean(flight):
+    return flight()
+
+
+@pytest.fixture(scope="module")
+def lagging(flight):
+    return diagnose(flight((WheelCommandLag(),), {"wheel_command_lag": {"tau": np.array(0.1)}}))
+
+
+@pytest.fixture(scope="module")
+def pumped(flight):
+    return diagnose(flight((Pump(),), {"pump": {"torque": np.array(3e-4)}}), library=RIGID)
+
+
+def content_of(found, **more):
+    changed = bool(found.steps) or any(f > 1.0 for f in found.noise.values())
+    after = disagreement(found.final, stated=False) if changed else None
+    return to_json(found, disagreement(found.base), after, **more)
+
+
+def test_nothing_is_named_in_a_clean_campaign(clean):
+    found = diagnose(clean)
+    assert (found.verdict, found.named, found.ambiguous_with, found.steps) == ("consistent", (), (), ())
+    content = content_of(found)
+    check_contract(content)
+    assert content["disagreement"] == []
+    assert headline(content) == "Nothing is missing: the model explains the data."
+
+
+def test_a_lag_is_named_and_measured(lagging):
+    assert (lagging.verdict, lagging.named) == ("named", ("wheel_command_lag",))
+    content = content_of(lagging)
+    check_contract(content)
+    tau = next(c for c in content["candidates"] if c["effect"] == "wheel_command_lag")["parameters"]["tau"]
+    assert abs(tau["mean"] - 0.1) < 4.0 * tau["sd"]
+    assert tau["q025"] < tau["mean"] < tau["q975"]
+    assert tau["unit"] == "s"
+    (step,) = content["steps"]
+    assert step["reduced_chi2_before"]["total"] > 10.0 > 1.2 > step["reduced_chi2_after"]["total"]
+    # Three slews: two alone leave J so open that the third is predicted badly even by a perfect model.
+    assert step["held_out_before"] > step["held_out_after"]
+    assert {w["channel"] for w in content["disagreement"]} >= {"momentum"}
+    assert content["disagreement_after"] == []
+    assert [e.name for e in effects_of(content)] == ["wheel_command_lag"]
+
+
+def test_a_constant_torque_is_named(flight):
+    found = diagnose(flight((ConstantTorque(),), {"constant_torque": {"torque": np.array([1e-5, 0.0, -5e-6])}}))
+    assert found.verdict == "named"
+    assert found.named == ("constant_torque",)
+
+
+def test_loud_noise_is_measured_and_nothing_physical_is_named(clean):
+    quieter = with_measured_noise(clean, dict.fromkeys(("rate", "attitude", "momentum"), 1.0 / 1.5))
+    found = diagnose(quieter)
+    assert found.steps == ()
+    for channel in ("rate", "momentum"):
+        n = sum(len(x) * 3 for x in found.base.residual_series[channel])
+        # Median of squared second differences: see `noise`. The sd of the factor is half that of the power.
+        assert found.noise[channel] == pytest.approx(1.5, abs=4.0 * 0.5 * 1.5 * np.sqrt(1.4 * 3.9 / n))
+    content = content_of(found, unknown=unknown_torque(found.base) if found.verdict == "unknown" else None)
+    check_contract(content)
+    assert effects_of(content) == ()
+    assert {w["kind"] for w in content["disagreement"]} == {"energy"}
+    assert {w["channel"] for w in content["disagreement"]} == {"rate", "attitude", "momentum"}
+
+
+def test_noise_is_worded_as_noise():
+    content = {"verdict": "named", "named": ["noise_level"], "ambiguous_with": []}
+    assert headline(content) == "No effect is missing, but the noise is larger than stated."
+
+
+def test_what_no_candidate_explains_is_unknown_and_described(pumped):
+    assert (pumped.verdict, pumped.named) == ("unknown", ())
+    content = content_of(pumped, unknown=unknown_torque(pumped.base))
+    check_contract(content, RIGID)
+    assert content["unknown"]["frequency_hz"] == pytest.approx(0.3, abs=0.01)
+    assert abs(content["unknown"]["axis"][1]) > 0.97
+    assert fitted(pumped) == []
+    assert verdict(content).level == "bad"
+    assert any("0.3 Hz ringing about y" in s for s in verdict(content).sentences)
+
+
+def test_the_report_says_and_draws_it(lagging, pumped):
+    content = content_of(lagging)
+    sections = diagnosis_sections(content)
+    assert [s.title for s in sections] == ["What is missing?", "Where does the base model disagree?", "Candidates", "What adding effects changes"]
+    assert sections[0].context["verdict"].title == "Found what is missing: wheel command lag."
+    assert [len(s.pictures) for s in sections] == [0, 2, 1, 2]
+    last = diagnosis_sections(content_of(pumped, unknown=unknown_torque(pumped.base)))[-1]
+    assert last.title == "What nothing explains"
+    assert len(last.pictures) >= 1
+
+
+def test_ambiguity_is_worded_as_such():
+    content = {"verdict": "ambiguous", "named": ["rate_bias", "wheel_friction"], "ambiguous_with": [["wheel_friction", "viscous_torque"]]}
+    assert headline(content) == "Something is missing: either wheel friction or viscous torque. This campaign cannot tell which. Besides: rate bias."
+
+
+def check_contract(content: dict, library=LIBRARY) -> None:
+    """diagnosis.json as DESIGN section 8 promises it."""
+    assert json.loads(json.dumps(content, allow_nan=False)) == content
+    assert content["verdict"] in ("consistent", "named", "ambiguous", "unknown")
+    assert {e.name for e in library} | {"noise_level"} == {c["effect"] for c in content["candidates"]}
+    for c in content["candidates"]:
+        assert {"effect", "dof", "score", "p_value", "log_bayes_factor", "parameters", "reason"} == set(c)
+        assert (c["p_value"] is None) == (c["score"] is None)
+        assert c["p_value"] is not None or c["reason"]
+        assert (c["parameters"] is not None) == (c["effect"] in [s["added"] for s in content["steps"]])
+    for w in content["disagreement"]:
+        assert {"channel", "slew", "t_start", "t_end", "p_value"} <= set(w)
+        assert w["channel"] in ("rate", "attitude", "momentum")
+        assert w["t_start"] <= w["t_end"]
+        assert 0.0 <= w["p_value"] < 0.05
+    for s in content["steps"]:
+        assert set(s["reduced_chi2_before"]) == set(s["reduced_chi2_after"]) == {"rate", "attitude", "momentum", "total"}
+        assert set(s["shift"]) == {"Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz", "K1", "K2", "K3"}
+    assert (content["unknown"] is not None) == (content["verdict"] == "unknown")
+    if content["unknown"]:
+        assert {"description", "axis", "frequency_hz", "torque_rms"} <= set(content["unknown"])
+        assert math.isclose(np.linalg.norm(content["unknown"]["axis"]), 1.0, rel_tol=1e-9)
