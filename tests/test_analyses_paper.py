@@ -1,0 +1,96 @@
+"""The analyses of the paper: quick variants run, figures are the same bytes again, the page is complete, the statistics are right."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ANALYSES = Path(__file__).resolve().parent.parent / "analyses"
+
+
+@pytest.fixture(scope="module")
+def load():
+    """Modules of `analyses/` by name, which import each other as scripts do."""
+    sys.path.insert(0, str(ANALYSES))
+    yield importlib.import_module
+    sys.path.remove(str(ANALYSES))
+
+
+@pytest.fixture(scope="module")
+def quick(load, tmp_path_factory):
+    """{name: (result, pictures)} of quick variants, and the folder that they were written to."""
+    found = {name: load(name).analysis(True) for name in ("claim_starts", "claim_disturbances", "claim_torque_error", "claim_misalignment", "claim_rate")}
+    out = tmp_path_factory.mktemp("paper")
+    for result, pictures in found.values():
+        load("common").write_result(result, pictures, out)
+    return found, out
+
+
+def test_quick_variants_say_what_the_full_ones_say(quick):
+    found, _ = quick
+    numbers = {name: result.numbers for name, (result, _) in found.items()}
+    assert numbers["claim_starts"]["fraction"] == 1.0
+    # 2 sin(180 deg / 2) of the misalignment is left; the simulated median has the noise of four flights (about 60").
+    assert abs(numbers["claim_misalignment"]["at_180_arcsec"] - numbers["claim_misalignment"]["expected_180_arcsec"]) < 150.0
+    # A torque that is 1 % too large looks like an inertia that is 1 % too small, where the wheels stored no momentum.
+    assert numbers["claim_torque_error"]["slope no tachometers, wheels start at rest"] == pytest.approx(-1.0, abs=0.1)
+    assert numbers["claim_disturbances"]["Jxx fitted"] < numbers["claim_disturbances"]["Jxx trusted"]
+    assert numbers["claim_rate"]["sd_at_1"] < 0.2 * numbers["claim_rate"]["sd_at_0.05"]
+
+
+def test_a_figure_drawn_again_has_the_same_bytes(load, quick, tmp_path):
+    _, out = quick
+    common = load("common")
+    again = load("claim_starts").analysis(True)[1]["claim_starts.png"]
+    path = common.save_picture(again, tmp_path / "again.png")
+    assert path.read_bytes() == (out / "figures" / "claim_starts.png").read_bytes()
+    assert b"tIME" not in path.read_bytes()
+
+
+def test_the_page_names_every_analysis_and_figure_and_is_idempotent(load, quick):
+    _, out = quick
+    common = load("common")
+    page = out / "analyses" / "PAPER.md"
+    text = page.read_text()
+    common.write_page(out)
+    assert page.read_text() == text
+    for path in sorted((out / "analyses" / "results").glob("*.json")):
+        result = json.loads(path.read_text())
+        assert f"python analyses/{result['name']}.py" in text
+        assert all((out / "figures" / file).is_file() and f"../figures/{file}" in text for file, _ in result["figures"])
+
+
+def test_committed_page_is_what_the_committed_results_say(load, tmp_path):
+    common = load("common")
+    (tmp_path / "analyses" / "results").mkdir(parents=True)
+    for name in common.ANALYSES:
+        text = (ANALYSES / "results" / f"{name}.json").read_text()
+        (tmp_path / "analyses" / "results" / f"{name}.json").write_text(text)
+        for file, _ in json.loads(text)["figures"]:
+            assert (ANALYSES.parent / "figures" / file).is_file()
+    assert common.write_page(tmp_path).read_text() == (ANALYSES / "PAPER.md").read_text()
+
+
+def test_scatter_is_what_repeated_campaigns_show(load):
+    """Errors of 24 campaigns at 50 times our noise, whitened by the predicted scatter, are standard normal."""
+    common = load("common")
+    from bayes_inertia.estimate import estimate
+    from bayes_inertia.model import Model
+    from bayes_inertia.plan import paper_like_plan
+
+    truth, initial = common.SIMULATION.truth, common.SIMULATION.initial
+    quiet = common.flown(paper_like_plan(), common.spacecraft_of(truth), seed=1)
+    s = common.scatter(estimate(Model(quiet.campaign), starts=1), initial - truth, (50.0,) * 3)
+    white = np.linalg.inv(np.linalg.cholesky(s.covariance))
+    n, chi2 = 24, 0.0
+    for seed in range(n):
+        flight = common.flown(paper_like_plan(), common.spacecraft_of(truth, 50.0), seed=seed)
+        error = white @ (estimate(Model(flight.campaign), starts=1, discount=False).theta - truth - s.mean)
+        chi2 += float(error @ error)
+    # chi^2 of 9 n degrees of freedom, four of its standard deviations
+    assert abs(chi2 - 9 * n) < 4.0 * np.sqrt(2 * 9 * n)
