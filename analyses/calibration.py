@@ -240,6 +240,7 @@ def report(table: pd.DataFrame, seconds: float | None) -> str:
         lines.append(
             f"| {r.study} | {r.parameter} | {r.mean_z:+.3f} ± {1 / math.sqrt(n):.3f} | {r.sd_z:.3f} ± {1 / math.sqrt(2 * n):.3f} | {r.contraction:.3f} |"
         )
+    lines += ["", *_overall(table)]
     lines += ["", "## Coverage", "", "Share of campaigns whose interval contains the truth, in %, with its 95 % binomial interval.", ""]
     lines += [f"| study | parameter | {' | '.join(f'{100 * level:g} %, {kind}' for level in LEVELS for kind in ('sd', 'quantiles'))} |", "|---" * 8 + "|"]
     for (study, parameter), own in covered.groupby(["study", "parameter"], sort=False):
@@ -248,6 +249,15 @@ def report(table: pd.DataFrame, seconds: float | None) -> str:
     outside = covered[(covered.level < covered.low) | (covered.level > covered.high)]
     lines += ["", f"{len(outside)} of {len(covered)} binomial intervals miss their level (5 % of them would by chance; those of one parameter are alike).", ""]
     return "\n".join(lines)
+
+
+def _overall(table: pd.DataFrame) -> list[str]:
+    """Mean z^2 over all parameters, with a standard error that treats a campaign's nine errors as one number."""
+    lines = []
+    for study, group in table.assign(square=((table.truth - table["mean"]) / table.sd) ** 2).groupby("study", sort=False):
+        each = group.groupby("campaign").square.mean()
+        lines.append(f"All nine parameters together, {study}: mean z² = {each.mean():.3f} ± {each.std() / math.sqrt(len(each)):.3f} (1 if sd is right).")
+    return lines
 
 
 def _introduction(table: pd.DataFrame, seconds: float | None) -> list[str]:
