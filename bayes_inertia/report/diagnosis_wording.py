@@ -100,9 +100,15 @@ def probability(p: float) -> str:
 
 def _what(content: Mapping[str, Any]) -> list[str]:
     said = [_step(step, content) for step in content["steps"]] if content["verdict"] != "unknown" else []
-    said += [
-        f"The noise of the {CHANNEL_NAMES[c]} is {f:.2f} times what campaign.toml states: correct it there." for c, f in content["noise"].items() if f > 1.0
-    ]
+    louder = {CHANNEL_NAMES[c]: f for c, f in content["noise"].items() if f > 1.0}
+    if content["verdict"] == "unknown":
+        # What is fast and unexplained passes for noise.
+        said += [
+            f"From sample to sample the {name} scatters {f:.2f} times as much as campaign.toml states; what is missing may be part of that."
+            for name, f in louder.items()
+        ]
+    else:
+        said += [f"The noise of the {name} is {f:.2f} times what campaign.toml states: correct it there." for name, f in louder.items()]
     for group in content["ambiguous_with"]:
         said.append(f"{listed([plain(n) for n in group]).capitalize()} would look so alike in this campaign that naming one of them would be a guess.")
     if content["verdict"] == "unknown":
