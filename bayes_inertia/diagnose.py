@@ -267,8 +267,9 @@ def final_tests(at: Estimate) -> dict[str, ChannelTest]:
 
 def explained(tests: dict[str, ChannelTest], rules: Rules) -> bool:
     """Whether nothing is left in the residuals that noise would not leave."""
-    values = [p for test in tests.values() for p in (test.p_chi2, test.p_white) if p is not None]
-    return min(values, default=1.0) > rules.misfit
+    loud = [t.p_chi2 for t in tests.values() if t.p_chi2 is not None and t.reduced_chi2 > 1.0]
+    structured = [t.p_white for t in tests.values() if t.p_white is not None]
+    return min([*loud, *structured], default=1.0) > rules.misfit
 
 
 def _verdict(base: Estimate, at: Estimate, steps: list[Step], first: tuple, noise: dict[str, float], skipped, rules: Rules) -> Diagnosis:

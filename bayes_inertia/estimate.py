@@ -255,7 +255,11 @@ def held_out(at: Estimate) -> float | None:
         own = g[shared:] + A[shared:, :shared] @ step + at.point.local[s]
         stiff = A[shared:, shared:] + np.eye(m)
         chi2 = info.chi2[s].sum() + step @ (g[:shared] + linear) - own @ solve(stiff, own)
-        total, numbers = total + chi2, numbers + info.n_data[s].sum() - m
+        # The prediction is itself uncertain: what the others' uncertainty of theta and bias allows is no misfit.
+        apart = solve(stiff, A[shared:, :shared])
+        pull, information_ = linear - apart.T @ own, A[:shared, :shared] - A[:shared, shared:] @ apart
+        known = inverse(inverse(hessian)[:shared, :shared])
+        total, numbers = total + chi2 - pull @ solve(information_ + known, pull), numbers + info.n_data[s].sum() - m
     return float(total / numbers)
 
 

@@ -10,6 +10,8 @@ from bayes_inertia.estimate import Estimate
 _VARIANCE = 6.0
 _SPREAD = 2.0 * (1.0 + 2.0 * (16.0 + 1.0) / 36.0)
 _SIGMAS = 4.0
+# Mean square of a standard normal number that is below three sigma.
+_KEPT = 0.973337
 
 
 def noise_factors(at: Estimate) -> dict[str, float]:
@@ -25,6 +27,16 @@ def _factor(slews: list[np.ndarray]) -> float:
     values = np.concatenate([s[np.isfinite(s)] for s in squares]) if squares else np.zeros(0)
     if len(values) < 30:
         return 1.0
-    # The median ignores the few jumps that an unmodelled step leaves.
-    power = float(np.median(values) / (_VARIANCE * 0.454936))
-    return float(np.sqrt(power)) if power > 1.0 + _SIGMAS * np.sqrt(1.4 * _SPREAD / len(values)) else 1.0
+    power = _clipped_power(values)
+    return float(np.sqrt(power)) if power > 1.0 + _SIGMAS * np.sqrt(_SPREAD / len(values)) else 1.0
+
+
+def _clipped_power(values: np.ndarray) -> float:
+    """White noise power from squared second differences, without the few jumps that an unmodelled step leaves.
+
+    The median starts it; the mean below three sigma, which scatters far less, finishes it.
+    """
+    power = float(np.median(values)) / 0.454936
+    for _ in range(20):
+        power = float(np.mean(values[values < 9.0 * power])) / _KEPT
+    return power / _VARIANCE
