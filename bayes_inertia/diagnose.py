@@ -20,6 +20,7 @@ from bayes_inertia.dynamics import Drive
 from bayes_inertia.effect import Effect
 from bayes_inertia.effects import LIBRARY
 from bayes_inertia.estimate import Estimate, estimate, held_out, move_to, re_estimate, with_noise
+from bayes_inertia.evidence import log_bayes_factor
 from bayes_inertia.fingerprint import Fingerprints, fingerprints
 from bayes_inertia.model import Model
 from bayes_inertia.noise import noise_factors
@@ -40,7 +41,7 @@ class Rules:
         then stays below 5 %.)
     refits : candidates that are refitted in each step. most : effects that can be named at all.
     margin : log evidence by which the best must beat another that could imitate it.
-    alike : correlation with the best signal above which another candidate counts as an imitation.
+    alike : canonical correlation with the best above which another candidate counts as an imitation.
     misfit : p-value of the whole residuals below which the data are not explained.
     """
 
@@ -184,7 +185,7 @@ def _best_step(at: Estimate, marks: Fingerprints, significant: list[Candidate], 
     refitted = []
     for candidate in significant[: rules.refits]:
         after = _refit(at, marks, candidate, flexible)
-        evidence = log_evidence(after) - log_evidence(at)
+        evidence = log_bayes_factor(at, after, _plain(candidate.effect))
         gained = 2.0 * (at.objective - after.objective)
         if stats.chi2.sf(max(gained, 0.0), max(candidate.dof, 1)) < limit:
             refitted.append((evidence, candidate, after))
@@ -195,7 +196,7 @@ def _best_step(at: Estimate, marks: Fingerprints, significant: list[Candidate], 
     where = {name: k for k, name in enumerate(marks.names)}
     rivals = []
     for other, candidate, _ in refitted[1:]:
-        alike = marks.mimicry(where[best.effect], where[candidate.effect])
+        alike = marks.canonical_correlation(where[best.effect], where[candidate.effect])
         if evidence - other < rules.margin and alike > rules.alike:
             rivals.append((_plain(candidate.effect), alike))
     return Step(_plain(best.effect), at, after, float(evidence), tuple(rivals[:2]))
@@ -230,16 +231,6 @@ def _refit_mode(at: Estimate, products: np.ndarray, frequency: float, flexible: 
     theta = lifted.theta.copy()
     theta[part.start : part.start + 3] = vectors[:, -1] * np.sqrt(max(values[-1], 1e-4)) * whole.space.sd[part.start]
     return re_estimate(lifted, theta, np.concatenate([lifted.free, np.arange(part.start, part.stop)]))
-
-
-def log_evidence(at: Estimate) -> float:
-    """Laplace's approximation of the log evidence, up to a constant that fits of one campaign share.
-
-    Effects' priors enter with their norms; J, K and the nuisances are in every model and their norms cancel.
-    """
-    extra = at.free[at.free >= 9]
-    prior = -np.sum(np.log(at.model.space.sd[extra])) if len(extra) else 0.0
-    return float(-at.objective + prior - 0.5 * np.linalg.slogdet(at.hessian)[1])
 
 
 def _without_needless(steps: list[Step], at: Estimate) -> tuple[list[Step], Estimate]:

@@ -16,6 +16,7 @@ import numpy as np
 from scipy import stats
 
 from bayes_inertia.estimate import N_BIAS, Estimate, block_index, prior_rows
+from bayes_inertia.evidence import first_order_log_bayes_factor
 from bayes_inertia.levenberg import inverse_root
 from bayes_inertia.likelihood import padded_sensitivities
 from bayes_inertia.parameters import ParameterSpace
@@ -65,14 +66,13 @@ class Fingerprints:
         return np.where(score > 0, stats.chi2.sf(score, dof), 1.0) * (0.5 if self.one_sided[k] else 1.0)
 
     def log_bayes_factor(self, k: int) -> float:
-        """Log evidence for candidate k against nothing, to first order in its parameters."""
+        """Log evidence for candidate k against nothing, to first order in its parameters (`evidence`)."""
         index = self.groups[k]
         powers, directions = np.linalg.eigh(self.matrix[np.ix_(index, index)])
-        powers = np.maximum(powers, 0.0)
-        along = self.gradient[index] @ directions
-        if self.one_sided[k] and self.gradient[index][0] < 0:
-            return float(-0.5 * np.sum(np.log1p(powers)))
-        return float(0.5 * np.sum(along**2 / (1.0 + powers) - np.log1p(powers)))
+        gradient = self.gradient[index]
+        if self.one_sided[k]:
+            gradient = np.maximum(gradient, 0.0)
+        return first_order_log_bayes_factor(gradient @ directions, powers)
 
     def amplitude(self, k: int) -> np.ndarray:
         """Best amplitude of candidate k's parameters, in units of prior sd, to first order."""
