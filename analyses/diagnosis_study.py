@@ -174,7 +174,8 @@ def _truth(flight) -> np.ndarray:
 def run_one(kind: str, label: str, index: int, effects: tuple[Effect, ...], tachometers: bool, power: float, level: float) -> dict:
     """Simulate and diagnose one campaign."""
     seed = np.random.SeedSequence(20260, spawn_key=(hash_of(kind + label), index, int(tachometers)))
-    rng = np.random.default_rng(seed.spawn(1)[0])
+    # Not a child of `seed`: the flight draws from those, and the effect's direction must not follow its noise.
+    rng = np.random.default_rng(np.random.SeedSequence(20261, spawn_key=seed.spawn_key))
     values, sizes = {}, {}
     for effect in effects:
         if effect.name in OUTSIDE:

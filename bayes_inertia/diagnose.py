@@ -24,7 +24,8 @@ from bayes_inertia.evidence import log_bayes_factor
 from bayes_inertia.fingerprint import Fingerprints, fingerprints
 from bayes_inertia.model import Model
 from bayes_inertia.noise import noise_factors
-from bayes_inertia.oscillator import PREFIX, imprints
+from bayes_inertia.oscillator import PREFIX, best_imprint
+from bayes_inertia.projection import projection
 from bayes_inertia.torque_response import torque_response
 
 FLEXIBLE = "flexible_mode"
@@ -164,19 +165,17 @@ def _marks(at: Estimate, flexible: Effect | None) -> Fingerprints:
     waiting = tuple(name for name in waiting if space.slice_of(name).stop > space.slice_of(name).start)
     if flexible is None or any(e.name == FLEXIBLE for e in at.model.effects):
         return fingerprints(at, waiting)
-    coupling = flexible.parameters(at.model.campaign)[0].priors[0].sd
-    return fingerprints(at, waiting, imprints(torque_response(at), coupling**2))
+    coupling, fit = flexible.parameters(at.model.campaign)[0].priors[0].sd, projection(at)
+    return fingerprints(at, waiting, (best_imprint(torque_response(at), fit, coupling**2),), fit)
 
 
 def _candidates(marks: Fingerprints) -> list[Candidate]:
-    """All candidates, best evidence first; of the mode's frequencies only the best."""
-    found, modes = [], []
-    for k, name in enumerate(marks.names):
-        score = float(marks.score(k))
-        entry = Candidate(name, len(marks.visible(k)[0]), score, float(marks.p_value(k, np.asarray(score))), marks.log_bayes_factor(k))
-        (modes if name.startswith(PREFIX) else found).append(entry)
-    if modes:
-        found.append(min(modes, key=lambda c: (c.p_value, -c.score)))
+    """All candidates, best evidence first."""
+    scores = [float(marks.score(k)) for k in range(len(marks.names))]
+    found = [
+        Candidate(name, len(marks.visible(k)[0]), score, float(marks.p_value(k, np.asarray(score))), marks.log_bayes_factor(k))
+        for k, (name, score) in enumerate(zip(marks.names, scores, strict=True))
+    ]
     return sorted(found, key=lambda c: -c.log_bayes_factor)
 
 
@@ -215,22 +214,28 @@ def _refit(at: Estimate, marks: Fingerprints, candidate: Candidate, flexible: Ef
     part = space.slice_of(candidate.effect)
     theta = at.theta.copy()
     theta[part] += np.clip(marks.amplitude(k), -10.0, 10.0) * space.sd[part]
-    margin = 1e-3 * space.sd
-    theta[6:] = np.clip(theta, space.lower + margin, space.upper - margin)[6:]
+    margin = 1e-3 * space.sd[part]
+    theta[part] = np.clip(theta[part], space.lower[part] + margin, space.upper[part] - margin)
     return re_estimate(at, theta, np.concatenate([at.free, np.arange(part.start, part.stop)]))
 
 
 def _refit_mode(at: Estimate, products: np.ndarray, frequency: float, flexible: Effect) -> Estimate:
     """The fit with a flexible mode, begun at the rank-one part of its first-order products delta_i delta_j."""
-    mode = replace(flexible, frequency=frequency)
+    mode = replace(flexible, frequency=_round_frequency(frequency))
     whole = Model(at.model.campaign, (*at.model.effects, mode), at.model.structure.drive)
     lifted = move_to(at, whole)
     xx, yy, zz, xy, xz, yz = products
     values, vectors = np.linalg.eigh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
     part = whole.space.slice_of(FLEXIBLE)
     theta = lifted.theta.copy()
+    theta[part.start + 3] = frequency
     theta[part.start : part.start + 3] = vectors[:, -1] * np.sqrt(max(values[-1], 1e-4)) * whole.space.sd[part.start]
     return re_estimate(lifted, theta, np.concatenate([lifted.free, np.arange(part.start, part.stop)]))
+
+
+def _round_frequency(frequency: float) -> float:
+    """The nearest power of two [Hz]: the prior's median, rounded so that fits of many campaigns share compiled code."""
+    return float(2.0 ** np.round(np.log2(frequency)))
 
 
 def _without_needless(steps: list[Step], at: Estimate) -> tuple[list[Step], Estimate]:

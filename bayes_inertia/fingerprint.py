@@ -15,11 +15,9 @@ from itertools import pairwise
 import numpy as np
 from scipy import stats
 
-from bayes_inertia.estimate import N_BIAS, Estimate, block_index, prior_rows
+from bayes_inertia.estimate import Estimate
 from bayes_inertia.evidence import first_order_log_bayes_factor
-from bayes_inertia.levenberg import inverse_root
-from bayes_inertia.likelihood import padded_sensitivities
-from bayes_inertia.parameters import ParameterSpace
+from bayes_inertia.projection import Projection, projection
 
 # Signal-to-noise power, for an effect of prior size, below which a direction is invisible.
 _VISIBLE = 1.0
@@ -33,12 +31,14 @@ class Fingerprints:
     ----------
     names : of the candidates. groups : indices of each candidate's columns.
     one_sided : whether a candidate is one parameter that cannot be negative.
+    trials : of how many like it a candidate is the best (frequencies of a mode): its p-value is Sidak's.
     gradient : (c,) u. matrix : (c, c) S.
     """
 
     names: tuple[str, ...]
     groups: tuple[np.ndarray, ...]
     one_sided: tuple[bool, ...]
+    trials: tuple[int, ...]
     gradient: np.ndarray
     matrix: np.ndarray
 
@@ -63,7 +63,8 @@ class Fingerprints:
         dof = len(self.visible(k)[0])
         if dof == 0:
             return np.ones_like(score)
-        return np.where(score > 0, stats.chi2.sf(score, dof), 1.0) * (0.5 if self.one_sided[k] else 1.0)
+        single = np.where(score > 0, stats.chi2.sf(score, dof), 1.0) * (0.5 if self.one_sided[k] else 1.0)
+        return -np.expm1(self.trials[k] * np.log1p(-np.minimum(single, 1.0 - 1e-16)))
 
     def log_bayes_factor(self, k: int) -> float:
         """Log evidence for candidate k against nothing, to first order in its parameters (`evidence`)."""
@@ -72,7 +73,7 @@ class Fingerprints:
         gradient = self.gradient[index]
         if self.one_sided[k]:
             gradient = np.maximum(gradient, 0.0)
-        return first_order_log_bayes_factor(gradient @ directions, powers)
+        return first_order_log_bayes_factor(gradient @ directions, powers) - float(np.log(self.trials[k]))
 
     def amplitude(self, k: int) -> np.ndarray:
         """Best amplitude of candidate k's parameters, in units of prior sd, to first order."""
@@ -88,16 +89,6 @@ class Fingerprints:
         cross = (a / np.sqrt(p)).T @ self.matrix[np.ix_(self.groups[j], self.groups[k])] @ (b / np.sqrt(q))
         return float(min(1.0, np.linalg.svd(cross, compute_uv=False)[0]))
 
-    def mimicry(self, j: int, k: int) -> float:
-        """Correlation between the signal that the data ascribe to candidate j and the best imitation of it by candidate k."""
-        powers, directions = self.visible(k)
-        amplitude = self.amplitude(j)
-        own = float(amplitude @ self.matrix[np.ix_(self.groups[j], self.groups[j])] @ amplitude)
-        if own <= 0.0 or not len(powers):
-            return 0.0
-        seen = directions.T @ self.matrix[np.ix_(self.groups[k], self.groups[j])] @ amplitude
-        return float(np.sqrt(min(1.0, np.sum(seen**2 / powers) / own)))
-
     def threshold(self, false_alarms: float, rng: np.random.Generator, draws: int = 20_000) -> float:
         """p-value below which the smallest of all candidates' p-values falls with probability `false_alarms` if none is present.
 
@@ -107,7 +98,9 @@ class Fingerprints:
         gradients = rng.standard_normal((draws, root.shape[1])) @ root.T
         smallest = np.ones(draws)
         for k in range(len(self.names)):
-            smallest = np.minimum(smallest, self.p_value(k, self.score(k, gradients)))
+            # The best of many was chosen by these data: what matters of it is that its corrected p-value is uniform.
+            p = rng.uniform(size=draws) if self.trials[k] > 1 else self.p_value(k, self.score(k, gradients))
+            smallest = np.minimum(smallest, p)
         return float(np.quantile(smallest, false_alarms))
 
 
@@ -120,55 +113,30 @@ def _root(matrix: np.ndarray) -> np.ndarray:
 class Imprint:
     """Columns that a candidate would add to the residuals, given directly instead of by an effect's parameters.
 
-    `columns` : by slew (numbers, k), all channels one after the other, in units of prior sd.
+    `columns` : (slews, numbers, k), all channels one after the other, in units of prior sd.
+    `trials` : of how many like it this one is the best.
     """
 
     name: str
-    columns: tuple[np.ndarray, ...]
+    columns: np.ndarray
+    trials: int = 1
 
 
-def fingerprints(at: Estimate, names: tuple[str, ...], imprints: tuple[Imprint, ...] = ()) -> Fingerprints:
+def fingerprints(at: Estimate, names: tuple[str, ...], imprints: tuple[Imprint, ...] = (), fit: Projection | None = None) -> Fingerprints:
     """Fingerprints of candidate effects against all that is fitted.
 
     Parameters
     ----------
     at : an estimate of a model that holds the effects `names` at their null; only others' parameters were free.
-    imprints : further candidates, given by their columns.
+    imprints : further candidates, given by their columns. fit : `projection(at)`, if it is there already.
     """
-    model, point, space = at.model, at.point, at.model.space
-    d, m = space.size, point.local.shape[1]
-    s = padded_sensitivities(model, point.theta, point.bias, point.local, at.white, np.arange(d))
-    jacobian = np.concatenate([np.asarray(j)[..., : d + N_BIAS + m] for j in s.jacobian], 1)
-    residual = np.concatenate([np.asarray(r) for r in s.residuals], 1)
-    extra = sum(i.columns[0].shape[1] for i in imprints)
-    local = d + extra + N_BIAS
-    size = local + point.local.size
-    hessian, gradient = np.zeros((size, size)), np.zeros(size)
-    for k, (J, r) in enumerate(zip(jacobian, residual, strict=True)):
-        columns = np.concatenate([J[:, :d], *(i.columns[k] for i in imprints), J[:, d:]], 1)
-        index = block_index(local, m, k)
-        hessian[np.ix_(index, index)] += columns.T @ columns
-        gradient[index] += columns.T @ r
-    slope, distance = prior_rows(model, point.theta)
-    nuisances = np.arange(d + extra, size)
-    hessian[at.free, at.free] += slope[at.free] ** 2
-    gradient[at.free] += (slope * distance)[at.free]
-    hessian[nuisances, nuisances] += 1.0
-    gradient[nuisances] += np.concatenate([point.bias, point.local.ravel()])
-    return _projected(space, names, imprints, hessian, gradient, np.concatenate([at.free, nuisances]))
-
-
-def _projected(space: ParameterSpace, names, imprints, hessian: np.ndarray, gradient: np.ndarray, fitted: np.ndarray) -> Fingerprints:
+    fit, space = fit or projection(at), at.model.space
     slices = [space.slice_of(name) for name in names]
-    starts = np.cumsum([space.size, *(i.columns[0].shape[1] for i in imprints)])
-    ranges = [np.arange(s.start, s.stop) for s in slices] + [np.arange(a, b) for a, b in pairwise(starts)]
-    columns = np.concatenate(ranges) if ranges else np.zeros(0, int)
-    root = inverse_root(hessian[np.ix_(fitted, fitted)])
-    across = root @ hessian[np.ix_(fitted, columns)]
-    matrix = hessian[np.ix_(columns, columns)] - across.T @ across
-    pull = -(gradient[columns] - across.T @ (root @ gradient[fitted]))
-    scale = np.concatenate([space.sd, np.ones(starts[-1] - space.size)])[columns]
-    groups = tuple(np.arange(a, b) for a, b in pairwise(np.cumsum([0, *(len(r) for r in ranges)])))
+    parts = [fit.parameters[..., s] * space.sd[s] for s in slices] + [i.columns for i in imprints]
+    columns = np.concatenate(parts, -1) if parts else np.zeros((*fit.residual.shape, 0))
+    taken = fit.taken(columns)
+    matrix = np.einsum("snj,snk->jk", columns, columns, optimize=True) - taken.T @ taken
+    groups = tuple(np.arange(a, b) for a, b in pairwise(np.cumsum([0, *(p.shape[-1] for p in parts)])))
     one_sided = [s.stop - s.start == 1 and space.lower[s.start] == space.nulls[s.start] for s in slices] + [False] * len(imprints)
-    labels = (*names, *(i.name for i in imprints))
-    return Fingerprints(labels, groups, tuple(one_sided), pull * scale, matrix * np.outer(scale, scale))
+    labels, trials = (*names, *(i.name for i in imprints)), (*(1 for _ in names), *(i.trials for i in imprints))
+    return Fingerprints(labels, groups, tuple(one_sided), trials, fit.pull(columns, taken), matrix)
