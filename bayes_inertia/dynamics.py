@@ -17,7 +17,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from bayes_inertia import inertia, rotation
-from bayes_inertia.effect import Effect, SlewContext, State, Trajectory, acts_on
+from bayes_inertia.effect import Effect, SlewContext, State, Trajectory
 
 Drive = Literal["commanded", "measured"]
 Values = Mapping[str, Mapping[str, Array]]
@@ -96,7 +96,7 @@ def simulate(
     values = values or {}
     context = slew.context
     body, motion, torque = prepare(slew, start, inertia_B, effects, values, drive)
-    coasting = not any(acts_on(effect, hook) for effect in effects for hook in _MOVING_HOOKS)
+    coasting = not any(effect.acts(hook) for effect in effects for hook in _MOVING_HOOKS)
     path = (_attitude_path if coasting else _full_path)(slew, body, motion, torque, effects, values, drive)
     wheel = _stack(path.wheel, len(context.time)) if drive == "commanded" else slew.momentum
     attitude, own = jnp.stack(path.attitude, -1), path.own
@@ -274,7 +274,7 @@ def _unit(attitude):
 def _internal_momentum(effects, values, context, own) -> Array:
     total = jnp.zeros(3)
     for effect, states in zip(effects, own, strict=True):
-        if acts_on(effect, "internal_momentum"):
+        if effect.acts("internal_momentum"):
             hook = effect.internal_momentum
             p = values.get(effect.name, {})
             total = total + (hook(p, context, states) if states.ndim == 1 else jax.vmap(lambda x, h=hook, p=p: h(p, context, x))(states))
@@ -287,7 +287,7 @@ def _slope(at: float, x: Motion, row, body: Body, context, effects, values, driv
     unit = _unit(x.attitude)  # as in `_rate_components`
     momentum_B = rotation.to_body_components(unit, x.momentum_N)
     momentum_B = [m - sum(body.axes_B[i, k] * h for k, h in enumerate(wheel)) for i, m in enumerate(momentum_B)]
-    if any(acts_on(effect, "internal_momentum") for effect in effects):
+    if any(effect.acts("internal_momentum") for effect in effects):
         internal = _internal_momentum(effects, values, context, x.own)
         momentum_B = [m - internal[i] for i, m in enumerate(momentum_B)]
     rate = [sum(body.inverse[i, j] * momentum_B[j] for j in range(3)) for i in range(3)]
@@ -296,7 +296,7 @@ def _slope(at: float, x: Motion, row, body: Body, context, effects, values, driv
         return Motion(attitude_rate, _zeros(x.momentum_N), row["torque"][0], ())
     external, wheel_torque, own_rates = _effect_slopes(at, x._replace(attitude=unit), row, body, context, effects, values, drive, rate, wheel)
     momentum_rate = _zeros(x.momentum_N)
-    if any(acts_on(effect, "body_torque") for effect in effects):
+    if any(effect.acts("body_torque") for effect in effects):
         momentum_rate = rotation.to_inertial_components(unit, tuple(external))
     total = tuple(u + wheel_torque[k] for k, u in enumerate(row["torque"][0]))
     return Motion(attitude_rate, momentum_rate, total, own_rates)
@@ -312,9 +312,9 @@ def _effect_slopes(at, x: Motion, row, body: Body, context, effects, values, dri
     for effect, own in zip(effects, x.own, strict=True):
         p = values.get(effect.name, {})
         state = State(jnp.stack(x.attitude), rate_B, relative, own, body.locked, field, position)
-        if acts_on(effect, "body_torque"):
+        if effect.acts("body_torque"):
             external = external + effect.body_torque(p, context, t, state)
-        if acts_on(effect, "wheel_torque"):
+        if effect.acts("wheel_torque"):
             wheel_torque = wheel_torque + effect.wheel_torque(p, context, t, state)
         own_rates.append(effect.state_rate(p, context, t, state))
     return external, wheel_torque, tuple(own_rates)

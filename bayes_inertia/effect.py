@@ -94,6 +94,14 @@ class Effect:
         """Longest integration step that resolves the effect [s]; None if the telemetry's own step does."""
         return None
 
+    def acts(self, hook: str) -> bool:
+        """Whether this effect changes anything in a hook: the simulator leaves out what nobody uses.
+
+        >>> Effect().acts("body_torque")
+        False
+        """
+        return getattr(type(self), hook) is not getattr(Effect, hook)
+
     # --- before the slew ---------------------------------------------------------------------
     def inertia(self, p: Mapping[str, Array], slew: SlewContext, inertia_B: Array) -> Array:
         """Inertia tensor (3, 3) of everything except the wheels' spin [kg m^2] during this slew."""
@@ -141,12 +149,3 @@ class Effect:
     def momentum_output(self, p: Mapping[str, Array], slew: SlewContext, trajectory: Trajectory, momentum: Array) -> Array:
         """Tachometer momentum (n, wheels) [N m s] relative to the body."""
         return momentum
-
-
-def acts_on(effect: Effect, hook: str) -> bool:
-    """Whether an effect overrides a hook (the simulator leaves out what nobody uses).
-
-    >>> acts_on(Effect(), "body_torque")
-    False
-    """
-    return getattr(type(effect), hook) is not getattr(Effect, hook)

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from bayes_inertia import inertia, rotation
-from bayes_inertia.effect import SlewContext, State, Trajectory, acts_on
+from bayes_inertia.effect import SlewContext, State, Trajectory
 from bayes_inertia.errors import EffectError
 from bayes_inertia.model import NuisanceScale, Sensors, Structure
 
@@ -66,7 +66,7 @@ def response(structure: Structure, theta: Array, context: SlewContext, planned: 
     Raises `EffectError` for an effect with states of its own (a flexible mode, slosh).
     """
     for effect in structure.effects:
-        if acts_on(effect, "state_rate"):
+        if effect.acts("state_rate"):
             raise EffectError("has states of its own, which plans are not designed for", where=effect.name, advice="leave it out of the design")
     parts = partial(_parts, structure, context=context, planned=planned, sensors=sensors)
     at, by_theta = parts(theta), jax.jacfwd(parts)(theta)

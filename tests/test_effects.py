@@ -21,11 +21,11 @@ from bayes_inertia import inertia, rotation
 from bayes_inertia.campaign import Campaign, InertiaPrior, RateSensor, Slew
 from bayes_inertia.dynamics import Start, idle_slew, simulate
 from bayes_inertia.effect import Effect, State, Trajectory
-from bayes_inertia.effects import LIBRARY, by_name
+from bayes_inertia.effects import LIBRARY, ConstantTorque, EachSlew, WheelCommandLag, by_name
 from bayes_inertia.errors import EffectError
 from bayes_inertia.estimate import estimate
 from bayes_inertia.io import read_campaign
-from bayes_inertia.model import Model
+from bayes_inertia.model import Model, predict_all
 from bayes_inertia.parameters import Normal, scalar, vector
 from bayes_inertia.testing import check_effect, small_campaign
 
@@ -551,3 +551,23 @@ def test_an_outsider_s_effect_needs_one_file(capsys):
     assert re.search("the contract holds", capsys.readouterr().out)
     assert np.abs((fitted.theta - truth) / fitted.sd).max() < 3.5
     assert (fitted.sd[9:] < 0.5 * fitted.model.space.sd[9:]).all()
+
+
+@pytest.mark.parametrize("inner", [ConstantTorque(), WheelCommandLag()], ids=lambda e: e.name)
+def test_an_effect_of_its_own_in_each_slew_is_the_effect_where_all_slews_agree(campaign, inner):
+    apart = EachSlew.of(inner, campaign)
+    check_effect(apart, campaign)
+    one, many = Model(campaign, (inner,)), Model(campaign, (apart,))
+    value = 0.5 * one.space.sd[9:]
+    same = predict_all(one.structure, jnp.asarray([*one.space.mean[:9], *value]), *nothing(one))
+    each = np.tile(value, len(campaign.slews))
+    repeated = predict_all(many.structure, jnp.asarray([*one.space.mean[:9], *each]), *nothing(many))
+    np.testing.assert_allclose(repeated.rate, same.rate, rtol=0, atol=1e-14)
+    each[: len(value)] = 0.0
+    first_without = predict_all(many.structure, jnp.asarray([*one.space.mean[:9], *each]), *nothing(many))
+    assert np.abs(first_without.rate[0] - same.rate[0]).max() > 1e-9
+    np.testing.assert_allclose(first_without.rate[1:], same.rate[1:], rtol=0, atol=1e-14)
+
+
+def nothing(model: Model) -> tuple:
+    return jnp.zeros((model.n_slews, model.structure.n_local)), jnp.zeros(3), model.data

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 from bayes_inertia.effect import Effect
 from bayes_inertia.effects.constant_torque import ConstantTorque
+from bayes_inertia.effects.each_slew import EachSlew
 from bayes_inertia.effects.flexible_mode import FlexibleMode
 from bayes_inertia.effects.gravity_gradient import GravityGradient
 from bayes_inertia.effects.inertia_change import InertiaChange
@@ -54,6 +55,7 @@ LIBRARY: tuple[Effect, ...] = (
 __all__ = [
     "LIBRARY",
     "ConstantTorque",
+    "EachSlew",
     "FlexibleMode",
     "GravityGradient",
     "InertiaChange",
