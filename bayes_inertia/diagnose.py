@@ -40,7 +40,8 @@ class Rules:
     ----------
     false_alarms : probability of naming anything in a campaign without hidden effect. (2 %: an interval over 200 campaigns
         then stays below 5 %.)
-    refits : candidates that are refitted in each step. most : effects that can be named at all.
+    refits : candidates that are refitted in each step, unless their first-order log evidence is less than `hopeless`
+        times that of the best. most : effects that can be named at all.
     margin : log evidence by which the best must beat another that could imitate it.
     alike : canonical correlation with the best above which another candidate counts as an imitation. (0.6: where an ideal
         test finds an effect in 99 % of campaigns, one less alike wins by chance in less than 1 %.)
@@ -49,6 +50,7 @@ class Rules:
 
     false_alarms: float = 0.02
     refits: int = 4
+    hopeless: float = 0.3
     most: int = 4
     margin: float = 3.0
     alike: float = 0.6
@@ -183,7 +185,8 @@ def _candidates(marks: Fingerprints) -> list[Candidate]:
 def _best_step(at: Estimate, marks: Fingerprints, significant: list[Candidate], flexible, rules: Rules, limit: float) -> Step | None:
     """Refit the most promising candidates and take the one with the best evidence."""
     refitted = []
-    for candidate in significant[: rules.refits]:
+    worth = [c for c in significant if c.log_bayes_factor >= rules.hopeless * significant[0].log_bayes_factor]
+    for candidate in worth[: rules.refits]:
         after = _refit(at, marks, candidate, flexible)
         evidence = log_bayes_factor(at, after, _plain(candidate.effect))
         gained = 2.0 * (at.objective - after.objective)

@@ -4,29 +4,40 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from typing import Any
 
 import numpy as np
 
+from bayes_inertia.correction import CorrectionForecast
 from bayes_inertia.diagnose import NOISE, Diagnosis, Step, held_out_chi2
 from bayes_inertia.disagreement import Disagreement
 from bayes_inertia.effect import Effect
 from bayes_inertia.effects import LIBRARY
 from bayes_inertia.estimate import Estimate
 from bayes_inertia.history import History
+from bayes_inertia.separation import Separation
 from bayes_inertia.unknown import Unknown
 
 FORMAT = "bayes-inertia-diagnosis/1"
-ALIKE = 0.8
+# Rules().alike: pairs beyond it are listed.
+ALIKE = 0.6
 
 
-def to_json(found: Diagnosis, where: Disagreement, after: Disagreement | None = None, unknown: Unknown | None = None) -> dict[str, Any]:
+def to_json(
+    found: Diagnosis,
+    where: Disagreement,
+    after: Disagreement | None = None,
+    unknown: Unknown | None = None,
+    correction: CorrectionForecast | None = None,
+    separating: Sequence[Separation] = (),
+) -> dict[str, Any]:
     """The content of diagnosis.json; no NaN and no infinity in it.
 
     Parameters
     ----------
     where, after : the scans of the residuals before and after effects were added. unknown : if the verdict is "unknown".
+    correction : the next correction slew before and after. separating : slews that would tell the ambiguous effects apart.
     """
     content = {
         "format": FORMAT,
@@ -38,6 +49,8 @@ def to_json(found: Diagnosis, where: Disagreement, after: Disagreement | None = 
         "candidates": candidates(found),
         "steps": [_step(step) for step in found.steps],
         "unknown": None if unknown is None or found.verdict != "unknown" else _unknown(unknown),
+        "correction_slew": None if correction is None else asdict(correction) | {"unit": "rad", "angle_deg": 60.0},
+        "separating": [_separating(s) for s in separating],
         "threshold": found.threshold,
         "noise": dict(found.noise),
         "skipped": [{"effect": name, "reason": reason} for name, reason in found.skipped],
@@ -53,6 +66,20 @@ def to_json(found: Diagnosis, where: Disagreement, after: Disagreement | None = 
         },
     }
     return _plain(content)
+
+
+def _separating(found: Separation) -> dict[str, Any]:
+    slew = found.slew
+    return {
+        "effects": list(found.effects),
+        "axis": list(slew.axis_B),
+        "angle_deg": math.degrees(slew.angle),
+        "rate_deg_s": math.degrees(slew.rate),
+        "acceleration_deg_s2": math.degrees(slew.acceleration),
+        "correlation_before": found.correlation[0],
+        "correlation_after": found.correlation[1],
+        "noncentrality": {name: {"before": b, "after": a} for name, (b, a) in zip(found.effects, found.noncentrality, strict=True)},
+    }
 
 
 def fitted(found: Diagnosis) -> list[dict[str, Any]]:
@@ -106,7 +133,7 @@ def _rounded(values: np.ndarray, digits: int) -> list:
 
 
 def alike(found: Diagnosis) -> list[tuple[tuple[str, str], float]]:
-    """Pairs of candidates whose canonical correlation is above 0.8, most alike first."""
+    """Pairs of candidates whose canonical correlation is above 0.6, most alike first."""
     return sorted(((pair, r) for pair, r in found.correlations.items() if r > ALIKE), key=lambda item: -item[1])
 
 

@@ -15,18 +15,16 @@ from typing import Any, Literal
 
 from bayes_inertia import __version__
 from bayes_inertia.campaign import Campaign
-from bayes_inertia.diagnose import diagnose
-from bayes_inertia.diagnosis_file import effects_of, to_json
-from bayes_inertia.disagreement import disagreement
+from bayes_inertia.diagnosis_file import effects_of
 from bayes_inertia.dynamics import Drive
 from bayes_inertia.effects import by_name
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.fit import fit
+from bayes_inertia.investigation import investigated
 from bayes_inertia.io import campaign_sha256, copy_campaign, read_campaign, write_atomically
 from bayes_inertia.posterior import Posterior
 from bayes_inertia.report import Section, diagnosis_sections, standard_sections, write_report
 from bayes_inertia.sample import Progress, Settings
-from bayes_inertia.unknown import unknown_torque
 
 FORMAT = "bayes-inertia-run/1"
 
@@ -161,13 +159,7 @@ def _diagnosed(folder: Path, campaign: Campaign, run: Run, progress: Progress | 
         return done
     if progress:
         progress("diagnosing", 0, 1)
-    seed = run.settings.seed
-    found = diagnose(campaign, drive=run.drive, seed=seed)
-    before = disagreement(found.base, seed=seed)
-    changed = bool(found.steps) or any(factor > 1.0 for factor in found.noise.values())
-    after = disagreement(found.final, seed=seed, stated=False) if changed else None
-    unknown = unknown_torque(found.base) if found.verdict == "unknown" else None
-    content = to_json(found, before, after, unknown)
+    content = investigated(campaign, run.drive, run.settings.seed)
     write_atomically(folder / "diagnosis.json", json.dumps(content, indent=None, separators=(", ", ": "), allow_nan=False) + "\n")
     return content
 

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from bayes_inertia.correction import correction_forecast
 from bayes_inertia.diagnose import diagnose
 from bayes_inertia.diagnosis_file import effects_of, fitted, to_json
 from bayes_inertia.disagreement import disagreement
@@ -108,9 +109,10 @@ def test_a_constant_torque_is_named(flight):
 
 
 def test_loud_noise_is_measured_and_nothing_physical_is_named(clean):
+    # The noise of campaigns where nothing but the noise is wrong is a verdict of its own.
     quieter = with_measured_noise(clean, dict.fromkeys(("rate", "attitude", "momentum"), 1.0 / 1.5))
     found = diagnose(quieter)
-    assert found.steps == ()
+    assert (found.steps, found.verdict, found.named) == ((), "named", ("noise_level",))
     for channel in ("rate", "momentum"):
         n = sum(len(x) * 3 for x in found.base.residual_series[channel])
         # Median of squared second differences: see `noise`. The sd of the factor is half that of the power.
@@ -136,6 +138,18 @@ def test_what_no_candidate_explains_is_unknown_and_described(pumped):
     assert fitted(pumped) == []
     assert verdict(content).level == "bad"
     assert any("0.3 Hz ringing about y" in s for s in verdict(content).sentences)
+
+
+def test_the_next_correction_slew_before_and_after(lagging, flight):
+    # A lag is removed by feedback and leaves nothing at rest, but the K that was fitted without it does.
+    found = correction_forecast(lagging.base, lagging.final)
+    assert found.expected[0] > 1.5 * found.promised[0]
+    assert found.updated[0] < found.expected[0]
+    same = correction_forecast(lagging.final, lagging.final)
+    assert same.expected == same.updated
+    content = content_of(lagging, correction=found)
+    check_contract(content)
+    assert any("should need a correction of" in s for s in verdict(content).sentences)
 
 
 def test_the_report_says_and_draws_it(lagging, pumped):

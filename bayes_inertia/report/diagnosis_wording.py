@@ -1,6 +1,7 @@
 """What the report says about a diagnosis, as pure functions of the content of diagnosis.json."""
 
 # Printed text has typographic signs on purpose.
+# ruff: noqa: RUF001
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
@@ -109,8 +110,11 @@ def _what(content: Mapping[str, Any]) -> list[str]:
         ]
     else:
         said += [f"The noise of the {name} is {f:.2f} times what campaign.toml states: correct it there." for name, f in louder.items()]
+    if content.get("correction_slew"):
+        said.append(correction_text(content["correction_slew"]))
     for group in content["ambiguous_with"]:
         said.append(f"{listed([plain(n) for n in group]).capitalize()} would look so alike in this campaign that naming one of them would be a guess.")
+    said += [separating_text(slew) for slew in content.get("separating", [])]
     if content["verdict"] == "unknown":
         tried = sum(c["p_value"] is not None for c in content["candidates"])
         said.append(f"None of the {tried} candidates brings the residuals down to the noise, so none is named.")
@@ -129,6 +133,35 @@ def _step(step: Mapping[str, Any], content: Mapping[str, Any]) -> str:
         text += f", and of slews left out of the fit from {step['held_out_before']:.4g} to {step['held_out_after']:.4g}"
     values = next((c["parameters"] for c in content["candidates"] if c["effect"] == step["added"] and c["parameters"]), None)
     return f"{text}. {parameters_text(values)}" if values else f"{text}."
+
+
+def separating_text(slew: Mapping[str, Any]) -> str:
+    """The slew that would tell two effects apart.
+
+    >>> separating_text({"effects": ["a", "b"], "axis": [0.0, 0.6, -0.8], "angle_deg": 60.0, "rate_deg_s": 1.0, "acceleration_deg_s2": 0.05,
+    ...     "correlation_before": 0.97, "correlation_after": 0.5})
+    'To tell a from b, fly a slew of 60° about (0.00, 0.60, −0.80) in body axes, up to 1 deg/s: their correlation falls from 0.97 to 0.50.'
+    """
+    axis = ", ".join(f"{x:.2f}".replace("-", "−") for x in slew["axis"])
+    a, b = (plain(n) for n in slew["effects"])
+    return (
+        f"To tell {a} from {b}, fly a slew of {slew['angle_deg']:.3g}° about ({axis}) in body axes, up to {slew['rate_deg_s']:.2g} deg/s: "
+        f"their correlation falls from {slew['correlation_before']:.2f} to {slew['correlation_after']:.2f}."
+    )
+
+
+def correction_text(forecast: Mapping[str, Any]) -> str:
+    """What becomes of the next correction slew.
+
+    >>> correction_text({"axis": "x", "angle_deg": 60.0, "promised": [8e-5, 2e-4], "expected": [8.5e-4, 1e-3], "updated": [1e-4, 2.2e-4]})
+    'A slew of 60° about x, flown with J and K of the base model, should need a correction of 17 arcsec (95 %: below 41); with what ...'
+    """
+    arcsec = {key: [206264.806 * x for x in forecast[key]] for key in ("promised", "expected", "updated")}
+    promised, expected, updated = (f"{middle:.2g} arcsec (95 %: below {most:.2g})" for middle, most in arcsec.values())
+    return (
+        f"A slew of {forecast['angle_deg']:.0f}° about {forecast['axis']}, flown with J and K of the base model, should need a correction of {promised}; "
+        f"with what was found it will need {expected}, and {updated} when flown with the new J and K."
+    )
 
 
 def parameters_text(values: Mapping[str, Mapping[str, Any]]) -> str:
@@ -173,5 +206,5 @@ def alike_text(content: Mapping[str, Any], most: int = 8) -> list[str]:
         for p in pairs
     ]
     if len(content["alike"]) > most:
-        said.append(f"{len(content['alike']) - most} further pairs correlate beyond 0.8 (see diagnosis.json).")
-    return said or ["No two candidates can imitate each other beyond a canonical correlation of 0.8."]
+        said.append(f"{len(content['alike']) - most} further pairs correlate beyond 0.6 (see diagnosis.json).")
+    return said or ["No two candidates can imitate each other beyond a canonical correlation of 0.6."]

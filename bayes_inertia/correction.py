@@ -1,0 +1,76 @@
+"""How large the next correction slew will be: what the base model promises, and what the effects found in the data will make of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayes_inertia.estimate import Estimate
+from bayes_inertia.inertia import is_physical
+from bayes_inertia.maneuver import predict_correction_slew
+from bayes_inertia.plan import Orbit, Plan, PlannedSlew
+from bayes_inertia.separation import following_plan, spacecraft_at
+from bayes_inertia.spacecraft import Controller, Spacecraft
+
+_ANGLE = np.radians(60.0)
+
+
+@dataclass(frozen=True)
+class CorrectionForecast:
+    """Correction slew [rad] after a slew of 60 degrees about the worst body axis: (median, 95 % quantile) over posterior draws.
+
+    Attributes
+    ----------
+    axis : "x", "y" or "z", the axis with the largest expected correction.
+    promised : if the base model were true and flown with its J and K.
+    expected : with the effects found, flown with the base model's J and K.
+    updated : with the effects found, flown with the J and K that were estimated together with them.
+    """
+
+    axis: str
+    promised: tuple[float, float]
+    expected: tuple[float, float]
+    updated: tuple[float, float]
+
+
+def correction_forecast(base: Estimate, final: Estimate, *, seed: int = 0, draws: int = 48) -> CorrectionForecast | None:
+    """Predict the next correction slew before and after effects were added; None without star tracker or wheels.
+
+    The controller knows J and K and compensates no effect: what remains in `updated` is what only a change of the
+    on-board software, or a repair, would take away. Noise is left out.
+    """
+    campaign = final.model.campaign
+    if campaign.star_tracker is None or not campaign.wheels:
+        return None
+    rng = np.random.default_rng([seed, 7])
+    plain, true = _draws(base, rng, draws), _draws(final, rng, draws)
+    old, new = (replace(spacecraft_at(campaign, at.theta), bias=(0.0, 0.0, 0.0)) for at in (base, final))
+    held = {i for i in range(final.model.space.size) if i not in final.free}
+    named = tuple(e for e in final.model.effects if not set(range(*final.model.space.slice_of(e.name).indices(final.model.space.size))) & held)
+    values, nothing = (final.model.space.split(x) for x in (final.theta, final.model.space.nulls))
+    disturbed = replace(new, effects=named, values={e.name: dict(values.get(e.name, {})) for e in named})
+    # The base model is flown with the effects at their null, so that all cases share compiled code.
+    undisturbed = replace(disturbed, values={e.name: dict(nothing.get(e.name, {})) for e in named})
+    plan = following_plan(campaign, np.zeros(len(campaign.wheels)))
+    plan = replace(plan, orbit=Orbit() if any(e.needs for e in named) else None)
+    spin = final.model.structure.includes_wheel_spin
+    forecasts = []
+    for axis in np.eye(3):
+        one = replace(plan, slews=(PlannedSlew(tuple(axis), _ANGLE),))
+        cases = ((plain, undisturbed, old), (true, disturbed, old), (true, disturbed, new))
+        forecasts.append([_predicted(thetas, one, craft, known, spin) for thetas, craft, known in cases])
+    worst = int(np.argmax([f[1][0] for f in forecasts]))
+    return CorrectionForecast("xyz"[worst], *forecasts[worst])
+
+
+def _predicted(thetas: np.ndarray, plan: Plan, truth: Spacecraft, believed: Spacecraft, includes_wheel_spin: bool) -> tuple[float, float]:
+    controller = Controller(believed.inertia_B, believed.scale_factor)
+    angles = predict_correction_slew(thetas, plan, truth, controller, includes_wheel_spin=includes_wheel_spin)
+    return tuple(np.quantile(angles, [0.5, 0.95]).tolist())
+
+
+def _draws(at: Estimate, rng: np.random.Generator, n: int) -> np.ndarray:
+    """Draws (<= n, 9) of J and K from the Laplace approximation, physical ones."""
+    thetas = rng.multivariate_normal(at.theta[:9], at.covariance[:9, :9], size=n)
+    return thetas[[bool(is_physical(t[:6])) for t in thetas]]

@@ -1,0 +1,42 @@
+"""Everything that a diagnosis has to say of a campaign: where, which, how much it changes, what to fly next, what stays unknown."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from typing import Any
+
+from bayes_inertia.campaign import Campaign
+from bayes_inertia.correction import correction_forecast
+from bayes_inertia.diagnose import Diagnosis, diagnose
+from bayes_inertia.diagnosis_file import to_json
+from bayes_inertia.disagreement import disagreement
+from bayes_inertia.dynamics import Drive
+from bayes_inertia.effects import LIBRARY
+from bayes_inertia.errors import CampaignError, EffectError
+from bayes_inertia.separation import Separation, separating_slew
+from bayes_inertia.unknown import unknown_torque
+
+
+def investigated(campaign: Campaign, drive: Drive | None = None, seed: int = 0) -> dict[str, Any]:
+    """The content of diagnosis.json for a campaign.
+
+    Raises
+    ------
+    CampaignError, EstimateError : as `diagnose`.
+    """
+    found = diagnose(campaign, drive=drive, seed=seed)
+    before = disagreement(found.base, seed=seed)
+    changed = bool(found.steps) or any(factor > 1.0 for factor in found.noise.values())
+    after = disagreement(found.final, seed=seed, stated=False) if changed else None
+    unknown = unknown_torque(found.base) if found.verdict == "unknown" else None
+    correction = correction_forecast(found.base, found.final, seed=seed) if found.steps and found.verdict != "unknown" else None
+    return to_json(found, before, after, unknown, correction, separating(found, seed))
+
+
+def separating(found: Diagnosis, seed: int = 0) -> list[Separation]:
+    """For every ambiguous set the slew that best tells its first two apart, where there is one."""
+    instances, slews = {e.name: e for e in (*LIBRARY, *found.final.model.effects)}, []
+    for first, second, *_ in found.ambiguous_with:
+        with suppress(CampaignError, EffectError):  # no feasible slew, or an effect with states of its own
+            slews.append(separating_slew(found.final, instances[first], instances[second], seed=seed))
+    return slews
