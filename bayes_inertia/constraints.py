@@ -221,7 +221,8 @@ def flown_margins(flight: Flight, limits: Limits) -> tuple[Margin, ...]:
         "time": np.array(campaign.slews[-1].start + campaign.slews[-1].duration),
         "distance": np.arccos(np.clip(boresight_N @ cones.T, -1.0, 1.0)),
     }
-    return _margins(used, rests, flight.spacecraft, limits)
+    # Where it begins and ends is what the plan aims at: what a slew misses is corrected afterwards.
+    return _margins(used, flight.plan.attitudes, flight.spacecraft, limits)
 
 
 def _margins(used: dict[str, np.ndarray], rests: np.ndarray, spacecraft: Spacecraft, limits: Limits) -> tuple[Margin, ...]:

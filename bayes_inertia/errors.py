@@ -44,3 +44,7 @@ class OutputError(BayesInertiaError):
 
 class EstimateError(BayesInertiaError):
     """The optimizer found no usable estimate; `advice` says what usually helps."""
+
+
+class DesignError(BayesInertiaError):
+    """No plan keeps what was asked; the error says which limit binds and by how much."""

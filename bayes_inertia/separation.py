@@ -28,7 +28,7 @@ from bayes_inertia.likelihood import padded_sensitivities
 from bayes_inertia.model import Model
 from bayes_inertia.motion import Origin, motion, planned_slews, times_of
 from bayes_inertia.plan import Plan, PlannedSlew
-from bayes_inertia.region import LEAST, Region, draw, region_of, room, slews_at
+from bayes_inertia.region import LEAST, Region, draw, in_a_row, region_of, room, slews_at
 from bayes_inertia.spacecraft import Spacecraft, without_spin
 
 _BATCH = 128
@@ -75,7 +75,7 @@ def separating_slew(at: Estimate, a: Effect, b: Effect, limits: Limits | None = 
     limits = limits or Limits(rate=1.1 * _fastest(campaign), total_time=2.0 * longest)
     ahead, theta, parts = _forecast(at, a, b)
     spacecraft = spacecraft_at(campaign, theta)
-    region = region_of(limits, hardware(spacecraft), _fastest(campaign))
+    region = region_of(limits, hardware(spacecraft), fastest=_fastest(campaign), scale_factor_sigma=float(at.sd[6:9].max()))
     wanted = Goal("separate", (a.name, b.name))
     best, told = _search(partial(_score, wanted, ahead.shape, parts, ahead.given, theta, region), ahead, theta, region, seed)
     slew = planned_slews(slews_at(best[None], region))[0]
@@ -211,7 +211,8 @@ def _score(goal: Goal, shape: Shape, parts, given: Given, theta: Array, region: 
     def one(row: Array) -> tuple[Array, Array]:
         slews = slews_at(row[None], region)
         told = information(shape, given, theta, slews)
-        missing = jnp.sum(jnp.maximum(0.0, -room(motion(slews, shape.times, body, given.origin), slews, region, shape.times)))
+        left = in_a_row(room(motion(slews, shape.times, body, given.origin), slews, region, shape.times))
+        missing = jnp.sum(jnp.maximum(0.0, -left))
         value = criterion(goal, posterior(given, told), theta, given.prior_sd, parts)
         return jnp.log(value) + 1e3 * missing, told[0]
 
