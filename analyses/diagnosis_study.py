@@ -25,7 +25,7 @@ from bayes_inertia.diagnose import Rules, diagnose
 from bayes_inertia.effect import Effect
 from bayes_inertia.effects import LIBRARY
 from bayes_inertia.errors import BayesInertiaError
-from bayes_inertia.estimate import estimate
+from bayes_inertia.estimate import Estimate, estimate
 from bayes_inertia.io import write_atomically
 from bayes_inertia.maneuver import planned_campaign
 from bayes_inertia.model import Model
@@ -141,25 +141,20 @@ def scaled(values: dict, size: float) -> dict:
 
 
 def amplitude_for(effect: Effect, values: dict, wanted: float, seed, tachometers: bool) -> float:
-    """Multiple of `values` at which the projected signal has the wanted non-centrality (three steps of a secant)."""
-    # A flexible mode's signal is of second order in its coupling.
-    order, size, largest = (4.0, 0.5, 4.0) if effect.name == "flexible_mode" else (2.0, 1e-2, 30.0)
-    for _ in range(3):
-        size *= (wanted / max(_signal(effect, scaled(values, size), seed, tachometers), 1e-12)) ** (1.0 / order)
+    """Multiple of `values` at which the projected signal has the wanted non-centrality, by the power law that it follows."""
+    # A flexible mode's signal is of second order in its coupling, which its power law follows less closely.
+    order, size, largest, rounds = (4.0, 0.5, 4.0, 3) if effect.name == "flexible_mode" else (2.0, 1e-2, 30.0, 2)
+    without, flight = draw(seed, (), {}, tachometers)
+    first = estimate(Model(without), starts=1, discount=False, start=_truth(flight))
+    for _ in range(rounds):
+        with_it, _ = draw(seed, (effect,), {effect.name: scaled(values, size)}, tachometers)
+        size *= (wanted / max(projected_difference(with_it, first), 1e-12)) ** (1.0 / order)
         size = float(np.clip(size, 1e-9, largest))
     return size
 
 
-def _signal(effect: Effect, values: dict, seed, tachometers: bool) -> float:
-    """Drop of chi^2 that knowing the effect would bring, without noise: the difference of two simulated campaigns, projected."""
-    with_it, _ = draw(seed, (effect,), {effect.name: values}, tachometers)
-    without, flight = draw(seed, (), {}, tachometers)
-    return projected_difference(with_it, without, flight)
-
-
-def projected_difference(with_it, without, flight) -> float:
+def projected_difference(with_it, first: Estimate) -> float:
     """|P (y1 - y0)|^2 for two campaigns with equal noise: what is left of their difference after fitting J, K, bias and starts."""
-    first = estimate(Model(without), starts=1, discount=False, start=_truth(flight))
     second = estimate(Model(with_it), starts=1, discount=False, start=first.theta)
     # Both hold the same noise e: their residuals are P e and P (e + s).
     gaps = [np.concatenate([np.nan_to_num(x).ravel() for slews in at.residual_series.values() for x in slews]) for at in (first, second)]

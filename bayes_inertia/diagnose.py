@@ -184,19 +184,18 @@ def _candidates(marks: Fingerprints) -> list[Candidate]:
 
 def _best_step(at: Estimate, marks: Fingerprints, significant: list[Candidate], flexible, rules: Rules, limit: float) -> Step | None:
     """Refit the most promising candidates and take the one with the best evidence."""
-    refitted = []
-    worth = [c for c in significant if c.log_bayes_factor >= rules.hopeless * significant[0].log_bayes_factor]
+    refitted, where = [], {name: k for k, name in enumerate(marks.names)}
+    worth = [c for c in significant if c.log_bayes_factor >= rules.hopeless * significant[0].log_bayes_factor or c is significant[0]]
     for candidate in worth[: rules.refits]:
         after = _refit(at, marks, candidate, flexible)
         evidence = log_bayes_factor(at, after, _plain(candidate.effect))
         gained = 2.0 * (at.objective - after.objective)
-        if stats.chi2.sf(max(gained, 0.0), max(candidate.dof, 1)) < limit:
+        if evidence > 0.0 and marks.p_of(where[candidate.effect], max(gained, 0.0), max(candidate.dof, 1)) < limit:
             refitted.append((evidence, candidate, after))
     if not refitted:
         return None
     refitted.sort(key=lambda item: -item[0])
     evidence, best, after = refitted[0]
-    where = {name: k for k, name in enumerate(marks.names)}
     rivals = []
     for other, candidate, _ in refitted[1:]:
         alike = marks.canonical_correlation(where[best.effect], where[candidate.effect])

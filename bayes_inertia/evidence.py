@@ -2,9 +2,10 @@
 
 An effect's prior states how large it may plausibly be. Evidence at that one scale punishes an effect of which little
 is needed for all that might have been there, and so prefers a wrong effect with a narrow prior to the right one with a
-wide prior (Lindley's paradox). The scale of the amplitudes is therefore itself unknown: log-uniform over four decades
-up to the stated one, a mixture of g-priors (Liang et al. 2008). Parameters that give an effect its shape (a mode's
-frequency) keep their own priors.
+wide prior (Lindley's paradox). The scale of the amplitudes is therefore itself unknown: log-uniform from the size that
+the campaign can just not see up to the stated one, a mixture of g-priors (Liang et al. 2008). It may be one scale for all
+of an effect's directions, or one for each (one bad wheel of three): both are given the same weight. Parameters that
+give an effect its shape (a mode's frequency) keep their own priors.
 """
 
 from __future__ import annotations
@@ -15,25 +16,29 @@ from scipy.special import logsumexp
 from bayes_inertia.estimate import Estimate, prior_rows
 from bayes_inertia.levenberg import inverse
 
-# Prior sd of the amplitudes over the stated one.
-SCALES = np.logspace(-4.0, 0.0, 17)
+_POINTS = 24
+# Smallest scale: signal-to-noise amplitude of an effect of that size in its clearest direction.
+_UNSEEN = 0.3
 
 
-def first_order_log_bayes_factor(along: np.ndarray, powers: np.ndarray) -> float:
+def log_bayes_factor_of(along: np.ndarray, powers: np.ndarray) -> float:
     """Log evidence for amplitudes against none, from a linear model of unit noise.
 
     Parameters
     ----------
     along, powers : (n,) gradient and information along independent directions, in units of the stated prior sd.
 
-    >>> strong, weak = first_order_log_bayes_factor([60.0], [100.0]), first_order_log_bayes_factor([3.0], [100.0])
+    >>> strong, weak = log_bayes_factor_of([60.0], [100.0]), log_bayes_factor_of([3.0], [100.0])
     >>> strong > 10.0, weak < 0.0
     (True, True)
     """
     along, powers = np.asarray(along, float), np.maximum(np.asarray(powers, float), 0.0)
-    variance = SCALES[:, None] ** 2
-    values = 0.5 * np.sum(variance * along**2 / (1.0 + variance * powers) - np.log1p(variance * powers), axis=1)
-    return float(logsumexp(values) - np.log(len(SCALES)))
+    lowest = min(_UNSEEN / np.sqrt(max(float(powers.max(initial=0.0)), 1e-300)), 0.1)
+    variance = np.geomspace(lowest, 1.0, _POINTS)[:, None] ** 2
+    values = 0.5 * (variance * along**2 / (1.0 + variance * powers) - np.log1p(variance * powers))
+    together = logsumexp(values.sum(1)) - np.log(_POINTS)
+    apart = float(np.sum(logsumexp(values, axis=0) - np.log(_POINTS)))
+    return float(np.logaddexp(together, apart) - np.log(2.0))
 
 
 def log_bayes_factor(before: Estimate, after: Estimate, effect: str) -> float:
@@ -45,20 +50,14 @@ def log_bayes_factor(before: Estimate, after: Estimate, effect: str) -> float:
     """
     space = after.model.space
     part = np.arange(space.size)[space.slice_of(effect)]
+    shape = np.array([space.priors[i].logarithmic for i in part], bool)
     slope, distance = (rows[part] for rows in prior_rows(after.model, after.theta))
-    posterior = inverse(after.covariance[np.ix_(part, part)])
-    data = posterior - np.diag(slope**2)
-    pull = posterior @ (distance / slope)
-    amplitude = np.array([not space.priors[i].logarithmic for i in part])
-    stated = _gaussian(data, pull, slope)
-    scaled = [_gaussian(data, pull, np.where(amplitude, slope / s, slope)) for s in SCALES]
-    at_stated_scale = before.objective - after.objective + stated[1]
-    return float(at_stated_scale + logsumexp([sum(g) - sum(stated) for g in scaled]) - np.log(len(SCALES)))
-
-
-def _gaussian(data: np.ndarray, pull: np.ndarray, slope: np.ndarray) -> tuple[float, float]:
-    """Fit and Occam's factor of amplitudes with prior sd 1/slope: b^T (L + P)^-1 b / 2 and (log |P| - log |L + P|) / 2."""
-    values, vectors = np.linalg.eigh(np.eye(len(slope)) + data / np.outer(slope, slope))
-    along = vectors.T @ (pull / slope)
-    values = np.maximum(values, 1.0)
-    return 0.5 * float(np.sum(along**2 / values)), -0.5 * float(np.sum(np.log(values)))
+    covariance = after.covariance[np.ix_(part, part)] * np.outer(slope, slope)
+    # In units of the stated prior sd, shapes integrated out: information of the data, and the gradient at zero amplitude.
+    posterior = inverse(covariance[np.ix_(~shape, ~shape)])
+    powers, directions = np.linalg.eigh(posterior - np.eye(len(posterior)))
+    along = directions.T @ (posterior @ distance[~shape])
+    powers = np.maximum(powers, 0.0)
+    linear_gain = 0.5 * np.sum(along**2 / (1.0 + powers))
+    occam_of_shape = -0.5 * np.linalg.slogdet(inverse(covariance)[np.ix_(shape, shape)])[1] if shape.any() else 0.0
+    return float(before.objective - after.objective - linear_gain + log_bayes_factor_of(along, powers) + occam_of_shape)

@@ -16,7 +16,7 @@ import numpy as np
 from scipy import stats
 
 from bayes_inertia.estimate import Estimate
-from bayes_inertia.evidence import first_order_log_bayes_factor
+from bayes_inertia.evidence import log_bayes_factor_of
 from bayes_inertia.projection import Projection, projection
 
 # Signal-to-noise power, for an effect of prior size, below which a direction is invisible.
@@ -63,7 +63,11 @@ class Fingerprints:
         dof = len(self.visible(k)[0])
         if dof == 0:
             return np.ones_like(score)
-        single = np.where(score > 0, stats.chi2.sf(score, dof), 1.0) * (0.5 if self.one_sided[k] else 1.0)
+        return self.p_of(k, score, dof)
+
+    def p_of(self, k: int, score: np.ndarray | float, dof: int) -> np.ndarray:
+        """Tail of chi^2 with `dof` for candidate k: halved if it is one-sided, Sidak's if it is the best of many."""
+        single = np.where(np.asarray(score) > 0, stats.chi2.sf(score, dof), 1.0) * (0.5 if self.one_sided[k] else 1.0)
         return -np.expm1(self.trials[k] * np.log1p(-np.minimum(single, 1.0 - 1e-16)))
 
     def log_bayes_factor(self, k: int) -> float:
@@ -73,7 +77,7 @@ class Fingerprints:
         gradient = self.gradient[index]
         if self.one_sided[k]:
             gradient = np.maximum(gradient, 0.0)
-        return first_order_log_bayes_factor(gradient @ directions, powers) - float(np.log(self.trials[k]))
+        return log_bayes_factor_of(gradient @ directions, powers) - float(np.log(self.trials[k]))
 
     def amplitude(self, k: int) -> np.ndarray:
         """Best amplitude of candidate k's parameters, in units of prior sd, to first order."""

@@ -8,6 +8,8 @@ a slew of length T has a line of width 1/T: frequencies are tried at half of tha
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 from scipy import signal
 
@@ -70,6 +72,14 @@ def _columns(response: TorqueResponse, tried: np.ndarray, scale: float) -> np.nd
     return np.concatenate([np.asarray(c) for c in change], axis=1)
 
 
+@lru_cache(maxsize=4 * _MOST)
+def _filter(frequency: float, step: float) -> tuple[np.ndarray, np.ndarray]:
+    """From w' to -eta'': s^2 / (s^2 + 2 z W s + W^2) as a digital filter, exact for an input that is linear between samples."""
+    omega = 2.0 * np.pi * frequency
+    above, below, _ = signal.cont2discrete(([1.0, 0.0, 0.0], [1.0, 2.0 * _DAMPING * omega, omega**2]), step, method="foh")
+    return np.ravel(above), below
+
+
 def _reaction(time: np.ndarray, rate: np.ndarray, frequency: float) -> np.ndarray:
     """-eta'' (n, 3) of unit oscillators shaken by the body rate (n, 3), undeformed at the beginning, on an even grid inside."""
     valid = np.append(np.diff(time) > 0.0, False)
@@ -77,10 +87,7 @@ def _reaction(time: np.ndarray, rate: np.ndarray, frequency: float) -> np.ndarra
     t = time[:last]
     even = np.linspace(t[0], t[-1], len(t))
     w = np.stack([np.interp(even, t, rate[:last, i]) for i in range(3)], -1)
-    omega, step = 2.0 * np.pi * frequency, even[1] - even[0]
-    # From w' to -eta'': s^2 / (s^2 + 2 z W s + W^2), exact for an input that is linear between samples.
-    above, below, _ = signal.cont2discrete(([1.0, 0.0, 0.0], [1.0, 2.0 * _DAMPING * omega, omega**2]), step, method="foh")
-    shaken = signal.lfilter(np.ravel(above), below, np.gradient(w, even, axis=0), axis=0)
+    shaken = signal.lfilter(*_filter(frequency, round(float(even[1] - even[0]), 12)), np.gradient(w, even, axis=0), axis=0)
     out = np.zeros_like(rate)
     out[:last] = np.stack([np.interp(t, even, shaken[:, i]) for i in range(3)], -1)
     return out
