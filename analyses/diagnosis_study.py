@@ -25,7 +25,7 @@ from bayes_inertia.diagnose import Rules, diagnose
 from bayes_inertia.effect import Effect
 from bayes_inertia.effects import LIBRARY
 from bayes_inertia.errors import BayesInertiaError
-from bayes_inertia.estimate import Estimate, estimate
+from bayes_inertia.estimate import Estimate, estimate, held_out
 from bayes_inertia.io import write_atomically
 from bayes_inertia.maneuver import planned_campaign
 from bayes_inertia.model import Model
@@ -201,6 +201,8 @@ def run_one(kind: str, label: str, index: int, effects: tuple[Effect, ...], tach
         "p_best": min(c.p_value for c in found.candidates),
         "limit": found.threshold,
         "max_abs_z": float(np.abs(z).max()),
+        "chi2_inside": {c: bool(t.interval[0] <= t.reduced_chi2 <= t.interval[1]) for c, t in found.tests.items() if t.reduced_chi2 is not None},
+        "held_out": [held_out(found.base), held_out(found.final)],
         "seconds": time.perf_counter() - began,
     }
 

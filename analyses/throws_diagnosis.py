@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from scipy import linalg
 
 from bayes_inertia.effect import Effect
@@ -29,6 +30,7 @@ from bayes_inertia.inertia import principal_moments
 from bayes_inertia.io import read_campaign, write_atomically
 from bayes_inertia.model import Model
 from bayes_inertia.oscillator import best_imprint
+from bayes_inertia.plots import style
 from bayes_inertia.posterior import principal_sd
 from bayes_inertia.projection import Projection, projection
 from bayes_inertia.torque_response import torque_response
@@ -229,60 +231,99 @@ def _fitted(label: str, at: Estimate) -> dict:
 
 def report(rows: list[dict]) -> str:
     """The tables, in Markdown."""
-    lines = ["# What disturbs the thrown bodies?", "", *__doc__.split("\n\n")[1].splitlines(), ""]
+    lines = ["# What disturbs the thrown bodies?", "", *__doc__.split("\n\n")[1].splitlines(), "", "![Effects](../../figures/throws_diagnosis.png)", ""]
     for row in rows:
-        lines += [
-            f"## {row['configuration']}, {row['throws']} throws",
-            "",
-            "| effect | shared or each | misfit explained | gain, throws held out | throws better |",
-            "|---|---|---|---|---|",
-        ]
-        for c in row["candidates"][:10]:
-            lines.append(
-                f"| {c['effect']} | {'shared' if c['shared'] else 'each throw'} | {100 * c['explained']:.0f} % | {c['gain']:+.1f} | {c['throws_better']}/{row['throws']} |"
-            )
-        lines += ["", "Added one after the other, by what the throws held out say:", ""]
-        lines += [
-            f"- {s['added']}: gain {s['gain']:+.1f}, better in {s['throws_better']} of {row['throws']} throws, misfit explained so far {100 * s['explained']:.0f} %"
-            for s in row["steps"]
-        ] or ["- nothing: no effect predicts the throws held out better"]
-        lines += [
-            "",
-            "| full fit | reduced chi² | explained | principal moments [10⁻⁶ kg m²] | robust sd | error | mean error |",
-            "|---|---|---|---|---|---|---|",
-        ]
-        for f in row["fits"]:
-            error = 100.0 * (np.array(f["principal_moments"]) / np.array(row["truth"]) - 1.0) if "truth" in row else None
-            shown = [f"{', '.join(f'{1e6 * x:.1f}' for x in f[key])}" for key in ("principal_moments", "robust_sd")]
-            shown += ["-", "-"] if error is None else [", ".join(f"{e:+.2f} %" for e in error), f"{np.abs(error).mean():.2f} %"]
-            lines.append(f"| {f['fit']} | {f['reduced_chi2']:.2f} | {'yes' if f['explained'] else 'no'} | " + " | ".join(shown) + " |")
-        if "truth" in row:
-            lines += [
-                "",
-                f"Truth {', '.join(f'{1e6 * x:.1f}' for x in row['truth'])} (known to about 1 %); the authors' estimator, mean of single throws: {row['authors_percent']} %.",
-            ]
-        lines.append("")
+        lines += [f"## {row['configuration']}, {row['throws']} throws", "", *_candidate_lines(row), "", *_fit_lines(row), ""]
     return "\n".join(lines)
+
+
+def _candidate_lines(row: dict) -> list[str]:
+    lines = ["| effect | shared or each | misfit explained | gain, throws held out | throws better |", "|---|---|---|---|---|"]
+    for c in row["candidates"][:10]:
+        whose, share = "shared" if c["shared"] else "each throw", f"{100 * c['explained']:.0f} %"
+        lines.append(f"| {c['effect']} | {whose} | {share} | {c['gain']:+.1f} | {c['throws_better']}/{row['throws']} |")
+    lines += ["", "Added one after the other, by what the throws held out say:", ""]
+    for s in row["steps"]:
+        better = f"better in {s['throws_better']} of {row['throws']} throws"
+        lines.append(f"- {s['added']}: gain {s['gain']:+.1f}, {better}, misfit explained so far {100 * s['explained']:.0f} %")
+    return lines if row["steps"] else [*lines, "- nothing: no effect predicts the throws held out better"]
+
+
+def _fit_lines(row: dict) -> list[str]:
+    lines = ["| full fit | reduced chi² | explained | principal moments [10⁻⁶ kg m²] | robust sd | error | mean error |", "|---|---|---|---|---|---|---|"]
+    for f in row["fits"]:
+        cells = [f["fit"], f"{f['reduced_chi2']:.2f}", "yes" if f["explained"] else "no"]
+        cells += [", ".join(f"{1e6 * x:.1f}" for x in f[key]) for key in ("principal_moments", "robust_sd")]
+        error = _error(row, f)
+        cells += ["-", "-"] if error is None else [", ".join(f"{e:+.2f} %" for e in error), f"{np.abs(error).mean():.2f} %"]
+        lines.append(f"| {' | '.join(cells)} |")
+    if "truth" in row:
+        truth = ", ".join(f"{1e6 * x:.1f}" for x in row["truth"])
+        lines += ["", f"Truth {truth} (known to about 1 %); the authors' estimator, mean of single throws: {row['authors_percent']} %."]
+    return lines
+
+
+def _error(row: dict, fit: dict) -> np.ndarray | None:
+    """Errors of the principal moments [%], None where the truth is not known."""
+    return 100.0 * (np.array(fit["principal_moments"]) / np.array(row["truth"]) - 1.0) if "truth" in row else None
+
+
+@style.styled
+def picture(rows: list[dict]) -> Figure:
+    """What each effect explains, shared and in each throw, and the errors of the principal moments as effects are added."""
+    figure, cells = style.grid(7.4, 2, 2, left=2.0, right=0.25, top=0.75, bottom=0.5, gap_x=2.1, gap_y=0.75)
+    known = [r for r in rows if "truth" in r]
+    for k, row in enumerate(known[:2]):
+        axes = figure.add_axes(cells[k])
+        gains = {c["effect"]: 0.0 for c in row["candidates"] if c["shared"]}
+        names = sorted(gains, key=lambda n: max(c["explained"] for c in row["candidates"] if c["effect"] == n))[-7:]
+        for shared, height, colour, hatch in ((True, 0.2, style.BLUE, ""), (False, -0.2, style.ORANGE, "///")):
+            values = [next(c["explained"] for c in row["candidates"] if c["effect"] == n and c["shared"] == shared) for n in names]
+            label = "one for all throws" if shared else "different in each throw"
+            axes.barh(np.arange(len(names)) + height, 100 * np.array(values), 0.38, color=colour, hatch=hatch, edgecolor="white", label=label)
+        axes.set_yticks(range(len(names)), [n.replace("_", " ").replace("@", "\n") + (" Hz" if "@" in n else "") for n in names])
+        axes.set(xlabel="misfit explained by this effect alone [%]", xlim=(0, 100))
+        axes.set_title(f"{row['configuration']}, {row['throws']} throws")
+        if k == 0:
+            axes.legend(loc="lower right")
+        axes = figure.add_axes(cells[2 + k])
+        errors = np.array([_error(row, f) for f in row["fits"]])
+        labels = [f["fit"].replace("_", " ") for f in row["fits"]]
+        sd = 100 * np.array([f["robust_sd"] for f in row["fits"]]) / np.array(row["truth"])
+        axes.axvspan(-1.0, 1.0, color=style.PALE, alpha=0.6, lw=0)
+        axes.axvline(0.0, color=style.MUTED, lw=0.7)
+        for i in range(3):
+            at = np.arange(len(labels)) + 0.2 * (i - 1)
+            axes.errorbar(errors[:, i], at, xerr=sd[:, i], fmt=style.MARKERS[i], color=style.color(i), ms=5, capsize=2, ls="none", label=f"I{i + 1}")
+        axes.set_yticks(range(len(labels)), labels)
+        axes.invert_yaxis()
+        axes.set(xlabel="error of the principal moments [%], one robust sd")
+        if k == 0:
+            axes.legend(loc="upper left", title="grey: the truth's 1 %")
+    figure.text(0.02, 0.965, "What disturbs bodies thrown by hand, and what leaving it out does to their moments of inertia", fontsize=11)
+    return figure
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--data", type=Path, default=HERE.parents[1] / "shared" / "data" / "delft")
     parser.add_argument("--only", choices=CONFIGURATIONS)
+    parser.add_argument("--draw", action="store_true", help="draw again what is in the results")
     arguments = parser.parse_args()
     if not arguments.data.is_dir():
         print("the throws are not here: skipped")
         return
     path = HERE / "results" / "throws_diagnosis.json"
     rows = json.loads(path.read_text()) if path.is_file() else []
-    for name in (arguments.only,) if arguments.only else CONFIGURATIONS:
+    for name in () if arguments.draw else (arguments.only,) if arguments.only else CONFIGURATIONS:
         if not (arguments.data / name).is_dir():
             continue
         row = diagnose_configuration(arguments.data / name)
         rows = sorted([r for r in rows if r["configuration"] != name] + [row], key=lambda r: CONFIGURATIONS.index(r["configuration"]))
         write_atomically(path, json.dumps(rows, indent=1) + "\n")
-        write_atomically(path.with_suffix(".md"), report(rows))
         print(report([row]), flush=True)
+    write_atomically(path.with_suffix(".md"), report(rows))
+    picture(rows).savefig(HERE.parent / "figures" / "throws_diagnosis.png", dpi=130)
 
 
 if __name__ == "__main__":

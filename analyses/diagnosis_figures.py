@@ -1,0 +1,189 @@
+"""Confusion matrix, power curves and promised figures of the diagnosis, from the rows that `diagnosis_study.py` has written.
+
+    python analyses/diagnosis_figures.py
+
+writes `analyses/results/diagnosis.md`, `figures/diagnosis_confusion.png` and `figures/diagnosis_power.png`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from diagnosis_study import FOLDER, NAMES, OUTSIDE
+from matplotlib.figure import Figure
+from scipy import stats
+
+from bayes_inertia.io import write_atomically
+from bayes_inertia.plots import style
+
+FIGURES = Path(__file__).parents[1] / "figures"
+PROMISED = 0.99
+ENDS = ("truth in the set", "nothing", "unknown")
+
+
+def read(folder: Path = FOLDER) -> pd.DataFrame:
+    """All rows: one campaign each, with the ideal test's power and how the verdict stands to the truth."""
+    tables = []
+    for path in sorted(folder.glob("diagnosis_*.jsonl")):
+        table = pd.read_json(path, lines=True)
+        tables.append(table.assign(power=float(path.stem.split("_")[2]), tachometers=path.stem.endswith("_tacho")))
+    rows = pd.concat(tables, ignore_index=True)
+    return rows[rows["error"].isna()] if "error" in rows else rows
+
+
+def candidates_of(row: pd.Series) -> tuple[set[str], set[str]]:
+    """Effects named for sure, and those in ambiguous sets."""
+    unsure = {name for group in row["ambiguous_with"] for name in group}
+    return set(row["named"]) - unsure - {"noise_level"}, unsure
+
+
+def outcome(row: pd.Series) -> str:
+    """One hidden effect: the wrong name if the truth is not beside it, the truth's name, or how the search ended."""
+    sure, unsure = candidates_of(row)
+    truth = row["hidden"][0]
+    if truth in sure:
+        return truth
+    if truth in unsure:
+        return ENDS[0]
+    if row["verdict"] == "unknown":
+        return ENDS[2]
+    named = [n for n in row["steps"] if n in sure | unsure]
+    return named[0] if named else ENDS[1]
+
+
+def share(hits: int, n: int) -> str:
+    """A fraction with its exact 95 % interval (Clopper and Pearson).
+
+    >>> share(0, 200)
+    '0 of 200 (0.0 %, 95 %: 0.0 to 1.8 %)'
+    """
+    interval = stats.binomtest(int(hits), int(n)).proportion_ci(0.95)
+    return f"{hits} of {n} ({100 * hits / n:.1f} %, 95 %: {100 * interval.low:.1f} to {100 * interval.high:.1f} %)"
+
+
+def promised(rows: pd.DataFrame) -> list[str]:
+    """The lines of the table: what was wanted, what was measured."""
+    lines = ["| | wanted | measured |", "|---|---|---|"]
+    clean = rows[rows["kind"] == "clean"]
+    if len(clean):
+        named = sum(bool(candidates_of(r)[0] | candidates_of(r)[1]) for _, r in clean.iterrows())
+        lines.append(f"| clean campaigns in which an effect is named | at most 5 % | {share(named, len(clean))} |")
+    for tachometers in (True, False):
+        single = rows[(rows["kind"] == "single") & (rows["power"] == PROMISED) & (rows["tachometers"] == tachometers)]
+        if not len(single):
+            continue
+        where = "with tachometers" if tachometers else "without tachometers"
+        ends = single.apply(outcome, axis=1)
+        right = (ends == single["label"]) | (ends == ENDS[0])
+        wrong = ~right & ~ends.isin(ENDS)
+        lines.append(f"| one effect at ideal power 0.99, {where}: truth named or in the set | at least 95 % | {share(int(right.sum()), len(single))} |")
+        lines.append(f"| ... named alone | - | {share(int((ends == single['label']).sum()), len(single))} |")
+        lines.append(f"| ... wrong name without the truth beside it | at most 2 % | {share(int(wrong.sum()), len(single))} |")
+        lines.append(f"| ... nothing named | - | {share(int((ends == ENDS[1]).sum()), len(single))} |")
+        good = single[right]
+        inside = sum(all(r["chi2_inside"].values()) for _, r in good.iterrows())
+        lines.append(f"| ... then reduced chi² of every channel and in total inside its 99 % interval | 96 % by chance | {share(inside, len(good))} |")
+        lines.append(f"| ... then all nine of J and K within 3.5 sd | 99.6 % by chance | {share(int((good['max_abs_z'] < 3.5).sum()), len(good))} |")
+        better = sum(b > a for b, a in good["held_out"])
+        lines.append(f"| ... then slews held out of the fit predicted better | - | {share(better, len(good))} |")
+    pairs = rows[rows["kind"] == "pair"]
+    if len(pairs):
+        both = sum(set(r["hidden"]) <= set.union(*candidates_of(r)) for _, r in pairs.iterrows())
+        lines.append(f"| two effects at once: both named or in the sets | at least 85 % | {share(both, len(pairs))} |")
+    outside = rows[rows["kind"] == "outside"]
+    if len(outside):
+        unknown = int((outside["verdict"] == "unknown").sum())
+        lines.append(f"| effects outside the library: unknown | at least 90 % | {share(unknown, len(outside))} |")
+        for name in OUTSIDE:
+            some = outside[outside["label"] == name]
+            if len(some):
+                lines.append(f"| ... {name.removeprefix('outside_').replace('_', ' ')} | | {share(int((some['verdict'] == 'unknown').sum()), len(some))} |")
+    return lines
+
+
+@style.styled
+def confusion(rows: pd.DataFrame) -> Figure:
+    """Share of campaigns by hidden effect (row) and by what was named (column)."""
+    single = rows[(rows["kind"] == "single") & (rows["power"] == PROMISED)]
+    columns = [*NAMES, *ENDS]
+    figure = Figure(figsize=(style.WIDTH, 7.6))
+    axes = figure.add_axes([0.2, 0.06, 0.76, 0.66])
+    table = np.zeros((len(NAMES), len(columns)))
+    counts = single["label"].value_counts()
+    for _, row in single.iterrows():
+        table[NAMES.index(row["label"]), columns.index(outcome(row))] += 1.0 / counts[row["label"]]
+    axes.imshow(table, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
+    for i, j in zip(*np.nonzero(table), strict=True):
+        axes.text(j, i, f"{100 * table[i, j]:.0f}", ha="center", va="center", color="white" if table[i, j] > 0.55 else style.INK, fontsize=8)
+    axes.axvline(len(NAMES) - 0.5, color=style.MUTED, lw=1.0)
+    axes.set_xticks(range(len(columns)), [c.replace("_", " ") for c in columns], rotation=55, ha="left", rotation_mode="anchor")
+    axes.xaxis.tick_top()
+    axes.set_yticks(range(len(NAMES)), [f"{n.replace('_', ' ')} ({counts.get(n, 0)})" for n in NAMES])
+    axes.tick_params(length=0)
+    for spine in axes.spines.values():
+        spine.set_visible(False)
+    figure.text(0.02, 0.965, "What is named, where an ideal test would find the hidden effect in 99 % of campaigns", fontsize=11)
+    figure.text(
+        0.02,
+        0.94,
+        "per cent of campaigns; row: the hidden effect (campaigns); column: the name given, with and without tachometers together",
+        color=style.MUTED,
+    )
+    return figure
+
+
+@style.styled
+def power(rows: pd.DataFrame) -> Figure:
+    """Found (named, or in the set) against the power of the ideal test, by effect and in all."""
+    single = rows[rows["kind"] == "single"]
+    ends = single.apply(outcome, axis=1)
+    single = single.assign(right=(ends == single["label"]) | (ends == ENDS[0]), wrong=(ends != single["label"]) & ~ends.isin(ENDS))
+    figure = Figure(figsize=(style.WIDTH, 4.4))
+    axes = figure.add_axes([0.08, 0.13, 0.5, 0.75])
+    grid = np.linspace(0.0, 1.0, 3)
+    axes.plot(grid, grid, color=style.MUTED, lw=0.8, ls=(0, (4, 3)), label="ideal test")
+    for k, (tachometers, group) in enumerate(single.groupby("tachometers", sort=False)):
+        found = group.groupby("power")["right"].agg(["sum", "count"])
+        middle = found["sum"] / found["count"]
+        ends_of = [stats.binomtest(int(h), int(n)).proportion_ci(0.95) for h, n in zip(found["sum"], found["count"], strict=True)]
+        error = np.abs(np.array([[m - e.low, e.high - m] for m, e in zip(middle, ends_of, strict=True)]).T)
+        label = f"{'with' if tachometers else 'without'} tachometers ({len(group)} campaigns)"
+        axes.errorbar(found.index, middle, error, color=style.color(k), marker=style.MARKERS[k], ls=style.DASHES[k], capsize=3, label=label)
+    axes.set(xlabel="power of the ideal test that knows where to look", ylabel="share of campaigns", xlim=(0, 1.03), ylim=(0, 1.03))
+    axes.set_title("Truth named or in the reported set, with 95 % intervals")
+    axes.legend(loc="upper left")
+    bars = figure.add_axes([0.76, 0.13, 0.22, 0.75])
+    at = single[single["power"] == PROMISED].groupby("label")["right"].mean().reindex(NAMES).iloc[::-1]
+    bars.barh(range(len(at)), at, color=style.SKY, height=0.7)
+    bars.set_yticks(range(len(at)), [n.replace("_", " ") for n in at.index])
+    bars.axvline(0.95, color=style.VERMILLION, lw=1.0, ls=(0, (4, 3)))
+    bars.set(xlim=(0, 1), xlabel="share found")
+    bars.set_title("At ideal power 0.99; dashed: 0.95")
+    return figure
+
+
+def main() -> None:
+    rows = read()
+    confusion(rows).savefig(FIGURES / "diagnosis_confusion.png", dpi=130)
+    power(rows).savefig(FIGURES / "diagnosis_power.png", dpi=130)
+    lines = [
+        "# How well the diagnosis names hidden effects",
+        "",
+        "Every campaign has its own J, K, bias, slews and wheel momenta, drawn from the prior; the amplitude is that at which an ideal test of the",
+        "true effect alone, at the level of one candidate's share of the false alarms, would find it with the stated probability.",
+        "Made by `analyses/diagnosis_study.py` and `analyses/diagnosis_figures.py`.",
+        "",
+        *promised(rows),
+        "",
+        "![Confusion matrix](../../figures/diagnosis_confusion.png)",
+        "",
+        "![Power](../../figures/diagnosis_power.png)",
+    ]
+    write_atomically(FOLDER / "diagnosis.md", "\n".join(lines) + "\n")
+    print("\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()
