@@ -74,6 +74,51 @@ def observe(
 
 
 @app.command()
+def design(
+    campaign: Campaign,
+    out: Out,
+    goal: Annotated[str, typer.Option(help="cross_terms, inertia, scale_factors, correction_slew or separate:effect_a,effect_b.")] = "cross_terms",
+    slews: Annotated[int, typer.Option(help="How many slews.", min=1, max=20)] = 5,
+    total_time: Annotated[float | None, typer.Option(help="From first to last telemetry [s]; without it, what slews like the paper's take.")] = None,
+    max_rate: Annotated[float | None, typer.Option(help="Largest true rate [deg/s]; without it, plan with the campaign's own.")] = None,
+    max_angle: Annotated[float | None, typer.Option(help="Largest angle of a slew [deg].")] = None,
+    max_acceleration: Annotated[float | None, typer.Option(help="Largest angular acceleration [deg/s^2]; without it, what the wheels allow.")] = None,
+    keep_out: Annotated[
+        list[str] | None, typer.Option(help="Cone that the star tracker avoids at rest: name,x,y,z,half_angle_deg (inertial), or a TOML file; repeat.")
+    ] = None,
+    end_attitude: Annotated[str | None, typer.Option(help="Attitude to end in: q1,q2,q3,q4, scalar last.")] = None,
+    after: Annotated[bool, typer.Option(help="Count what the campaign's telemetry tells already.")] = False,
+    seed: Seed = 0,
+) -> None:
+    """Design the slews to fly next: design.json, design.png and plan.toml, which `simulate` flies."""
+    from bayes_inertia.planning import Request, run_design
+    from bayes_inertia.terminal import show_design
+
+    cones = tuple(keep_out or ())
+    request = Request(goal, slews, total_time, max_rate, max_angle, max_acceleration, end_attitude, cones, after, seed)
+    found = run_design(campaign, out, request)
+    show_design(found, out)
+    if not found.kept:
+        raise typer.Exit(3)
+
+
+@app.command()
+def compare(
+    campaign: Campaign,
+    plans: Annotated[list[str], typer.Argument(help="Plan files, or the word paper for the paper's five slews.")],
+    out: Out,
+    simulated: Annotated[int, typer.Option(help="Campaigns to simulate and fit for each plan.", min=0)] = 0,
+    jobs: Annotated[int, typer.Option(help="Processes.", min=1)] = 1,
+    seed: Seed = 0,
+) -> None:
+    """Compare plans by expected and achieved uncertainty, time, momentum and torque: compare.json and compare.png."""
+    from bayes_inertia.planning import run_compare
+    from bayes_inertia.terminal import show_comparison
+
+    show_comparison(run_compare(campaign, plans, out, simulated=simulated, seed=seed, jobs=jobs), out)
+
+
+@app.command()
 def resume(run: Annotated[Path, typer.Argument(help="Folder of a run that was interrupted.")], report: bool = True) -> None:
     """Go on with an interrupted fit, bit for bit as if it had never stopped."""
     _finish(run, report)

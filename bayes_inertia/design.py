@@ -201,6 +201,9 @@ def _like_paper(base: Plan, region: Region, n: int, total: float) -> Plan:
 
 def _possible(spacecraft: Spacecraft, base: Plan, region: Region, limits: Limits, n: int) -> None:
     """Raise for what no plan can keep, before any search."""
+    axes = np.linalg.matrix_rank(spacecraft.wheel_axes_B, tol=1e-6) if spacecraft.wheels else 0
+    if axes < 3:
+        raise DesignError(f"the wheels turn the spacecraft about {axes} of three axes", where="wheels", advice="slews are designed for three")
     least = PlannedSlew((1.0, 0.0, 0.0), region.angles[0], region.rate, region.acceleration)
     one = replace(base, slews=(least,) * n)
     needed = one.starts[-1] + one.durations[-1]

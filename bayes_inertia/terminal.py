@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import metadata
 from pathlib import Path
@@ -18,6 +18,8 @@ from bayes_inertia import observability_view
 from bayes_inertia.campaign import Campaign
 
 if TYPE_CHECKING:
+    from bayes_inertia.compare import Contender
+    from bayes_inertia.design import Design
     from bayes_inertia.observe import Observed
 
 _DETERMINED = {"determined": "yes", "weakly": "no: mostly prior", "prior": "no: prior"}
@@ -130,6 +132,56 @@ def show_observability(seen: Observed, folder: Path) -> None:
         for warning in row.warnings:
             console.print(f"[bold yellow]{row.name}:[/bold yellow] {warning}", highlight=False)
     console.print(f"wrote observability.json and observability.png in {folder}")
+
+
+def show_design(found: Design, folder: Path) -> None:
+    """Print a designed plan: what it is expected to give, its slews, and what it leaves of the limits."""
+    console = Console()
+    value, reference = (_in_degrees(x, found.goal.unit) for x in (found.value, found.reference_value))
+    console.print(f"[bold]{found.goal.says}: {value}[/bold], {found.gain:.3g} times smaller than with slews like the paper's ({reference})", highlight=False)
+    table = Table("slew", "axis (body)", "angle [deg]", "rate [deg/s]", "ramps [deg/s²]", "starts [s]", "lasts [s]", box=SIMPLE)
+    for i, (slew, start, lasts) in enumerate(zip(found.plan.slews, found.plan.starts, found.plan.durations, strict=True)):
+        numbers = (f"{np.degrees(slew.angle):.1f}", f"{np.degrees(slew.rate):.3f}", f"{np.degrees(slew.acceleration):.3f}", f"{start:.0f}", f"{lasts:.0f}")
+        table.add_row(str(i + 1), ", ".join(f"{x:+.3f}" for x in slew.axis_B), *numbers)
+    console.print(table)
+    console.print("[bold]margins when flown in closed loop, tightest first:[/bold]")
+    for margin in sorted(found.flown, key=lambda m: m.left):
+        console.print(f"  {'' if margin.kept else '[red]BROKEN[/red] '}{margin.says}", highlight=False)
+    console.print(f"limits that hold the design back: {', '.join(found.active) or 'none'}")
+    console.print(f"wrote design.json, design.png and plan.toml (for `simulate --plan`) in {folder}")
+
+
+def show_comparison(contenders: Sequence[Contender], folder: Path) -> None:
+    """Print plans side by side: expected and achieved sds, and what they cost."""
+    from bayes_inertia.compare import NAMES
+
+    console = Console()
+    table = Table(box=SIMPLE)
+    table.add_column("", no_wrap=True)
+    for c in contenders:
+        table.add_column(c.name, justify="right")
+    for i, name in enumerate(NAMES):
+        cells = []
+        for c in contenders:
+            got = "" if c.achieved is None else f" (achieved {c.achieved.sd[i]:.3g} ± {c.achieved.sd_error[i]:.1g})"
+            cells.append(f"{c.expected[i]:.3g}{got}")
+        table.add_row(f"sd {name}", *cells)
+    rows = {
+        "worst cross term [kg m²]": [f"{c.worst_cross_term:.3g}" for c in contenders],
+        "total time [s]": [f"{c.total_time:.0f}" for c in contenders],
+        "in motion [s]": [f"{c.motion_time:.0f}" for c in contenders],
+        "peak momentum [N m s]": [f"{c.peak_momentum:.3g}" for c in contenders],
+        "peak torque [N m]": [f"{c.peak_torque:.3g}" for c in contenders],
+        "limits broken": [", ".join(m.limit for m in c.margins if not m.kept) or "none" for c in contenders],
+    }
+    for name, cells in rows.items():
+        table.add_row(name, *cells)
+    console.print(table)
+    console.print(f"wrote compare.json and compare.png in {folder}")
+
+
+def _in_degrees(value: float, unit: str) -> str:
+    return f"{3600.0 * np.degrees(value):.3g} arcsec" if unit == "rad" else f"{value:.3g} {unit}".rstrip()
 
 
 def show_installation() -> None:

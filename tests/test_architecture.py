@@ -73,6 +73,7 @@ LAYERS = {
     "investigation": 8,
     "run": 8,
     "observe": 8,
+    "planning": 8,
     "terminal": 8,
     "plots": 8,
     "report": 8,
@@ -122,7 +123,7 @@ ORDERED = (
         "correction",
         "testing",
     ),
-    ("plots", "report", "study", "diagnosis_file", "investigation", "run", "observe", "terminal", "cli"),
+    ("plots", "report", "study", "diagnosis_file", "investigation", "run", "observe", "planning", "terminal", "cli"),
 )
 
 
