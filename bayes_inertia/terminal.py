@@ -71,7 +71,8 @@ def show_summary(summary: dict[str, Any], folder: Path) -> None:
     for gate in summary["gates"]:
         console.print(f"  {'[green]passed[/green]' if gate['passed'] else '[red]FAILED[/red]'} {gate['name']}: {gate['says']}")
     table = Table(box=SIMPLE)
-    for heading in ("name", "estimate", "± sd", "unit", "prior sd", "contraction", "determined"):
+    table.add_column("name", overflow="fold")  # a long name gives way, never a number
+    for heading in ("estimate", "± sd", "unit", "prior sd", "contraction", "determined"):
         table.add_column(heading, no_wrap=True)
     for name, p in summary["parameters"].items():
         used = wording.quoted(p["sd"], p["robust_sd"])
@@ -91,7 +92,7 @@ def show_summary(summary: dict[str, Any], folder: Path) -> None:
 
 def show_diagnosis(content: dict[str, Any]) -> None:
     """Print a diagnosis' verdict first, then why, and the best candidates."""
-    from bayes_inertia.report.diagnosis_wording import verdict
+    from bayes_inertia.report.diagnosis_wording import plain, probability, verdict
 
     console = Console()
     said = verdict(content)
@@ -99,10 +100,14 @@ def show_diagnosis(content: dict[str, Any]) -> None:
     console.print(f"[bold {color}]{said.title}[/bold {color}]")
     for sentence in said.sentences:
         console.print(f"  {sentence}")
-    table = Table("candidate", "score", "directions", "p", "log Bayes factor", "")
+    table = Table(box=SIMPLE)
+    table.add_column("candidate")
+    for heading in ("score", "dof", "p", "log Bayes", ""):
+        table.add_column(heading, no_wrap=True)
     for c in [c for c in content["candidates"] if c["p_value"] is not None][:6]:
-        word = "named" if c["effect"] in content["named"] else "significant alone" if c["p_value"] < content["threshold"] else ""
-        table.add_row(c["effect"], f"{c['score']:.4g}", str(c["dof"]), f"{c['p_value']:.2g}", f"{c['log_bayes_factor']:.4g}", word)
+        word = "named" if c["effect"] in content["named"] else "significant" if c["p_value"] < content["threshold"] else ""
+        p = probability(c["p_value"]).removeprefix("p ").removeprefix("= ")
+        table.add_row(plain(c["effect"]), f"{c['score']:.4g}", str(c["dof"]), p, f"{c['log_bayes_factor']:.4g}", word)
     console.print(table)
     console.print("wrote diagnosis.json")
 

@@ -157,7 +157,9 @@ def correction_text(forecast: Mapping[str, Any]) -> str:
     'A slew of 60° about x, flown with J and K of the base model, should need a correction of 17 arcsec (95 %: below 41); with what ...'
     """
     arcsec = {key: [206264.806 * x for x in forecast[key]] for key in ("promised", "expected", "updated")}
-    promised, expected, updated = (f"{middle:.2g} arcsec (95 %: below {most:.2g})" for middle, most in arcsec.values())
+    # Whole arc seconds from ten on.
+    shown = [[f"{x:.0f}" if x >= 10.0 else f"{x:.2g}" for x in pair] for pair in arcsec.values()]
+    promised, expected, updated = (f"{middle} arcsec (95 %: below {most})" for middle, most in shown)
     return (
         f"A slew of {forecast['angle_deg']:.0f}° about {forecast['axis']}, flown with J and K of the base model, should need a correction of {promised}; "
         f"with what was found it will need {expected}, and {updated} when flown with the new J and K."
