@@ -139,14 +139,16 @@ def separating_text(slew: Mapping[str, Any]) -> str:
     """The slew that would tell two effects apart.
 
     >>> separating_text({"effects": ["a", "b"], "axis": [0.0, 0.6, -0.8], "angle_deg": 60.0, "rate_deg_s": 1.0, "acceleration_deg_s2": 0.05,
-    ...     "correlation_before": 0.97, "correlation_after": 0.5})
-    'To tell a from b, fly a slew of 60° about (0.00, 0.60, −0.80) in body axes, up to 1 deg/s: their correlation falls from 0.97 to 0.50.'
+    ...     "correlation_before": 0.97, "correlation_after": 0.5, "noncentrality": {"a": {"before": 10, "after": 40}, "b": {"before": 5, "after": 30}}})
+    'To tell a from b, fly a slew of 60° about (0.00, 0.60, −0.80) in body axes, up to 1 deg/s: what is seen of one and not of the other ...'
     """
     axis = ", ".join(f"{x:.2f}".replace("-", "−") for x in slew["axis"])
     a, b = (plain(n) for n in slew["effects"])
+    least = min(value["after"] / max(value["before"], 1e-12) for value in slew["noncentrality"].values())
     return (
         f"To tell {a} from {b}, fly a slew of {slew['angle_deg']:.3g}° about ({axis}) in body axes, up to {slew['rate_deg_s']:.2g} deg/s: "
-        f"their correlation falls from {slew['correlation_before']:.2f} to {slew['correlation_after']:.2f}."
+        f"what is seen of one and not of the other grows {least:.2g} times in χ² or more "
+        f"(canonical correlation {slew['correlation_before']:.2f} before, {slew['correlation_after']:.2f} after)."
     )
 
 
