@@ -26,7 +26,12 @@ __version__ = "0.1.0"
 # Further public names and where they live, loaded on first use: plots and reports take a second to import.
 _PUBLIC = {
     "Campaign": "campaign",
+    "Contender": "compare",
+    "Design": "design",
     "InertiaPrior": "campaign",
+    "KeepOut": "constraints",
+    "Limits": "constraints",
+    "Margin": "constraints",
     "RateSensor": "campaign",
     "Slew": "campaign",
     "StarTracker": "campaign",
@@ -37,12 +42,14 @@ _PUBLIC = {
     "Posterior": "posterior",
     "Settings": "sample",
     "check_effect": "testing",
+    "next_slew": "design",
+    "separating_slew": "separation",
     "read_campaign": "io",
     "write_campaign": "io",
     "write_report": "report",
 }
 
-__all__ = sorted([*_PUBLIC, "diagnose", "estimate", "fit"])
+__all__ = sorted([*_PUBLIC, "compare", "design", "diagnose", "estimate", "fit", "observability"])
 
 
 def __getattr__(name: str) -> Any:
@@ -57,6 +64,9 @@ def __dir__() -> list[str]:
 
 # After everything above, because these modules need it. They are bound here and not on first use because a module and its
 # function share a name: the function must win.
+from bayes_inertia.compare import compare  # noqa: E402, F401
+from bayes_inertia.design import design  # noqa: E402, F401
 from bayes_inertia.diagnose import diagnose  # noqa: E402, F401
 from bayes_inertia.estimate import estimate  # noqa: E402, F401
 from bayes_inertia.fit import fit  # noqa: E402, F401
+from bayes_inertia.observability import observability  # noqa: E402, F401

@@ -91,7 +91,7 @@ def _slews(given: Given, region: Region, end: Array | None, x: Array) -> Slews:
     attitude = jnp.asarray(given.origin.attitude)
     for turn in rotation.exp(slews.turn_B[:-1]):
         attitude = rotation.multiply(attitude, turn)
-    return slews._replace(turn_B=slews.turn_B.at[-1].set(rotation.error(attitude, end)))
+    return slews._replace(turn_B=jnp.asarray(slews.turn_B).at[-1].set(rotation.error(attitude, end)))
 
 
 def _rooms(shape: Shape, given: Given, theta: Array, region: Region, slews: Slews) -> dict[str, Array]:

@@ -8,8 +8,10 @@ import sys
 import bayes_inertia as bi
 
 PUBLIC = {
-    "Campaign", "Effect", "InertiaPrior", "LIBRARY", "Model", "Posterior", "RateSensor", "Settings", "Slew", "StarTracker", "Wheel",
-    "check_effect", "diagnose", "estimate", "fit", "read_campaign", "write_campaign", "write_report",
+    "Campaign", "Contender", "Design", "Effect", "InertiaPrior", "KeepOut", "LIBRARY", "Limits", "Margin", "Model", "Posterior", "RateSensor", "Settings",
+    "Slew", "StarTracker", "Wheel",
+    "check_effect", "compare", "design", "diagnose", "estimate", "fit", "next_slew", "observability", "read_campaign",
+    "separating_slew", "write_campaign", "write_report",
 }  # fmt: skip
 
 
