@@ -283,7 +283,7 @@ def test_rate_sensor_misalignment_turns_the_rows_of_c_rate():
     np.testing.assert_allclose(seen, path.rate_B @ rows.T + 1e-4, atol=1e-15)
 
 
-@pytest.mark.parametrize("tau", [0.3, -0.3, 2.3])
+@pytest.mark.parametrize("tau", [0.02, 0.3, 2.3])
 def test_rate_sensor_delay_shifts_a_sine(tau):
     time = 0.05 * np.arange(400)
     context, path = path_of(np.stack([np.sin(time), np.cos(time), 0.5 * time], -1), step=0.05)
@@ -300,9 +300,9 @@ def test_rate_sensor_delay_is_differentiable_at_zero_and_nothing_there():
     out = lambda tau: effect_of("rate_sensor_delay").rate_output({"tau": tau}, context, path, path.rate_B)  # noqa: E731
     np.testing.assert_array_equal(out(jnp.asarray(0.0)), path.rate_B)
     slope = np.array(jax.jacfwd(out)(jnp.asarray(0.0)))[:, 0]
-    np.testing.assert_allclose(slope, -np.sign(np.arange(11) - 5.0), atol=1e-12)  # the corner: mean of both sides
-    difference = (out(jnp.asarray(1e-3)) - out(jnp.asarray(-1e-3)))[:, 0] / 2e-3
-    np.testing.assert_allclose(slope, difference, atol=1e-9)
+    # At the corner it is the slope before it: what follows a reading may answer the reading's noise.
+    np.testing.assert_allclose(slope, np.where(np.arange(11) <= 5, 1.0, -1.0), atol=1e-12)
+    np.testing.assert_allclose(slope, out(jnp.asarray(1e-3))[:, 0] / 1e-3 - path.rate_B[:, 0] / 1e-3, atol=1e-9)
 
 
 def test_rate_sensor_delay_holds_a_commanded_start_and_ignores_padding():

@@ -11,23 +11,20 @@ from jax import Array
 from bayes_inertia.effect import Effect, SlewContext
 from bayes_inertia.parameters import Normal, scalar
 
-# Width of the mean that makes the delay differentiable, as a fraction of the sampling step.
-_SMOOTH = 0.01
-
 
 @dataclass(frozen=True)
 class RateSensorDelay(Effect):
-    """The rate sensor reports what was true tau earlier: w(t - tau); negative tau is a lead (a clock that runs late).
+    """The rate sensor reports what was true tau >= 0 earlier: w(t - tau).
 
     Held torques make the rate piecewise linear between samples, so that linear interpolation is exact up to
-    gyroscopic terms. Its corners at the samples have no derivative at tau = 0; the mean of two readings 1 % of a
-    sampling step apart has (the mean of both sides) and differs by far less than the noise.
+    gyroscopic terms. Only delays: a feedback controller answers the noise of a reading with the torque that follows it,
+    so that a reading "predicted" from what came after it would agree with its own noise.
     Before the first row the rate is continued linearly where no torque is commanded there (a body in free flight), and
     held otherwise: the torques before it are unknown.
 
     Parameters
     ----------
-    sigma : prior sd of tau [s]; None takes 1/1000 of a slew's duration (a tenth of a second for a microsatellite's
+    sigma : prior scale of tau [s]; None takes 1/1000 of a slew's duration (a tenth of a second for a microsatellite's
         slew, filters and buses are that slow; half a millisecond for a body thrown by hand).
 
     >>> RateSensorDelay(sigma=0.1).parameters(None)[0].names
@@ -39,21 +36,18 @@ class RateSensorDelay(Effect):
 
     def parameters(self, campaign):
         sigma = self.sigma if self.sigma is not None else campaign.scale_of_motion()[1] / 1000.0
-        return (scalar("tau", unit="s", prior=Normal(0.0, sigma)),)
+        return (scalar("tau", unit="s", prior=Normal(0.0, sigma, lower=0.0)),)
 
     def rate_output(self, p, slew, trajectory, rate_S):
-        half = _SMOOTH * slew.step[0]
-
-        def mean(tau: Array) -> Array:
-            return 0.5 * (_at(slew, rate_S, slew.time - tau - half) + _at(slew, rate_S, slew.time - tau + half))
-
-        return rate_S + (mean(p["tau"]) - mean(jnp.zeros_like(p["tau"])))
+        return _at(slew, rate_S, slew.time - p["tau"])
 
 
 def _at(slew: SlewContext, rows: Array, times: Array) -> Array:
-    """Rows (n, 3) given on the slew's grid at other times (m,): linear in between and beyond the ends."""
+    """Rows (n, 3) given on the slew's grid at other times (m,): linear in between and beyond the ends; at a row, the line before it."""
     steps = jnp.sum(slew.step > 0.0)  # what follows is padding
-    left = jnp.clip(jnp.searchsorted(slew.time, times, side="right") - 1, 0, steps - 1)
+    left = jnp.clip(jnp.searchsorted(slew.time, times, side="left") - 1, 0, steps - 1)
     slope = (rows[left + 1] - rows[left]) / slew.step[left][:, None]
     held = (times < slew.time[0])[:, None] & jnp.any(slew.torque[0] != 0.0)
-    return rows[left] + jnp.where(held, 0.0, slope * (times - slew.time[left])[:, None])
+    # From the right end, so that a row at its own time is itself to the last bit.
+    back = times - slew.time[left + 1]
+    return jnp.where(held, rows[left], rows[left + 1] + slope * back[:, None])
