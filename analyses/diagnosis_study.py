@@ -13,12 +13,11 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import ClassVar
 
-import jax.numpy as jnp
 import numpy as np
+from independent import Deadband, Disturbance, Leak, RateSquared, Ripple, Swirl, Wander, replayed
 from scipy import optimize, stats
 
 from bayes_inertia.diagnose import Rules, diagnose
@@ -41,53 +40,14 @@ INVISIBLE = ("star_tracker_time_offset",)
 NAMES = tuple(e.name for e in LIBRARY if e.name not in INVISIBLE)
 
 
-@dataclass(frozen=True)
-class Swirl(Effect):
-    """Outside the library: a torque that turns with time about z (a rotating antenna's imbalance), 0.02 Hz."""
-
-    name: ClassVar[str] = "outside_swirl"
-
-    def body_torque(self, p, slew, t, state):
-        phase = 2.0 * jnp.pi * 0.02 * (t + slew.start)
-        return p["size"] * jnp.stack([jnp.cos(phase), jnp.sin(phase), jnp.zeros_like(phase)])
-
-
-@dataclass(frozen=True)
-class Leak(Effect):
-    """Outside the library: bursts of a thruster leak along -y, ten seconds long, once in each slew."""
-
-    name: ClassVar[str] = "outside_leak"
-
-    def body_torque(self, p, slew, t, state):
-        return p["size"] * jnp.array([0.3, -1.0, 0.0]) * jnp.exp(-(((t - 45.0 - 3.0 * slew.index) / 6.0) ** 2))
-
-
-@dataclass(frozen=True)
-class RateSquared(Effect):
-    """Outside the library: a torque along the body x axis that grows with the square of the rate (fuel in a ring)."""
-
-    name: ClassVar[str] = "outside_rate_squared"
-
-    def body_torque(self, p, slew, t, state):
-        return p["size"] * jnp.array([1.0, 0.0, 0.5]) * jnp.sum(state.rate_B**2) * 1e4
-
-
-@dataclass(frozen=True)
-class Ripple(Effect):
-    """Outside the library: rate-sensor ripple at 0.05 Hz on all axes (a beat with the sampling)."""
-
-    name: ClassVar[str] = "outside_ripple"
-
-    def rate_output(self, p, slew, trajectory, rate_S):
-        return rate_S + p["size"] * jnp.sin(2.0 * jnp.pi * 0.05 * trajectory.time)[:, None] * jnp.array([1.0, 0.7, -0.4])
-
-
-# Sizes at which the residuals of a campaign hold this effect at many sigma (chi^2 well outside its interval).
-OUTSIDE: dict[str, tuple[Effect, float]] = {
-    "outside_swirl": (Swirl(), 2e-5),
-    "outside_leak": (Leak(), 4e-5),
-    "outside_rate_squared": (RateSquared(), 3e-5),
-    "outside_ripple": (Ripple(), 2e-5),
+# Disturbances outside the library, flown by another simulator, at sizes that leave chi^2 some hundreds too large.
+OUTSIDE: dict[str, Disturbance] = {
+    "outside_swirl": Swirl(2e-6),
+    "outside_leak": Leak(4e-6),
+    "outside_rate_squared": RateSquared(3e-7),
+    "outside_ripple": Ripple(1e-5),
+    "outside_deadband": Deadband(1e-5),
+    "outside_wander": Wander(4e-4),
 }
 
 
@@ -173,9 +133,6 @@ def run_one(kind: str, label: str, index: int, effects: tuple[Effect, ...], tach
     rng = np.random.default_rng(np.random.SeedSequence(20261, spawn_key=seed.spawn_key))
     values, sizes = {}, {}
     for effect in effects:
-        if effect.name in OUTSIDE:
-            values[effect.name] = {"size": OUTSIDE[effect.name][1]}
-            continue
         drawn = direction(effect, rng)
         dof = sum(len(p.names) for p in effect.parameters(template_campaign()) if not p.priors[0].logarithmic)
         sizes[effect.name] = amplitude_for(
@@ -183,6 +140,8 @@ def run_one(kind: str, label: str, index: int, effects: tuple[Effect, ...], tach
         )
         values[effect.name] = scaled(drawn, sizes[effect.name])
     campaign, flight = draw(np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key), effects, values, tachometers)
+    if label in OUTSIDE:
+        campaign = replayed(flight, OUTSIDE[label], rng)
     began = time.perf_counter()
     found = diagnose(campaign, rules=RULES, seed=index)
     z = (found.final.theta[:9] - _truth(flight)) / found.final.sd[:9]
@@ -191,9 +150,10 @@ def run_one(kind: str, label: str, index: int, effects: tuple[Effect, ...], tach
         "label": label,
         "index": index,
         "tachometers": tachometers,
-        "hidden": [e.name for e in effects],
+        "hidden": [label] if label in OUTSIDE else [e.name for e in effects],
         "sizes": sizes,
         "verdict": found.verdict,
+        "why_unknown": found.why_unknown,
         "named": list(found.named),
         "ambiguous_with": [list(s) for s in found.ambiguous_with],
         "steps": [s.added for s in found.steps],
@@ -224,7 +184,7 @@ def tasks(kind: str, count: int):
     if kind == "single":
         return [(name, i, (library[name],)) for i in range(count) for name in NAMES]
     if kind == "outside":
-        return [(name, i, (OUTSIDE[name][0],)) for i in range(count) for name in OUTSIDE]
+        return [(name, i, ()) for i in range(count) for name in OUTSIDE]
     rng = np.random.default_rng(5)
     pairs = [tuple(rng.choice(len(NAMES), 2, replace=False)) for _ in range(count)]
     return [("pair", i, tuple(library[NAMES[k]] for k in pair)) for i, pair in enumerate(pairs)]

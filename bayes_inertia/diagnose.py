@@ -27,6 +27,7 @@ from bayes_inertia.noise import noise_factors
 from bayes_inertia.oscillator import PREFIX, best_imprint
 from bayes_inertia.projection import projection
 from bayes_inertia.torque_response import torque_response
+from bayes_inertia.unknown import unknown_torque
 
 FLEXIBLE = "flexible_mode"
 NOISE = "noise_level"
@@ -90,7 +91,9 @@ class Diagnosis:
     candidates : all candidates, scored at the base fit. threshold : p-value below which one is significant.
     steps : what was added. base, final : the fits with nothing and with everything added.
     noise : factor by which each channel's noise exceeds what is stated. tests : of the final residuals, at that noise.
-    skipped : candidates that could not be tried, and why.
+    skipped : candidates that could not be tried, and why. correlations : canonical ones, of pairs of candidates.
+    why_unknown : "misfit" (the residuals are not explained), "imitation" (effects added would explain them, but something of
+        free shape does so better), or "".
     """
 
     verdict: str
@@ -105,6 +108,7 @@ class Diagnosis:
     tests: dict[str, ChannelTest]
     skipped: tuple[tuple[str, str], ...] = ()
     correlations: dict[tuple[str, str], float] = field(default_factory=dict)
+    why_unknown: str = ""
 
 
 def diagnose(campaign: Campaign, *, library: Sequence[Effect] = LIBRARY, drive: Drive | None = None, rules: Rules | None = None, seed: int = 0) -> Diagnosis:
@@ -277,7 +281,8 @@ def _verdict(base: Estimate, at: Estimate, steps: list[Step], first: tuple, nois
     louder = any(factor > 1.0 for factor in noise.values())
     sets = tuple((s.added, *(name for name, _ in s.alternatives)) for s in steps if s.alternatives)
     names = tuple(s.added for s in steps) + ((NOISE,) if louder else ())
-    if not explained(tests, rules):
+    why = "misfit" if not explained(tests, rules) else "imitation" if _imitation(base, steps, rules) else ""
+    if why:
         verdict, names = "unknown", ()
     elif sets:
         verdict = "ambiguous"
@@ -292,7 +297,22 @@ def _verdict(base: Estimate, at: Estimate, steps: list[Step], first: tuple, nois
         for j, b in enumerate(marks.names)
         if i < j and not (a.startswith(PREFIX) or b.startswith(PREFIX))
     }
-    return Diagnosis(verdict, names, sets if verdict == "ambiguous" else (), candidates, limit, tuple(steps), base, at, noise, tests, skipped, correlations)
+    return Diagnosis(
+        verdict, names, sets if verdict == "ambiguous" else (), candidates, limit, tuple(steps), base, at, noise, tests, skipped, correlations, why
+    )
+
+
+def _imitation(base: Estimate, steps: list[Step], rules: Rules) -> bool:
+    """Whether some torque or sensor error of any shape explains the data better than the effects named, for all its freedom.
+
+    Several effects together can imitate one that is not in the library, each taking a part. Something of any shape has far
+    more freedom and pays for it in evidence: where it still wins, the names are not the cause.
+    """
+    if not steps:
+        return False
+    free = unknown_torque(base)
+    best = max(h.log_evidence for h in (free.torque, free.other) if h is not None)
+    return best > sum(step.log_bayes_factor for step in steps) + rules.margin
 
 
 def held_out_chi2(step: Step) -> tuple[float | None, float | None]:

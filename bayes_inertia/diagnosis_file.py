@@ -51,6 +51,7 @@ def to_json(
         "unknown": None if unknown is None or found.verdict != "unknown" else _unknown(unknown),
         "correction_slew": None if correction is None else asdict(correction) | {"unit": "rad", "angle_deg": 60.0},
         "separating": [_separating(s) for s in separating],
+        "why_unknown": found.why_unknown,
         "threshold": found.threshold,
         "noise": dict(found.noise),
         "skipped": [{"effect": name, "reason": reason} for name, reason in found.skipped],

@@ -117,7 +117,14 @@ def _what(content: Mapping[str, Any]) -> list[str]:
     said += [separating_text(slew) for slew in content.get("separating", [])]
     if content["verdict"] == "unknown":
         tried = sum(c["p_value"] is not None for c in content["candidates"])
-        said.append(f"None of the {tried} candidates brings the residuals down to the noise, so none is named.")
+        stack = listed([plain(step["added"]) for step in content["steps"]])
+        if content.get("why_unknown") == "imitation":
+            said.append(
+                f"Adding {stack} would bring the residuals down to the noise, but a signal of free shape explains them better for all its freedom: "
+                "what is named would be an imitation of something that is not among the candidates."
+            )
+        else:
+            said.append(f"None of the {tried} candidates brings the residuals down to the noise, so none is named.")
         if content["unknown"]:
             said.append(f"What is left looks like this: {content['unknown']['description']}.")
     missing = [plain(s["effect"]) for s in content["skipped"]]
