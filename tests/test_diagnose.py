@@ -42,6 +42,16 @@ class Pump(Effect):
         return -p["torque"] * jnp.sin(2.0 * jnp.pi * 0.3 * t) * jnp.array([0.0, 1.0, 0.0])
 
 
+@dataclass(frozen=True)
+class Leak(Effect):
+    """Outside the library: a thruster that leaks for ten seconds in each slew, which several effects together can imitate."""
+
+    name: ClassVar[str] = "leak"
+
+    def body_torque(self, p, slew, t, state):
+        return p["size"] * jnp.array([0.3, -1.0, 0.0]) * jnp.exp(-(((t - 50.0) / 6.0) ** 2))
+
+
 @pytest.fixture(scope="module")
 def flight():
     """`flight(effects, values, seed)`: a campaign of three slews at 2 Hz; all have one shape, so that they share compiled code."""
@@ -161,6 +171,15 @@ def test_the_report_says_and_draws_it(lagging, pumped):
     last = diagnosis_sections(content_of(pumped, unknown=unknown_torque(pumped.base)))[-1]
     assert last.title == "What nothing explains"
     assert len(last.pictures) >= 1
+
+
+def test_effects_that_would_only_imitate_another_are_not_named(flight):
+    found = diagnose(flight((Leak(),), {"leak": {"size": np.array(1.2e-5)}}), library=RIGID)
+    assert (found.verdict, found.named, found.why_unknown) == ("unknown", (), "imitation")
+    assert len(found.steps) >= 1
+    content = content_of(found, unknown=unknown_torque(found.base))
+    check_contract(content, RIGID)
+    assert any("an imitation of something that is not among the candidates" in s for s in verdict(content).sentences)
 
 
 def test_ambiguity_is_worded_as_such():
