@@ -281,7 +281,7 @@ def _verdict(base: Estimate, at: Estimate, steps: list[Step], first: tuple, nois
     louder = any(factor > 1.0 for factor in noise.values())
     sets = tuple((s.added, *(name for name, _ in s.alternatives)) for s in steps if s.alternatives)
     names = tuple(s.added for s in steps) + ((NOISE,) if louder else ())
-    why = "misfit" if not explained(tests, rules) else "imitation" if _imitation(base, steps, rules) else ""
+    why = "misfit" if not explained(tests, rules) else "imitation" if imitation(base, steps, rules) else ""
     if why:
         verdict, names = "unknown", ()
     elif sets:
@@ -302,7 +302,7 @@ def _verdict(base: Estimate, at: Estimate, steps: list[Step], first: tuple, nois
     )
 
 
-def _imitation(base: Estimate, steps: list[Step], rules: Rules) -> bool:
+def imitation(base: Estimate, steps: Sequence[Step], rules: Rules) -> bool:
     """Whether some torque or sensor error of any shape explains the data better than the effects named, for all its freedom.
 
     Several effects together can imitate one that is not in the library, each taking a part. Something of any shape has far

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bayes_inertia.correction import correction_forecast
-from bayes_inertia.diagnose import diagnose
+from bayes_inertia.diagnose import Rules, diagnose, imitation
 from bayes_inertia.diagnosis_file import effects_of, fitted, to_json
 from bayes_inertia.disagreement import disagreement
 from bayes_inertia.effect import Effect
@@ -173,11 +173,13 @@ def test_the_report_says_and_draws_it(lagging, pumped):
     assert len(last.pictures) >= 1
 
 
-def test_effects_that_would_only_imitate_another_are_not_named(flight):
+def test_effects_that_only_imitate_another_are_not_named(flight, lagging):
     found = diagnose(flight((Leak(),), {"leak": {"size": np.array(1.2e-5)}}), library=RIGID)
-    assert (found.verdict, found.named, found.why_unknown) == ("unknown", (), "imitation")
-    assert len(found.steps) >= 1
-    content = content_of(found, unknown=unknown_torque(found.base))
+    assert (found.verdict, found.named) == ("unknown", ())
+    assert len(found.steps) >= 2
+    assert imitation(found.base, found.steps, Rules())
+    assert not imitation(lagging.base, lagging.steps, Rules())
+    content = content_of(found, unknown=unknown_torque(found.base)) | {"why_unknown": "imitation"}
     check_contract(content, RIGID)
     assert any("an imitation of something that is not among the candidates" in s for s in verdict(content).sentences)
 
