@@ -12,7 +12,7 @@ from bayes_inertia.campaign import InertiaPrior
 from bayes_inertia.constraints import Limits, Margin, margins
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.estimate import estimate
-from bayes_inertia.expectation import rehearse, theta_of
+from bayes_inertia.expectation import expected_sd, theta_of
 from bayes_inertia.maneuver import planned_campaign
 from bayes_inertia.model import Model
 from bayes_inertia.plan import Plan
@@ -22,6 +22,8 @@ from bayes_inertia.spacecraft import Spacecraft, spin_tensor
 NAMES = ("Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz", "K1", "K2", "K3")
 # Campaigns a task: few enough to share work, enough to pay for compiling.
 _SHARD = 25
+# Flights that expected sds are averaged over.
+_TRUTHS = 24
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ class Contender:
 
     Attributes
     ----------
-    name, plan : what. expected : (9,) sds of J and K to expect, for the mean of what is known. achieved : None unless simulated.
+    name, plan : what. expected : (9,) sds of J and K to expect (see `expectation.expected_sd`). achieved : None unless simulated.
     total_time [s]; motion_time : of all slews [s]. margins : what is left of every limit.
     peak_momentum [N m s], peak_torque [N m] : largest of any wheel, planned.
     """
@@ -125,7 +127,7 @@ def _contender(name: str, plan: Plan, mean: Spacecraft, prior: InertiaPrior, lim
     return Contender(
         name=name,
         plan=plan,
-        expected=rehearse(plan, mean, prior).sd[:9],
+        expected=expected_sd(plan, mean, prior, truths=_TRUTHS, seed=seed + 1),
         achieved=achieve(plan, mean, prior, simulated, seed, jobs) if simulated else None,
         total_time=plan.starts[-1] + plan.durations[-1],
         motion_time=float(sum(slew.motion_time for slew in plan.slews)),

@@ -47,7 +47,8 @@ class Design:
     plan, goal, limits, seed : what was designed, for what. reference : slews like the paper's in the same time and limits.
     value, reference_value : the goal's number for both, geometric mean over draws of J and K.
     best_random : the smallest number among the `random_plans` feasible ones that were scored.
-    sd, reference_sd : {parameter: expected sd} for the mean of what is known, by the forecast (1 % off; `expectation.rehearse` is exact).
+    sd, reference_sd : {parameter: expected sd} for the mean of what is known, by the forecast: of the motion as planned.
+        It is right to 1 % for the goal; of parameters that hardly any slew shows, real flights tell more (`expectation.expected_sd`).
     margins : planned; flown : the tightest of flights in the closed loop with noise, truths drawn from what is known.
     active : limits that hold the design back. history : the (smooth) number during each search. seconds : all this took.
     """
@@ -117,7 +118,7 @@ def design(
     limits = limits or Limits(rate=math.radians(1.0) / (1.0 - Limits().rate_reserve))
     base = base or paper_like_plan()
     base = replace(base, start_attitude=limits.start_attitude or base.start_attitude)
-    problem, limits, reference, truths = _problem(spacecraft, prior, wanted, limits, base, n_slews, seed, draws, after)
+    problem, limits, reference, truths = problem_for(spacecraft, prior, wanted, limits, base, n_slews, seed, draws, after)
     x, values, left = random_plans(problem, n_slews, candidates, seed)
     found, history = search(problem, x, values, left, starts)
     plan = _best_plan(problem, found, base, truths[0], limits, f"{n_slews} slew{'s' if n_slews > 1 else ''} for {wanted}")
@@ -166,8 +167,10 @@ def next_slew(at: Estimate, limits: Limits | None = None, goal: str | Goal = "cr
     return design(spacecraft, campaign.inertia, goal, limits, base=following_plan(campaign), n_slews=1, seed=seed, candidates=1000, after=at)
 
 
-def _problem(spacecraft, prior, wanted: Goal, limits: Limits, base: Plan, n: int, seed: int, draws: int, after: Estimate | None):
-    """The problem, the limits with their time, the reference plan, and the truths to expect."""
+def problem_for(
+    spacecraft: Spacecraft, prior: InertiaPrior, wanted: Goal, limits: Limits, base: Plan, n: int, seed: int, draws: int, after: Estimate | None = None
+) -> tuple[Problem, Limits, Plan, list[Spacecraft]]:
+    """What `design` searches for: the problem, the limits with their time, the reference plan, and the truths to expect; arguments as there."""
     known = np.array(spacecraft.rate_sensor.scale_factor_sigma) if after is None else after.sd[6:9]
     region = region_of(limits, hardware(spacecraft), scale_factor_sigma=float(np.max(known)))
     if limits.total_time is None:
