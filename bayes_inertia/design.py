@@ -112,7 +112,7 @@ def design(
     >>> from bayes_inertia.spacecraft import most_like_prior, most_like_spacecraft
     >>> design(most_like_spacecraft(), most_like_prior(), limits=Limits(total_time=100.0))
     Traceback (most recent call last):
-    bayes_inertia.errors.DesignError: limit total time: 5 slews need at least 1595 s, 100 s allowed (1495 s too few); allow more time, or fewer slews
+    bayes_inertia.errors.DesignError: limit total time: 5 slews need at least 1570 s, 100 s allowed (1470 s too few); allow more time, or fewer slews
     """
     began, wanted = time.perf_counter(), goal_of(goal)
     limits = limits or Limits(rate=math.radians(1.0) / (1.0 - Limits().rate_reserve))
