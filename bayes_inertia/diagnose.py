@@ -26,6 +26,7 @@ from bayes_inertia.model import Model
 from bayes_inertia.noise import noise_factors
 from bayes_inertia.oscillator import PREFIX, best_imprint
 from bayes_inertia.projection import projection
+from bayes_inertia.proportional import NAMED
 from bayes_inertia.torque_response import torque_response
 from bayes_inertia.unknown import unknown_torque
 
@@ -281,7 +282,7 @@ def _verdict(base: Estimate, at: Estimate, steps: list[Step], first: tuple, nois
     louder = any(factor > 1.0 for factor in noise.values())
     sets = tuple((s.added, *(name for name, _ in s.alternatives)) for s in steps if s.alternatives)
     names = tuple(s.added for s in steps) + ((NOISE,) if louder else ())
-    why = "misfit" if not explained(tests, rules) else "imitation" if imitation(base, steps, rules) else ""
+    why = "misfit" if not explained(tests, rules) else "imitation" if imitation(steps, rules) else ""
     if why:
         verdict, names = "unknown", ()
     elif sets:
@@ -302,17 +303,26 @@ def _verdict(base: Estimate, at: Estimate, steps: list[Step], first: tuple, nois
     )
 
 
-def imitation(base: Estimate, steps: Sequence[Step], rules: Rules) -> bool:
-    """Whether some torque or sensor error of any shape explains the data better than the effects named, for all its freedom.
+def imitation(steps: Sequence[Step], rules: Rules) -> bool:
+    """Whether something without a name explains the data better than the effects named, or than the last of them.
 
-    Several effects together can imitate one that is not in the library, each taking a part. Something of any shape has far
-    more freedom and pays for it in evidence: where it still wins, the names are not the cause.
+    Several effects together can imitate one that is not in the library, each taking a part. A torque or sensor error of any
+    shape has far more freedom and pays for it in evidence, one in proportion to something known (`proportional`) has about as much:
+    where either still wins, the names are not the cause.
     """
-    if not steps:
-        return False
-    free = unknown_torque(base)
-    best = max(h.log_evidence for h in (free.torque, free.other) if h is not None)
-    return best > sum(step.log_bayes_factor for step in steps) + rules.margin
+    claimed = 0.0
+    for step in reversed(steps):
+        claimed += step.log_bayes_factor
+        if _nameless(step.before) > claimed + rules.margin:
+            return True
+    return False
+
+
+def _nameless(at: Estimate) -> float:
+    """The best log evidence for a disturbance without a name in what an estimate leaves."""
+    free = unknown_torque(at)
+    followed = [evidence for key, evidence in free.followed.items() if key not in NAMED]
+    return max(*(h.log_evidence for h in (free.torque, free.other) if h is not None), *followed)
 
 
 def held_out_chi2(step: Step) -> tuple[float | None, float | None]:

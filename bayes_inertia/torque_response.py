@@ -54,6 +54,17 @@ class TorqueResponse:
         moved = self.transition @ carried
         return self._whitened(moved[:, :, :3], moved[:, :, 3:])
 
+    def reading_change(self, error: np.ndarray) -> np.ndarray:
+        """Size of the change of the whitened residuals (slews, numbers, k) by k errors of the rate sensor's readings (slews, n, 3, k) [rad/s]."""
+        telemetry, white = self.at.model.data.arrays.telemetry, np.asarray(self.at.white.rate)
+        slews = np.arange(len(error))[:, None]
+        own = np.einsum("snij,snjk->snik", white, error[slews, np.asarray(telemetry.sample)])
+        others = self._whitened(np.zeros((*error.shape[:2], 3, 1)), np.zeros((*error.shape[:2], 3, 1)))
+        numbers = sum(np.shape(x)[1] for x in others)
+        columns = np.zeros((len(own), numbers, error.shape[-1]))
+        columns[:, : own.shape[1] * own.shape[2]] = own.reshape(len(own), -1, error.shape[-1])
+        return columns
+
     def _whitened(self, turn: np.ndarray, rate: np.ndarray) -> Residuals:
         at, telemetry = self.at, self.at.model.data.arrays.telemetry
         sample, fix = np.asarray(telemetry.sample), np.asarray(telemetry.fix_row)

@@ -11,16 +11,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayes_inertia import rotation
 from bayes_inertia.estimate import Estimate
 from bayes_inertia.history import History, body_torque, infer, momentum_reading, rate_reading, wheel_torque
 from bayes_inertia.linearised import Linearised, linearise
+from bayes_inertia.projection import projection
+from bayes_inertia.proportional import CONSTANT, drivers, log_evidence
 from bayes_inertia.torque_response import TorqueResponse, torque_response
 
 _LEFT = 1e-4  # probability of what a torque leaves, above which nothing else is tried
 _MARGIN = 10.0  # of log evidence by which another kind of signal must be better than a torque
 _LINE = 0.3  # share of the power near its peak from which a spectrum has a line (white: less than a tenth)
-_ALONG = 0.7  # share of variance from which "goes with" is said
+_TIE = 3.0  # of log evidence, below which two laws are as good
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,7 @@ class Unknown:
     other : the signal that explains them better, if it is not a torque on the body.
     axis_B : (3,) unit vector of the torque; `axis_share` of its power is along it.
     torque_rms : [N m]. spectrum, matches (best first) : of the torque along the axis.
+    followed : log evidence for a torque or rate error in proportion to something known (`proportional`).
     description : all this in words.
     """
 
@@ -65,6 +67,7 @@ class Unknown:
     torque_rms: float
     spectrum: Spectrum
     matches: tuple[Match, ...]
+    followed: dict[tuple[str, str], float]
     description: str
 
     @property
@@ -90,7 +93,8 @@ def unknown_torque(at: Estimate) -> Unknown:
     spectrum = _spectrum(torque.time, along)
     matches = _matches(at, response, torque, along)
     rms = float(np.sqrt(np.mean(np.sum(torque.mean**2, -1))))
-    found = Unknown(source, torque, other, axis, share, rms, spectrum, matches, "")
+    followed = log_evidence(at, response, projection(at))
+    found = Unknown(source, torque, other, axis, share, rms, spectrum, matches, followed, "")
     quiet = _quiet_before(at, torque.time, along)
     return Unknown(**{**found.__dict__, "description": describe(found, quiet)})
 
@@ -167,30 +171,14 @@ def _matches(at: Estimate, response: TorqueResponse, torque: History, along: np.
 
 
 def _known(at: Estimate, response: TorqueResponse, time: np.ndarray) -> dict[str, np.ndarray]:
-    """What a torque may go along with: {name: (slews, knots, k)}."""
-    campaign, arrays = at.model.campaign, at.model.data.arrays
-    begin = np.array([s.time[0] for s in campaign.slews])
+    """What a torque may go along with, at the knots: {name: (slews, knots, k)}."""
+    begin = np.array([s.time[0] for s in at.model.campaign.slews])
+    grids = response.time + begin[:, None]
 
     def at_knots(values: np.ndarray) -> np.ndarray:
-        grids = response.time + begin[:, None]
         return np.stack([np.stack([np.interp(t, g, v) for v in x.T], -1) for t, g, x in zip(time, grids, values, strict=True)])
 
-    rate = at_knots(response.rate_B)
-    known = {
-        "constant in the body": np.ones((*time.shape, 1)),
-        "body rate": rate,
-        "square of the body rate": np.stack([rate[..., i] * rate[..., j] for i in range(3) for j in range(i + 1)], -1),
-        "angular acceleration": np.gradient(rate, axis=1) / np.gradient(time, axis=1)[..., None],
-        "time in the slew": (time - time[:, :1])[..., None],
-        "time in the campaign": (time + np.array([s.start for s in campaign.slews])[:, None])[..., None],
-    }
-    if campaign.wheels:
-        known["wheel momentum"] = at_knots(response.wheel_momentum)
-        if campaign.has_commands:
-            known["commanded wheel torque"] = at_knots(np.asarray(arrays.slews.context.torque))
-    if all(s.magnetic_field_N is not None for s in campaign.slews):
-        known["magnetic field"] = at_knots(np.asarray(rotation.to_body(response.attitude, arrays.slews.magnetic_field_N)))
-    return known
+    return {name: at_knots(values) for name, values in drivers(response).items()}
 
 
 def _quiet_before(at: Estimate, time: np.ndarray, along: np.ndarray) -> float | None:
@@ -236,15 +224,23 @@ def describe(found: Unknown, quiet_before: float | None = None) -> str:
         return _ringing(found, quiet_before, size)
     axis = axis_name(found.axis_B)
     about = f"about {axis}" if found.axis_share > 0.8 else "about changing axes"
-    constant = next((m for m in found.matches if m.name.startswith("constant")), None)
-    # Squares of rates are nearly constant in a campaign of like slews: the simpler word wins a near tie.
-    if constant is not None and constant.share > _ALONG and constant.share > best.share - 0.05:
+    law = _law(found)
+    if law == CONSTANT:
         return f"a torque constant {about} in all slews ({size})"
-    if best is not None and best.share > _ALONG:
-        word = "grows with" if best.name.startswith("time") else "proportional to"
-        return f"a torque {about}, {word} the {best.name} ({size}; explains {100.0 * best.share:.0f} % of it)"
+    if law is not None:
+        word = "growing with" if law.startswith("time") else "proportional to"
+        return f"a torque {about}, {word} the {law} ({size})"
     nearest = f"; it goes along best with the {best.name} ({100.0 * best.share:.0f} % of it)" if best is not None and best.share > 0.3 else ""
     return f"a torque {about} that changes within about {found.torque.length:.2g} s, without a line in its spectrum ({size}){nearest}"
+
+
+def _law(found: Unknown) -> str | None:
+    """What the torque is proportional to: the best by evidence, if that is not worse than a torque of any shape."""
+    torques = {name: evidence for (source, name), evidence in found.followed.items() if source == "body torque"}
+    best = max(torques, key=torques.__getitem__)
+    # Squares of rates are nearly constant in a campaign of like slews: the simpler word wins a near tie.
+    chosen = CONSTANT if torques[CONSTANT] > torques[best] - _TIE else best
+    return chosen if torques[chosen] > found.torque.log_evidence - _TIE else None
 
 
 def _ringing(found: Unknown, quiet_before: float | None, size: str) -> str:

@@ -15,6 +15,7 @@ from bayes_inertia.maneuver import planned_campaign
 from bayes_inertia.model import Model
 from bayes_inertia.parameters import Normal, scalar
 from bayes_inertia.plan import paper_like_plan
+from bayes_inertia.proportional import CONSTANT
 from bayes_inertia.simulation import draw_flight
 from bayes_inertia.spacecraft import most_like_prior, most_like_spacecraft
 from bayes_inertia.torque_response import torque_response
@@ -89,6 +90,18 @@ def test_a_constant_torque(planted):
     found = unknown_torque(fitted(planted(steady=-5e-6)))
     assert "constant about -z in all slews" in found.description
     assert found.torque_rms == pytest.approx(5e-6, rel=0.1)
+
+
+def test_evidence_tells_what_a_weak_torque_follows(planted):
+    # Squares of rates are nearly constant in these slews, and a constant torque explains most of this one.
+    at = fitted(planted(square=8e-7))
+    torques = {name: e for (source, name), e in unknown_torque(at).followed.items() if source == "body torque"}
+    assert max(torques, key=torques.get) == "square of the body rate"
+    assert torques["square of the body rate"] > torques[CONSTANT] + 3.0 > 30.0
+    # The other way round, and with nothing there.
+    steady = unknown_torque(fitted(planted(steady=8e-7))).followed
+    assert steady["body torque", CONSTANT] > steady["body torque", "square of the body rate"]
+    assert max(unknown_torque(fitted(planted())).followed.values()) < 3.0
 
 
 def test_a_glitch_of_the_rate_sensor_is_no_torque(planted):

@@ -120,7 +120,7 @@ def _what(content: Mapping[str, Any]) -> list[str]:
         stack = listed([plain(step["added"]) for step in content["steps"]])
         if content.get("why_unknown") == "imitation":
             said.append(
-                f"Adding {stack} would bring the residuals down to the noise, but a signal of free shape explains them better for all its freedom: "
+                f"Adding {stack} would bring the residuals down to the noise, but something without a name explains them better (a signal of free shape, or in proportion to a rate, momentum, field or time): "
                 "what is named would be an imitation of something that is not among the candidates."
             )
         else:
