@@ -120,7 +120,8 @@ def _what(content: Mapping[str, Any]) -> list[str]:
         stack = listed([plain(step["added"]) for step in content["steps"]])
         if content.get("why_unknown") == "imitation":
             said.append(
-                f"Adding {stack} would bring the residuals down to the noise, but something without a name explains them better (a signal of free shape, or in proportion to a rate, momentum, field or time): "
+                f"Adding {stack} would bring the residuals down to the noise, but something without a name explains them better "
+                "(a signal of free shape, or in proportion to a rate, momentum, field or time): "
                 "what is named would be an imitation of something that is not among the candidates."
             )
         else:
