@@ -2,8 +2,9 @@
 
 The model that will be fitted is linearised around the planned motion, flown with the torques that it needs. Each row of
 the coarse grid of `motion` stands for the telemetry samples of its time, so that the information comes close to that of
-the full telemetry (a few per cent; `expected` gives the exact one). The slew's own start state and the prior of everything
-are in it as in `likelihood`.
+the full telemetry: sds within a few per cent with tachometers. Without, fast slews tell cross terms by small gyroscopic torques
+alone, and what the controller adds to the planned motion changes their sds by up to a third: `expectation` flies it and
+gives the exact ones. The slew's own start state and the prior of everything are in it as in `likelihood`.
 """
 
 from __future__ import annotations
