@@ -23,7 +23,7 @@ from bayes_inertia.model import Data, Model, Prediction, Structure, predict, pre
 from bayes_inertia.parameters import log_prior
 from bayes_inertia.telemetry import CHANNELS
 
-# Numbers of columns are rounded up to a multiple of this.
+# Sensitivities are taken so many columns at a time.
 _COLUMNS = 24
 
 
@@ -157,11 +157,12 @@ def all_columns(model: Model, free: np.ndarray | None = None) -> np.ndarray:
 
 
 def padded_sensitivities(model: Model, theta, bias, local, white: Whitening, free: np.ndarray) -> Sensitivities:
-    """Sensitivities to (theta[free], bias, local nuisances), the last column repeated so that similar fits share compiled code."""
+    """Sensitivities to (theta[free], bias, local nuisances), some columns at a time, the last one repeated: all fits of a model share compiled code."""
     columns = all_columns(model, free)
     columns = np.concatenate([columns, np.repeat(columns[-1:], -len(columns) % _COLUMNS)])
     args = (jnp.asarray(theta), jnp.asarray(bias), jnp.asarray(local), model.data, white)
-    return sensitivities(model.structure, *args, jnp.asarray(columns))
+    parts = [sensitivities(model.structure, *args, jnp.asarray(some)) for some in columns.reshape(-1, _COLUMNS)]
+    return Sensitivities(parts[0].residuals, Residuals(*(jnp.concatenate(some, -1) for some in zip(*(p.jacobian for p in parts), strict=True))))
 
 
 @jax.jit
