@@ -291,7 +291,7 @@ def _from_starts(model: Model, thetas: list[np.ndarray], free: np.ndarray) -> li
     for theta in thetas:
         begin = Point(np.asarray(theta, float), np.zeros(N_BIAS), np.zeros((model.n_slews, model.structure.n_local)))
         white = discounted(whitening(model, begin.theta), gentle)
-        point, objective = _descend(model, begin, white, free, tolerance=1e-3)
+        point, objective = _descend(model, begin, white, free, steps=60, tolerance=1e-3)
         if np.isfinite(objective):
             found.append((objective, point))
     if not found:
@@ -323,12 +323,12 @@ def _at(model: Model, point: Point, objective: float, stated: Whitening, factors
     return Estimate(model, point, stated, white, factors, info, hessian, objective, starts)
 
 
-def _descend(model: Model, point: Point, white: Whitening, free: np.ndarray, tolerance: float = 1e-7) -> tuple[Point, float]:
+def _descend(model: Model, point: Point, white: Whitening, free: np.ndarray, **stop) -> tuple[Point, float]:
     def equations(x: Point) -> tuple[np.ndarray, np.ndarray]:
         info = information(model, x.theta, x.bias, x.local, white, free)
         return _in_chart(x, *normal_equations(model, x, info))
 
-    return descend(lambda x: _objective(model, x, white), equations, lambda x, step: _moved(model, x, step, free), point, tolerance=tolerance)
+    return descend(lambda x: _objective(model, x, white), equations, lambda x, step: _moved(model, x, step, free), point, **stop)
 
 
 def _moved(model: Model, point: Point, step: np.ndarray, free: np.ndarray) -> Point:

@@ -8,12 +8,16 @@ chart of the physical inertia tensors.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar
 
 import numpy as np
 from scipy import linalg
 
-X = TypeVar("X")
+# Damping of a correction: stiff directions move, weak ones stay. Corrections of one step at most.
+_STIFF, _CORRECTIONS = 1e-2, 3
+# Damping of a step that counts as undamped.
+_LEAST = 1e-12
+# Parts of the undamped step that are tried where the damped one disappoints.
+_PARTS = (0.3, 0.1, 0.03)
 
 
 def descend[X](
@@ -22,17 +26,21 @@ def descend[X](
     move: Callable[[X, np.ndarray], X],
     x: X,
     *,
-    steps: int = 60,
+    steps: int = 100,
     tolerance: float = 1e-7,
 ) -> tuple[X, float]:
-    """Minimise half a sum of squares with Nielsen's damping (Madsen, Nielsen, Tingleff 2004, algorithm 3.16).
+    """Minimise half a sum of squares with Nielsen's damping (Madsen, Nielsen, Tingleff 2004, algorithm 3.16), searched along and corrected.
+
+    Where the data hardly show a direction the minimum lies at the end of a long, narrow, curved valley: steps end on its
+    wall, and damping alone would creep. A step that disappoints is followed by corrections that move down the wall and not
+    along the valley, and one that gains little of what the undamped step promises is tried against parts of that step.
 
     Parameters
     ----------
     objective : half the sum of squares at a point; infinite or NaN where there is none.
     equations : Gauss-Newton Hessian (n, n) and gradient (n,) at a point.
     move : the point reached by a step (n,).
-    tolerance : stop when a step promises less than this.
+    steps : at most. tolerance : stop when a step promises less than this, and the undamped one less than a thousand times this.
 
     Returns
     -------
@@ -44,15 +52,21 @@ def descend[X](
     best, damping, growth = objective(x), 1e-4, 2.0
     hessian, gradient = equations(x)
     for _ in range(steps):
-        step = _damped_step(hessian, gradient, damping)
-        promised = -(gradient @ step + 0.5 * step @ hessian @ step)
-        trial = move(x, step)
-        reached = objective(trial)
-        if np.isfinite(reached) and reached <= best:
+        step, whole = (_damped_step(hessian, gradient, d) for d in (damping, _LEAST))
+        promised, all_promised = (_promised(hessian, gradient, s) for s in (step, whole))
+        trial, reached = _at(objective, move(x, step))
+        if best - reached < 0.5 * promised:
+            trial, reached = _corrected(objective, equations, move, trial, reached, best - 0.5 * promised)
+        if best - reached < 0.02 * all_promised and all_promised > 1e3 * tolerance:
+            part, value = min((_at(objective, move(x, k * whole)) for k in _PARTS), key=lambda tried: tried[1])
+            if value < best:
+                trial, reached = min((trial, reached), _corrected(objective, equations, move, part, value, -np.inf), key=lambda tried: tried[1])
+        if reached <= best:
             gain = (best - reached) / max(promised, 1e-300)
             x, best = trial, reached
-            damping, growth = max(damping * max(1.0 / 3.0, 1.0 - (2.0 * gain - 1.0) ** 3), 1e-12), 2.0
-            if promised < tolerance:
+            damping, growth = max(damping * max(0.1, 1.0 - (2.0 * min(gain, 1.0) - 1.0) ** 3), _LEAST), 2.0
+            # A damped step may promise little while the end of the valley is far; at a wall of the support the promise never ends.
+            if promised < tolerance and (all_promised < 1e3 * tolerance or damping > 1e3):
                 break
             hessian, gradient = equations(x)
         else:
@@ -60,6 +74,29 @@ def descend[X](
         if promised < 1e-3 * tolerance or damping > 1e12 or not np.all(np.isfinite(gradient)):
             break
     return x, best
+
+
+def _at[X](objective: Callable[[X], float], x: X) -> tuple[X, float]:
+    """A point and its objective, infinite where there is none."""
+    value = objective(x)
+    return x, value if np.isfinite(value) else np.inf
+
+
+def _promised(hessian: np.ndarray, gradient: np.ndarray, step: np.ndarray) -> float:
+    """By how much a step would lower the objective if it were the quadratic of the normal equations."""
+    return float(-(gradient @ step + 0.5 * step @ hessian @ step))
+
+
+def _corrected[X](objective, equations, move, x: X, value: float, wanted: float) -> tuple[X, float]:
+    """A point lower than x beside the valley's bottom, in at most a few corrections, fewer once `wanted` is reached."""
+    for _ in range(_CORRECTIONS):
+        if not np.isfinite(value) or value < wanted:
+            break
+        trial, reached = _at(objective, move(x, _damped_step(*equations(x), _STIFF)))
+        if reached >= value:
+            break
+        x, value = trial, reached
+    return x, value
 
 
 def _damped_step(hessian: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarray:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayes_inertia.estimate import N_BIAS, Estimate, block_index, prior_rows
+from bayes_inertia.estimate import N_BIAS, Estimate, block_index, normal_equations, prior_rows
 from bayes_inertia.likelihood import padded_sensitivities
 from bayes_inertia.telemetry import CHANNELS
 
@@ -97,7 +97,11 @@ class Linearised:
 
 
 def linearise(at: Estimate) -> Linearised:
-    """Residuals and columns of an estimate."""
+    """Residuals and columns of an estimate.
+
+    What follows from them holds at the optimum only. Where the optimizer stopped short of it, at the end of a long narrow
+    valley, one more step to first order is taken from the residuals, so that they are orthogonal to the columns (and prior).
+    """
     model, point = at.model, at.point
     d, m = model.space.size, point.local.shape[1]
     s = padded_sensitivities(model, point.theta, point.bias, point.local, at.white, np.arange(d))
@@ -112,10 +116,16 @@ def linearise(at: Estimate) -> Linearised:
         for c, size, stop, ok in zip(CHANNELS, sizes, stops, valid, strict=True)
     }
     slope, _ = prior_rows(model, point.theta)
+    shared, local = jacobian[..., np.concatenate([at.free, np.arange(d, d + N_BIAS)])], jacobian[..., d + N_BIAS :]
+    residual = np.concatenate([np.asarray(r) for r in s.residuals], 1)
+    _, gradient = normal_equations(model, point, at.information)
+    step = -at.joint_covariance @ gradient
+    for k, (common, own) in enumerate(zip(shared, local, strict=True)):
+        residual[k] -= np.concatenate([common, own], -1) @ step[block_index(shared.shape[-1], m, k)]
     return Linearised(
-        residual=np.concatenate([np.asarray(r) for r in s.residuals], 1),
-        shared=jacobian[..., np.concatenate([at.free, np.arange(d, d + N_BIAS)])],
-        local=jacobian[..., d + N_BIAS :],
+        residual=residual,
+        shared=shared,
+        local=local,
         prior_precision=np.concatenate([slope[at.free] ** 2, np.ones(N_BIAS)]),
         covariance=at.joint_covariance,
         weight=weight,

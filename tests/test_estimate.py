@@ -15,6 +15,8 @@ from bayes_inertia.adequacy import dispersion, whiteness
 from bayes_inertia.estimate import estimate
 from bayes_inertia.io import read_campaign
 from bayes_inertia.levenberg import descend
+from bayes_inertia.likelihood import information
+from bayes_inertia.linearised import linearise
 from bayes_inertia.model import Model
 
 BASILISK = Path(__file__).parents[2] / "shared" / "data" / "basilisk"
@@ -101,6 +103,38 @@ def test_levenberg_finds_rosenbrocks_minimum_at_any_scaling(scale):
     x, objective = descend(lambda x: 0.5 * np.sum(rows(x)[0] ** 2), equations, lambda x, s: x + s, np.array([-1.2, 1.0 * scale]), tolerance=1e-14)
     np.testing.assert_allclose(x, [1.0, scale], rtol=1e-6)
     assert objective < 1e-12
+
+
+@pytest.mark.parametrize("stiffness", [1e3, 1e5])
+def test_levenberg_reaches_the_end_of_a_narrow_curved_valley(stiffness):
+    """A valley as steep as that of a wheel momentum that nothing measures; damping alone stops half way."""
+
+    def rows(x):
+        return np.array([stiffness * (x[1] - np.sin(x[0])), x[0] - 3.0]), np.array([[-stiffness * np.cos(x[0]), stiffness], [1.0, 0.0]])
+
+    def equations(x):
+        r, j = rows(x)
+        return j.T @ j, j.T @ r
+
+    x, objective = descend(lambda x: 0.5 * np.sum(rows(x)[0] ** 2), equations, lambda x, s: x + s, np.array([-3.0, 0.5]))
+    np.testing.assert_allclose(x, [3.0, np.sin(3.0)], atol=1e-4)
+    assert objective < 1e-7
+
+
+def test_an_optimizer_that_stopped_short_leaves_the_linearised_residuals_alone(fitted):
+    """Linearised residuals are those of the optimum, although the estimate is a few sds beside it."""
+    point = fitted.point
+    # One sd of everything fitted, along the posterior's own covariance.
+    step = np.linalg.cholesky(fitted.joint_covariance) @ np.random.default_rng(4).standard_normal(len(fitted.hessian))
+    f = len(fitted.free)
+    theta, bias, local = point.theta.copy(), point.bias + step[f : f + 3], point.local + step[f + 3 :].reshape(point.local.shape)
+    theta[fitted.free] += step[:f]
+    beside = replace(point, theta=theta, bias=bias, local=local)
+    short = replace(fitted, point=beside, information=information(fitted.model, theta, bias, local, fitted.white, fitted.free))
+    chi2 = [float(np.sum(linearise(at).residual ** 2)) for at in (fitted, short)]
+    uncorrected = float(short.information.chi2.sum())
+    assert uncorrected - chi2[0] > 10.0
+    assert abs(chi2[1] - chi2[0]) < 0.02 * (uncorrected - chi2[0])
 
 
 # --- calibration ---------------------------------------------------------------------------------------------
