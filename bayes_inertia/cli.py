@@ -119,6 +119,26 @@ def compare(
 
 
 @app.command()
+def study(
+    campaign: Campaign,
+    out: Out,
+    plan: Annotated[str, typer.Option(help="Plan file, or the word paper for the paper's five slews.")] = "paper",
+    campaigns: Annotated[int, typer.Option(help="Campaigns to simulate and fit.", min=2)] = 200,
+    jobs: Annotated[int, typer.Option(help="Processes.", min=1)] = 1,
+    seed: Seed = 0,
+) -> None:
+    """Do stated uncertainties hold? Fly a plan many times in simulation and fit each: study.json and study.png; goes on if killed."""
+    from bayes_inertia.study import run_study
+    from bayes_inertia.terminal import progress_bar, show_study
+
+    with progress_bar() as progress:
+        done = run_study(campaign, out, plan, campaigns=campaigns, seed=seed, jobs=jobs, progress=progress)
+    show_study(done, out)
+    if done.too_small:
+        raise typer.Exit(3)
+
+
+@app.command()
 def resume(run: Annotated[Path, typer.Argument(help="Folder of a run that was interrupted.")], report: bool = True) -> None:
     """Go on with an interrupted fit, bit for bit as if it had never stopped."""
     _finish(run, report)

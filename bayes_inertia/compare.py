@@ -137,14 +137,16 @@ def _contender(name: str, plan: Plan, mean: Spacecraft, prior: InertiaPrior, lim
     )
 
 
-def achieve(plan: Plan, spacecraft: Spacecraft, prior: InertiaPrior, n: int, seed: int = 0, jobs: int = 1) -> Achieved:
+def achieve(plan: Plan, spacecraft: Spacecraft, prior: InertiaPrior, n: int | range, seed: int = 0, jobs: int = 1) -> Achieved:
     """Fly a plan n times with noise, each time another truth drawn from the prior, and fit each campaign in full.
 
     Parameters
     ----------
-    spacecraft : wheels and sensors. seed : campaign i of two plans has the same truth for the same seed. jobs : processes.
+    spacecraft : wheels and sensors. n : how many campaigns, or the numbers of those wanted.
+    seed : campaign i of two plans has the same truth for the same seed. jobs : processes.
     """
-    spans = [range(i, min(i + _SHARD, n)) for i in range(0, n, _SHARD)]
+    wanted = range(n) if isinstance(n, int) else n
+    spans = [wanted[i : i + _SHARD] for i in range(0, len(wanted), _SHARD)]
     with joblib.parallel_config("loky" if jobs > 1 else "sequential", n_jobs=jobs, inner_max_num_threads=1 if jobs > 1 else None):
         done = joblib.Parallel()(joblib.delayed(_shard)(plan, spacecraft, prior, seed, span) for span in spans)
     return Achieved(*(np.concatenate(parts) for parts in zip(*done, strict=True)))

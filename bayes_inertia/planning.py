@@ -62,7 +62,7 @@ def run_design(campaign: Path, folder: Path, request: Request) -> Design:
     _ours_or_error(folder, "design.json", DESIGN_FORMAT, digest, ("plan.toml", "design.png"))
     limits = _limits(flown, request)
     at = estimate(Model(flown), seed=request.seed) if request.after else None
-    craft = _spacecraft(flown)
+    craft = prior_spacecraft(flown)
     found = design(craft, flown.inertia, request.goal, limits, base=following_plan(flown), n_slews=request.slews, seed=request.seed, after=at)
     contenders = compare([found.plan, found.reference], craft, flown.inertia, limits=found.limits)
     folder.mkdir(parents=True, exist_ok=True)
@@ -83,8 +83,8 @@ def run_compare(campaign: Path, plans: Sequence[str], folder: Path, *, simulated
     """
     flown, digest = read_campaign(campaign), campaign_sha256(campaign)
     _ours_or_error(folder, "compare.json", COMPARE_FORMAT, digest, ("compare.png",))
-    named = _named_plans(plans, flown)
-    contenders = compare(named, _spacecraft(flown), flown.inertia, simulated=simulated, seed=seed, jobs=jobs)
+    named = plans_named(plans, flown)
+    contenders = compare(named, prior_spacecraft(flown), flown.inertia, simulated=simulated, seed=seed, jobs=jobs)
     folder.mkdir(parents=True, exist_ok=True)
     content = {
         "format": COMPARE_FORMAT,
@@ -151,12 +151,16 @@ def _limits(campaign: Campaign, request: Request) -> Limits:
     )
 
 
-def _spacecraft(campaign: Campaign) -> Spacecraft:
+def prior_spacecraft(campaign: Campaign) -> Spacecraft:
     """The spacecraft that a campaign's prior describes."""
     return spacecraft_at(campaign, np.concatenate([campaign.inertia.elements, campaign.rate_sensor.scale_factor]))
 
 
-def _named_plans(given: Sequence[str], campaign: Campaign) -> dict[str, Plan]:
+def plans_named(given: Sequence[str], campaign: Campaign) -> dict[str, Plan]:
+    """Plans from files (or `paper`, the five slews like the paper's, from where the campaign ended), by name.
+
+    Raises `CampaignError` for a plan that cannot be read or is given twice.
+    """
     base = following_plan(campaign)
     # The paper's slews from where the campaign ended, so that all plans start alike.
     paper = replace(base, name="five slews like the paper's", slews=paper_like_plan().slews)

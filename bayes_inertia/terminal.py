@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from bayes_inertia.compare import Contender
     from bayes_inertia.design import Design
     from bayes_inertia.observe import Observed
+    from bayes_inertia.study import Study
 
 _DETERMINED = {"determined": "yes", "weakly": "no: mostly prior", "prior": "no: prior"}
 _WORDS = {"determined": "yes", "partly determined": "partly", "not determined": "no"}
@@ -183,6 +184,24 @@ def show_comparison(contenders: Sequence[Contender], folder: Path) -> None:
         table.add_row(name, *cells)
     console.print(table)
     console.print(f"wrote compare.json and compare.png in {folder}")
+
+
+def show_study(study: Study, folder: Path) -> None:
+    """Print achieved beside stated sds, and how often intervals held the truth."""
+    from bayes_inertia.compare import NAMES
+
+    console, found, (narrow, wide) = Console(), study.found, (study.coverage(0.68), study.coverage(0.95))
+    table = Table(box=SIMPLE)
+    for column in ("", "achieved sd", "stated sd", "in 68 %", "in 95 %"):
+        table.add_column(column, justify="right" if column else "left", no_wrap=True)
+    stated = (found.stated**2).mean(0) ** 0.5
+    for i, name in enumerate(NAMES):
+        shares = [f"{100 * share:.1f} % ({100 * low:.0f} to {100 * high:.0f})" for share, low, high in (narrow[i], wide[i])]
+        table.add_row(name, f"{found.sd[i]:.3g} ± {found.sd_error[i]:.1g}", f"{stated[i]:.3g}", *shares)
+    console.print(table)
+    said = f"Stated sds are TOO SMALL for {', '.join(study.too_small)}." if study.too_small else "Stated sds hold."
+    console.print(f"{len(found.errors)} campaigns of {study.plan.name}. {said}")
+    console.print(f"wrote study.json and study.png in {folder}")
 
 
 def _in_degrees(value: float, unit: str) -> str:

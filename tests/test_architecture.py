@@ -125,7 +125,7 @@ ORDERED = (
         "correction",
         "testing",
     ),
-    ("plots", "report", "study", "diagnosis_file", "investigation", "run", "observe", "planning", "terminal", "cli"),
+    ("plots", "report", "diagnosis_file", "investigation", "run", "observe", "planning", "study", "terminal", "cli"),
 )
 
 

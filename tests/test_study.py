@@ -1,0 +1,98 @@
+"""`study`: stated uncertainties against achieved ones; a sound plan passes, sds that are too small are called so."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import bayes_inertia
+from bayes_inertia.cli import main
+from bayes_inertia.compare import NAMES, Achieved
+from bayes_inertia.errors import OutputError
+from bayes_inertia.plan import paper_like_plan
+from bayes_inertia.plots.study import coverage_picture
+from bayes_inertia.study import Study, run_study
+
+EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
+
+
+def run(*arguments) -> int:
+    with pytest.raises(SystemExit) as stop:
+        main([str(a) for a in arguments])
+    return stop.value.code
+
+
+def made(n: int, seed: int, shrink: float = 1.0) -> Study:
+    """A study of n campaigns whose errors are normal, and whose stated sds are theirs times `shrink`."""
+    rng = np.random.default_rng(seed)
+    sd = np.geomspace(1e-5, 1e-2, len(NAMES)) * rng.uniform(0.8, 1.2, (n, len(NAMES)))
+    return Study(paper_like_plan(), Achieved(sd * rng.standard_normal(sd.shape), shrink * sd, *np.ones((3, n))))
+
+
+def test_sound_uncertainties_are_rarely_called_too_small():
+    """At most the 1 % that is meant, within the Monte Carlo error of 1,000 studies; sds 15 % too small are found always."""
+    trials = 1000
+    alarms = sum(bool(made(200, seed).too_small) for seed in range(trials))
+    assert alarms <= stats.binom.ppf(0.999, trials, 0.01)
+    assert all(made(200, seed, shrink=0.85).too_small for seed in range(100))
+
+
+def test_intervals_hold_the_truth_as_often_as_they_say():
+    """The 95 % interval of each share holds the level in about 95 %; with sds halved the 95 % intervals hold the truth in 67 %."""
+    inside = [low <= level <= high for seed in range(100) for level in (0.68, 0.95) for _, low, high in made(200, seed).coverage(level)]
+    assert np.mean(inside) > 0.93
+    halved = np.mean([share for share, _, _ in made(2000, 0, shrink=0.5).coverage(0.95)])
+    assert halved == pytest.approx(2.0 * stats.norm.cdf(0.98) - 1.0, abs=0.02)
+
+
+def test_study_of_the_example_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
+    out = tmp_path / "run"
+    assert run("study", EXAMPLE, "-o", out, "--campaigns", 6) == 0
+    printed = capsys.readouterr().out
+    assert "Stated sds hold" in printed
+    assert "6 campaigns" in printed
+    first = (out / "study.json").read_bytes()
+    rows = json.loads(first)["parameters"]
+    assert set(rows) == set(NAMES)
+    for row in rows.values():  # Six campaigns: the sd of errors is uncertain to 29 %.
+        assert 0.3 < row["achieved_sd"] / row["stated_sd"] < 2.2
+
+    def never(*_):
+        raise AssertionError("a shard that is there was made again")
+
+    (out / "study.json").unlink()
+    monkeypatch.setattr("bayes_inertia.study.achieve", never)
+    run_study(EXAMPLE, out, campaigns=6)
+    assert (out / "study.json").read_bytes() == first
+    with pytest.raises(OutputError, match="another study"):
+        run_study(EXAMPLE, out, campaigns=6, seed=1)
+    assert (out / "study.json").read_bytes() == first
+
+
+def test_sds_that_are_too_small_end_with_3(tmp_path, capsys, monkeypatch):
+    shrunk = made(25, 3, shrink=0.5).found
+    monkeypatch.setattr("bayes_inertia.study.achieve", lambda *_: shrunk)
+    assert run("study", EXAMPLE, "-o", tmp_path / "run", "--campaigns", 25) == 3
+    assert "TOO SMALL for Jxx" in capsys.readouterr().out
+    assert "Jxx" in json.loads((tmp_path / "run" / "study.json").read_text())["too_small"]
+
+
+def test_bad_requests_end_with_2(tmp_path, capsys):
+    (tmp_path / "mine.txt").write_text("mine")
+    assert run("study", EXAMPLE, "-o", tmp_path) == 2
+    assert (tmp_path / "mine.txt").read_text() == "mine"
+    assert run("study", EXAMPLE, "-o", tmp_path / "run", "--plan", tmp_path / "none.toml") == 2
+    assert "none.toml" in capsys.readouterr().err
+
+
+def test_coverage_is_drawn_inside_its_band_or_not():
+    """Sound uncertainties stay inside the drawn band; halved ones leave it."""
+    for shrink, leaves in ((1.0, False), (0.5, True)):
+        study = made(400, 2, shrink)
+        right = coverage_picture(NAMES, study.found, study.z).axes[1]
+        band = right.collections[0].get_paths()[0].vertices[:, 1].max()
+        assert (max(np.abs(line.get_ydata()).max() for line in right.lines[: len(NAMES)]) > band) == leaves
