@@ -21,6 +21,7 @@ from bayes_inertia.plots import style
 FIGURES = Path(__file__).parents[1] / "figures"
 PROMISED = 0.99
 ENDS = ("truth in the set", "nothing", "unknown")
+WHERE = {True: "with tachometers", False: "without tachometers"}
 
 
 def read(folder: Path = FOLDER) -> pd.DataFrame:
@@ -66,15 +67,16 @@ def share(hits: int, n: int) -> str:
 def promised(rows: pd.DataFrame) -> list[str]:
     """The lines of the table: what was wanted, what was measured."""
     lines = ["| | wanted | measured |", "|---|---|---|"]
-    clean = rows[rows["kind"] == "clean"]
-    if len(clean):
-        named = sum(bool(candidates_of(r)[0] | candidates_of(r)[1]) for _, r in clean.iterrows())
-        lines.append(f"| clean campaigns in which an effect is named | at most 5 % | {share(named, len(clean))} |")
+    for tachometers in (True, False):
+        clean = rows[(rows["kind"] == "clean") & (rows["tachometers"] == tachometers)]
+        if len(clean):
+            named = sum(bool(candidates_of(r)[0] | candidates_of(r)[1]) for _, r in clean.iterrows())
+            lines.append(f"| clean campaigns {WHERE[tachometers]} in which an effect is named | at most 5 % | {share(named, len(clean))} |")
     for tachometers in (True, False):
         single = rows[(rows["kind"] == "single") & (rows["power"] == PROMISED) & (rows["tachometers"] == tachometers)]
         if not len(single):
             continue
-        where = "with tachometers" if tachometers else "without tachometers"
+        where = WHERE[tachometers]
         ends = single.apply(outcome, axis=1)
         right = (ends == single["label"]) | (ends == ENDS[0])
         wrong = ~right & ~ends.isin(ENDS)
@@ -88,10 +90,14 @@ def promised(rows: pd.DataFrame) -> list[str]:
         lines.append(f"| ... then all nine of J and K within 3.5 sd | 99.6 % by chance | {share(int((good['max_abs_z'] < 3.5).sum()), len(good))} |")
         better = sum(b > a for b, a in good["held_out"])
         lines.append(f"| ... then slews held out of the fit predicted better | - | {share(better, len(good))} |")
-    pairs = rows[rows["kind"] == "pair"]
-    if len(pairs):
-        both = sum(set(r["hidden"]) <= set.union(*candidates_of(r)) for _, r in pairs.iterrows())
-        lines.append(f"| two effects at once: both named or in the sets | at least 85 % | {share(both, len(pairs))} |")
+    for tachometers in (True, False):
+        pairs = rows[(rows["kind"] == "pair") & (rows["tachometers"] == tachometers)]
+        if len(pairs):
+            both = sum(set(r["hidden"]) <= set.union(*candidates_of(r)) for _, r in pairs.iterrows())
+            lines.append(f"| two effects at once, {WHERE[tachometers]}: both named or in the sets | at least 85 % | {share(both, len(pairs))} |")
+    sets = [len(group) for _, r in rows.iterrows() for group in r["ambiguous_with"]]
+    if sets:
+        lines.append(f"| sets reported as ambiguous, in all campaigns: of more than three | none | {sum(n > 3 for n in sets)} of {len(sets)} |")
     outside = rows[rows["kind"] == "outside"]
     if len(outside):
         unknown = int((outside["verdict"] == "unknown").sum())

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import stats
+from scipy.special import logsumexp
 
 from bayes_inertia.adequacy import ChannelTest, channel_tests
 from bayes_inertia.campaign import Campaign
@@ -319,10 +320,13 @@ def imitation(steps: Sequence[Step], rules: Rules) -> bool:
 
 
 def _nameless(at: Estimate) -> float:
-    """The best log evidence for a disturbance without a name in what an estimate leaves."""
+    """The best log evidence for a disturbance without a name in what an estimate leaves.
+
+    A disturbance in proportion to something is one hypothesis, whatever it follows: its evidence is the average over all that it may.
+    """
     free = unknown_torque(at)
     followed = [evidence for key, evidence in free.followed.items() if key not in NAMED]
-    return max(*(h.log_evidence for h in (free.torque, free.other) if h is not None), *followed)
+    return max(*(h.log_evidence for h in (free.torque, free.other) if h is not None), float(logsumexp(followed) - np.log(len(followed))))
 
 
 def held_out_chi2(step: Step) -> tuple[float | None, float | None]:

@@ -348,7 +348,8 @@ def _objective(model: Model, point: Point, white: Whitening) -> float:
     if not bool(_is_physical(point.theta[:6])):
         return np.inf
     r = residuals(model.structure, jnp.asarray(point.theta), jnp.asarray(point.bias), jnp.asarray(point.local), model.data, white)
-    chi2 = sum(float(np.sum(np.square(channel))) for channel in r)
+    with np.errstate(over="ignore"):  # A step too far gives an infinite objective.
+        chi2 = sum(float(np.sum(np.square(channel))) for channel in r)
     own = np.asarray(_prior_residual(model.space.constants(), point.theta))
     return 0.5 * (chi2 + float(own @ own) + float(point.bias @ point.bias) + float(np.sum(point.local**2)))
 

@@ -100,9 +100,16 @@ def _corrected[X](objective, equations, move, x: X, value: float, wanted: float)
 
 
 def _damped_step(hessian: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarray:
+    """The step (n,) with this damping, or with the least more that keeps the matrix definite; NaN where there is none."""
+    if not (np.all(np.isfinite(hessian)) and np.all(np.isfinite(gradient))):
+        return np.full_like(gradient, np.nan)
     scale = np.sqrt(np.diag(hessian))
     scaled = hessian / np.outer(scale, scale)
-    return -linalg.solve(scaled + damping * np.eye(len(scale)), gradient / scale, assume_a="pos") / scale
+    while True:
+        try:
+            return -linalg.cho_solve(linalg.cho_factor(scaled + damping * np.eye(len(scale))), gradient / scale) / scale
+        except linalg.LinAlgError:  # Rounding.
+            damping = max(10.0 * damping, 1e-15)
 
 
 def solve(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:

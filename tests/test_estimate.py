@@ -121,6 +121,21 @@ def test_levenberg_reaches_the_end_of_a_narrow_curved_valley(stiffness):
     assert objective < 1e-7
 
 
+def test_levenberg_survives_points_without_derivatives():
+    """Where the objective is finite but its derivatives are not, a step or correction is given up, not the descent."""
+
+    def equations(x):
+        hole = np.nan if 1.0 < x[0] < 2.5 else 1.0
+        return hole * np.array([[1.0 + 12.0 * x[0] ** 2]]), hole * np.array([x[0] - 3.0 + 4.0 * (x[0] - 3.0) ** 3])
+
+    for start in (-4.0, 0.5, 6.0):
+        x, objective = descend(lambda x: 0.5 * (x[0] - 3.0) ** 2 + (x[0] - 3.0) ** 4, equations, lambda x, s: x + s, np.array([start]))
+        assert np.isfinite(objective)
+        assert objective <= 0.5 * (start - 3.0) ** 2 + (start - 3.0) ** 4
+    x, _ = descend(lambda x: 0.5 * (x[0] - 3.0) ** 2, lambda x: (np.full((1, 1), np.nan), np.full(1, np.nan)), lambda x, s: x + s, np.array([5.0]))
+    assert x[0] == 5.0
+
+
 def test_an_optimizer_that_stopped_short_leaves_the_linearised_residuals_alone(fitted):
     """Linearised residuals are those of the optimum, although the estimate is a few sds beside it."""
     point = fitted.point
