@@ -52,7 +52,7 @@ class Rules:
     """
 
     false_alarms: float = 0.02
-    refits: int = 4
+    refits: int = 6
     hopeless: float = 0.3
     most: int = 4
     margin: float = 3.0
@@ -201,6 +201,8 @@ def _best_step(at: Estimate, marks: Fingerprints, significant: list[Candidate], 
     if not refitted:
         return None
     refitted.sort(key=lambda item: -item[0])
+    if not at.model.campaign.has_tachometers:
+        refitted = sorted((_again(at, *item) for item in refitted[:2]), key=lambda item: -item[0]) + refitted[2:]
     evidence, best, after = refitted[0]
     rivals = []
     for other, candidate, _ in refitted[1:]:
@@ -226,6 +228,14 @@ def _refit(at: Estimate, marks: Fingerprints, candidate: Candidate, flexible: Ef
     margin = 1e-3 * space.sd[part]
     theta[part] = np.clip(theta[part], space.lower[part] + margin, space.upper[part] - margin)
     return re_estimate(at, theta, np.concatenate([at.free, np.arange(part.start, part.stop)]))
+
+
+def _again(at: Estimate, evidence: float, candidate: Candidate, after: Estimate) -> tuple[float, Candidate, Estimate]:
+    """A refit and its evidence, begun once more from afar: where nothing measures the wheels' momentum there are local optima."""
+    other = re_estimate(after, after.theta, after.free, gently=True)
+    if other.objective > after.objective:
+        return evidence, candidate, after
+    return log_bayes_factor(at, other, _plain(candidate.effect)), candidate, other
 
 
 def _refit_mode(at: Estimate, products: np.ndarray, frequency: float, flexible: Effect) -> Estimate:

@@ -39,10 +39,14 @@ from bayes_inertia.parameters import prior_residual
 from bayes_inertia.telemetry import CHANNELS
 
 N_BIAS = 3
+# J and K come before the parameters of effects.
+_CORE = 9
 # No closer than this to a body without thickness (second moment over trace): beyond, rounding rules.
 _THINNEST = 1e-7
 # Weight of the data in the first descent of every start.
 _GENTLE = 1e-4
+# Reduced chi^2 above which a gentle descent has lost its way, and starts that are tried at most until one has not.
+_LOST, _MOST_STARTS = 1e3, 12
 
 
 @dataclass(frozen=True)
@@ -183,7 +187,8 @@ def estimate(
 
     Parameters
     ----------
-    seed : of the further starts. starts : number of starts, the first at the prior mean, others drawn from the prior.
+    seed : of the further starts. starts : number of starts, the first at the prior mean, others drawn from the prior; more where none of them
+        comes near the data.
     start : theta (d,) to begin from instead (one start).
     discount : whether misfit discounts the slews (False keeps the stated noise whatever the residuals say).
     free : indices of the parameters that may move, J's elements among them; the others keep their start values. None: all.
@@ -193,8 +198,10 @@ def estimate(
     EstimateError : no start gave a finite posterior.
     """
     free = np.arange(model.space.size) if free is None else np.asarray(free)
-    found = _from_starts(model, [start] if start is not None else _starts(model, seed, starts), free)
+    found = _from_starts(model, seed, starts, free) if start is None else [_gently(model, start, free)]
     objective, point = min(found, key=lambda f: f[0])
+    if not np.isfinite(objective):
+        raise EstimateError("the start of the optimizer gave no finite residuals", advice="check units and signs of the telemetry columns")
     starts = Starts(sum(o < objective + 1.0 for o, _ in found), len(found))
     whole = np.ones((model.n_slews, len(CHANNELS)))
     fitted = _at(model, *_settled(model, point, whole, free), whole, free, starts)
@@ -205,11 +212,19 @@ def estimate(
     return _discounted_fit(model, point, np.array(channels), free, starts)
 
 
-def re_estimate(previous: Estimate, theta: np.ndarray, free: np.ndarray) -> Estimate:
-    """The maximum with other parameters free, from nuisances and noise of an earlier estimate and from `theta` (d,)."""
-    begin = Point(np.asarray(theta, float), previous.point.bias, previous.point.local)
-    settled = _settled(previous.model, begin, previous.discount, np.asarray(free), rounds=1)
-    return _at(previous.model, *settled, previous.discount, np.asarray(free), Starts(1, 1))
+def re_estimate(previous: Estimate, theta: np.ndarray, free: np.ndarray, *, gently: bool = False) -> Estimate:
+    """The maximum with other parameters free, from nuisances and noise of an earlier estimate and from `theta` (d,).
+
+    Parameters
+    ----------
+    gently : descend with the data counted weakly first, which finds the way out of a local optimum.
+    """
+    begin, free = Point(np.asarray(theta, float), previous.point.bias, previous.point.local), np.asarray(free)
+    if gently:
+        white = discounted(whitening(previous.model, begin.theta), _GENTLE * previous.discount)
+        begin, _ = _descend(previous.model, begin, white, free, steps=60, tolerance=1e-3)
+    settled = _settled(previous.model, begin, previous.discount, free, rounds=1)
+    return _at(previous.model, *settled, previous.discount, free, Starts(1, 1))
 
 
 def move_to(previous: Estimate, model: Model) -> Estimate:
@@ -279,24 +294,32 @@ def _dispersions(model: Model, point: Point, stated: Whitening) -> np.ndarray:
     return np.array([[1.0 / dispersion(series[c][s], bursts=c == "attitude") for c in CHANNELS] for s in range(model.n_slews)])
 
 
-def _starts(model: Model, seed: int, starts: int) -> list[np.ndarray]:
-    drawn = model.draw_prior(np.random.default_rng(seed), max(starts - 1, 0))
-    return [_inside(model, theta) for theta in [model.space.mean, *drawn]]
-
-
-def _from_starts(model: Model, thetas: list[np.ndarray], free: np.ndarray) -> list[tuple[float, Point]]:
-    """Gentle descents from all starts; those that gave a finite objective."""
-    gentle = np.full((model.n_slews, len(CHANNELS)), _GENTLE)
-    found = []
-    for theta in thetas:
-        begin = Point(np.asarray(theta, float), np.zeros(N_BIAS), np.zeros((model.n_slews, model.structure.n_local)))
-        white = discounted(whitening(model, begin.theta), gentle)
-        point, objective = _descend(model, begin, white, free, steps=60, tolerance=1e-3)
+def _from_starts(model: Model, seed: int, starts: int, free: np.ndarray) -> list[tuple[float, Point]]:
+    """Gentle descents from the prior mean and from draws of the prior, from more of them while none comes near the data."""
+    found: list[tuple[float, Point]] = []
+    near = _LOST * _GENTLE * 0.5 * sum(3 * len(s.time) for s in model.campaign.slews)
+    for k, theta in enumerate([model.space.mean, *model.draw_prior(np.random.default_rng(seed), max(starts, _MOST_STARTS) - 1)]):
+        if k >= starts and found and min(o for o, _ in found) < near:
+            break
+        objective, point = _gently(model, _inside(model, theta), free)
         if np.isfinite(objective):
             found.append((objective, point))
     if not found:
         raise EstimateError("no start of the optimizer gave finite residuals", advice="check units and signs of the telemetry columns")
     return found
+
+
+def _gently(model: Model, theta: np.ndarray, free: np.ndarray) -> tuple[float, Point]:
+    """Objective and end of a descent with the data counted weakly.
+
+    J, K and the nuisances move first: far from the optimum an effect would take over what they have to explain.
+    """
+    point = Point(np.asarray(theta, float), np.zeros(N_BIAS), np.zeros((model.n_slews, model.structure.n_local)))
+    white = discounted(whitening(model, point.theta), np.full((model.n_slews, len(CHANNELS)), _GENTLE))
+    core = free[free < _CORE]
+    for moving in (core, free)[len(core) == len(free) :]:
+        point, objective = _descend(model, point, white, moving, steps=60, tolerance=1e-3)
+    return objective, point
 
 
 def _inside(model: Model, theta: np.ndarray) -> np.ndarray:
