@@ -95,6 +95,8 @@ def promised(rows: pd.DataFrame) -> list[str]:
         if len(pairs):
             both = sum(set(r["hidden"]) <= set.union(*candidates_of(r)) for _, r in pairs.iterrows())
             lines.append(f"| two effects at once, {WHERE[tachometers]}: both named or in the sets | at least 85 % | {share(both, len(pairs))} |")
+            ideal = pairs["ideal_powers"].map(np.prod).sum()
+            lines.append(f"| ... expected of two ideal tests, each with the other effect fitted | - | {ideal:.1f} of {len(pairs)} |")
     sets = [len(group) for _, r in rows.iterrows() for group in r["ambiguous_with"]]
     if sets:
         lines.append(f"| sets reported as ambiguous, in all campaigns: of more than three | none | {sum(n > 3 for n in sets)} of {len(sets)} |")

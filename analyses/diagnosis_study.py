@@ -24,7 +24,8 @@ from bayes_inertia.diagnose import Rules, diagnose
 from bayes_inertia.effect import Effect
 from bayes_inertia.effects import LIBRARY
 from bayes_inertia.errors import BayesInertiaError
-from bayes_inertia.estimate import Estimate, estimate, held_out
+from bayes_inertia.estimate import Estimate, estimate, held_out, move_to
+from bayes_inertia.fingerprint import fingerprints
 from bayes_inertia.io import write_atomically
 from bayes_inertia.maneuver import planned_campaign
 from bayes_inertia.model import Model
@@ -104,8 +105,8 @@ def amplitude_for(effect: Effect, values: dict, wanted: float, seed, tachometers
     """Multiple of `values` at which the projected signal has the wanted non-centrality, by the power law that it follows."""
     # A flexible mode's signal is of second order in its coupling, which its power law follows less closely.
     order, size, largest, rounds = (4.0, 0.5, 4.0, 3) if effect.name == "flexible_mode" else (2.0, 1e-2, 30.0, 2)
-    without, flight = draw(seed, (), {}, tachometers)
-    first = estimate(Model(without), starts=1, discount=False, start=_truth(flight))
+    without, _ = draw(seed, (), {}, tachometers)
+    first = estimate(Model(without), starts=1, discount=False)
     for _ in range(rounds):
         with_it, _ = draw(seed, (effect,), {effect.name: scaled(values, size)}, tachometers)
         size *= (wanted / max(projected_difference(with_it, first), 1e-12)) ** (1.0 / order)
@@ -113,9 +114,35 @@ def amplitude_for(effect: Effect, values: dict, wanted: float, seed, tachometers
     return size
 
 
+def ideal_powers(effects: tuple[Effect, ...], values: dict, wanted: list[float], seed, tachometers: bool, level: float) -> list[float]:
+    """Power of an ideal test for each of two effects once the other is fitted too, if alone each has the wanted non-centrality.
+
+    Of a flexible mode, whose signal is of second order, nothing is taken off: its power is an upper bound.
+    """
+    without, _ = draw(seed, (), {}, tachometers)
+    first = estimate(Model(without), starts=1, discount=False)
+    marks = fingerprints(move_to(first, Model(without, effects)), tuple(e.name for e in effects if e.name != "flexible_mode"))
+    steps, kept = [], []
+    for effect, nc in zip(effects, wanted, strict=True):
+        parameters = effect.parameters(template_campaign())
+        sd = np.concatenate([[q.sd for q in p.priors] for p in parameters])
+        step = np.concatenate([np.atleast_1d(np.asarray(values[effect.name][p.name], float) - p.null) for p in parameters]) / sd
+        steps.append(step)
+        kept.append(nc)
+    if len(marks.names) == 2:
+        for i, j in ((0, 1), (1, 0)):
+            own, other = marks.groups[i], marks.groups[j]
+            alone = marks.matrix[np.ix_(own, own)]
+            cross = marks.matrix[np.ix_(own, other)]
+            apart = alone - cross @ np.linalg.pinv(marks.matrix[np.ix_(other, other)], rcond=1e-9, hermitian=True) @ cross.T
+            kept[i] = wanted[i] * float(steps[i] @ apart @ steps[i]) / float(steps[i] @ alone @ steps[i])
+    dofs = [sum(len(p.names) for p in e.parameters(template_campaign()) if not p.priors[0].logarithmic) for e in effects]
+    return [float(stats.ncx2.sf(stats.chi2.isf(level, dof), dof, max(nc, 0.0))) for dof, nc in zip(dofs, kept, strict=True)]
+
+
 def projected_difference(with_it, first: Estimate) -> float:
     """|P (y1 - y0)|^2 for two campaigns with equal noise: what is left of their difference after fitting J, K, bias and starts."""
-    second = estimate(Model(with_it), starts=1, discount=False, start=first.theta)
+    second = estimate(Model(with_it), starts=1, discount=False)
     # Both hold the same noise e: their residuals are P e and P (e + s).
     gaps = [np.concatenate([np.nan_to_num(x).ravel() for slews in at.residual_series.values() for x in slews]) for at in (first, second)]
     return float(np.sum((gaps[1] - gaps[0]) ** 2))
@@ -131,15 +158,15 @@ def run_one(kind: str, label: str, index: int, effects: tuple[Effect, ...], tach
     seed = np.random.SeedSequence(20260, spawn_key=(hash_of(kind + label), index, int(tachometers)))
     # Not a child of `seed`: the flight draws from those, and the effect's direction must not follow its noise.
     rng = np.random.default_rng(np.random.SeedSequence(20261, spawn_key=seed.spawn_key))
-    values, sizes = {}, {}
+    values, sizes, wanted = {}, {}, []
+    fresh = lambda: np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key)  # noqa: E731
     for effect in effects:
         drawn = direction(effect, rng)
         dof = sum(len(p.names) for p in effect.parameters(template_campaign()) if not p.priors[0].logarithmic)
-        sizes[effect.name] = amplitude_for(
-            effect, drawn, noncentrality(power, dof, level), np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key), tachometers
-        )
+        wanted.append(noncentrality(power, dof, level))
+        sizes[effect.name] = amplitude_for(effect, drawn, wanted[-1], fresh(), tachometers)
         values[effect.name] = scaled(drawn, sizes[effect.name])
-    campaign, flight = draw(np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key), effects, values, tachometers)
+    campaign, flight = draw(fresh(), effects, values, tachometers)
     if label in OUTSIDE:
         campaign = replayed(flight, OUTSIDE[label], rng)
     began = time.perf_counter()
@@ -152,6 +179,7 @@ def run_one(kind: str, label: str, index: int, effects: tuple[Effect, ...], tach
         "tachometers": tachometers,
         "hidden": [label] if label in OUTSIDE else [e.name for e in effects],
         "sizes": sizes,
+        "ideal_powers": ideal_powers(effects, values, wanted, fresh(), tachometers, level) if kind == "pair" else None,
         "verdict": found.verdict,
         "why_unknown": found.why_unknown,
         "named": list(found.named),
