@@ -71,8 +71,8 @@ def show_summary(summary: dict[str, Any], folder: Path) -> None:
         console.print("[bold red]Do not use this result as it stands.[/bold red]")
     for gate in summary["gates"]:
         console.print(f"  {'[green]passed[/green]' if gate['passed'] else '[red]FAILED[/red]'} {gate['name']}: {gate['says']}")
-    table = Table(box=SIMPLE)
-    table.add_column("name", overflow="fold")  # a long name gives way, never a number
+    table = Table(box=SIMPLE, pad_edge=False, collapse_padding=True)
+    table.add_column("name", overflow="fold")  # a long name gives way, between its words, never a number
     for heading in ("estimate", "± sd", "unit", "prior sd", "contraction", "determined"):
         table.add_column(heading, no_wrap=True)
     for name, p in summary["parameters"].items():
@@ -81,7 +81,7 @@ def show_summary(summary: dict[str, Any], folder: Path) -> None:
         gained = wording.contraction(used.sd, p["prior_sd"])
         shown = [wording.number(value, used.sd, power) for value in (p["mean"], used.sd)]
         prior = f"{p['prior_sd'] / 10.0**power:.2g}"
-        table.add_row(name, *shown, wording.unit_text(p["unit"], power), prior, wording.contraction_text(gained), _WORDS[wording.determined(gained)])
+        table.add_row(name.replace("_", " ").replace(".", ": "), *shown, wording.unit_text(p["unit"], power), prior, wording.contraction_text(gained), _WORDS[wording.determined(gained)])
     console.print(table)
     console.print("sd: the larger of the model's and of what the scatter between slews supports")
     chi2 = ", ".join(f"{key} {value:.3f}" for key, value in summary["fit"]["reduced_chi2"].items() if value is not None)
