@@ -81,7 +81,8 @@ def show_summary(summary: dict[str, Any], folder: Path) -> None:
         gained = wording.contraction(used.sd, p["prior_sd"])
         shown = [wording.number(value, used.sd, power) for value in (p["mean"], used.sd)]
         prior = f"{p['prior_sd'] / 10.0**power:.2g}"
-        table.add_row(name.replace("_", " ").replace(".", ": "), *shown, wording.unit_text(p["unit"], power), prior, wording.contraction_text(gained), _WORDS[wording.determined(gained)])
+        words = name.replace("_", " ").replace(".", ": ")
+        table.add_row(words, *shown, wording.unit_text(p["unit"], power), prior, wording.contraction_text(gained), _WORDS[wording.determined(gained)])
     console.print(table)
     console.print("sd: the larger of the model's and of what the scatter between slews supports")
     chi2 = ", ".join(f"{key} {value:.3f}" for key, value in summary["fit"]["reduced_chi2"].items() if value is not None)
