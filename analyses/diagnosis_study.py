@@ -24,8 +24,9 @@ from bayes_inertia.diagnose import Rules, diagnose
 from bayes_inertia.effect import Effect
 from bayes_inertia.effects import LIBRARY
 from bayes_inertia.errors import BayesInertiaError
-from bayes_inertia.estimate import Estimate, estimate, held_out, move_to
+from bayes_inertia.estimate import Estimate, estimate, move_to
 from bayes_inertia.fingerprint import fingerprints
+from bayes_inertia.held_out import held_out
 from bayes_inertia.io import write_atomically
 from bayes_inertia.maneuver import planned_campaign
 from bayes_inertia.model import Model

@@ -20,9 +20,10 @@ from bayes_inertia.campaign import Campaign
 from bayes_inertia.dynamics import Drive
 from bayes_inertia.effect import Effect
 from bayes_inertia.effects import LIBRARY
-from bayes_inertia.estimate import Estimate, estimate, held_out, move_to, re_estimate, with_noise
+from bayes_inertia.estimate import Estimate, estimate, move_to, re_estimate, with_noise
 from bayes_inertia.evidence import log_bayes_factor
 from bayes_inertia.fingerprint import Fingerprints, fingerprints
+from bayes_inertia.held_out import held_out
 from bayes_inertia.model import Model
 from bayes_inertia.noise import noise_factors
 from bayes_inertia.oscillator import PREFIX, best_imprint
