@@ -45,6 +45,8 @@ _CORE = 9
 _THINNEST = 1e-7
 # Weight of the data in the first descent of every start.
 _GENTLE = 1e-4
+# Where such a descent may stop: its end is only a beginning.
+_SOON = {"steps": 60, "tolerance": 1e-3}
 # Reduced chi^2 above which a gentle descent has lost its way, and starts that are tried at most until one has not.
 _LOST, _MOST_STARTS = 1e3, 12
 
@@ -222,7 +224,7 @@ def re_estimate(previous: Estimate, theta: np.ndarray, free: np.ndarray, *, gent
     begin, free = Point(np.asarray(theta, float), previous.point.bias, previous.point.local), np.asarray(free)
     if gently:
         white = discounted(whitening(previous.model, begin.theta), _GENTLE * previous.discount)
-        begin, _ = _descend(previous.model, begin, white, free, steps=60, tolerance=1e-3)
+        begin, _ = _descend(previous.model, begin, white, free, **_SOON)
     settled = _settled(previous.model, begin, previous.discount, free, rounds=1)
     return _at(previous.model, *settled, previous.discount, free, Starts(1, 1))
 
@@ -288,7 +290,7 @@ def _gently(model: Model, theta: np.ndarray, free: np.ndarray) -> tuple[float, P
     white = discounted(whitening(model, point.theta), np.full((model.n_slews, len(CHANNELS)), _GENTLE))
     core = free[free < _CORE]
     for moving in (core, free)[len(core) == len(free) :]:
-        point, objective = _descend(model, point, white, moving, steps=60, tolerance=1e-3)
+        point, objective = _descend(model, point, white, moving, **_SOON)
     return objective, point
 
 

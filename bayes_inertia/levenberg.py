@@ -61,7 +61,7 @@ def descend[X](
             part, value = min((_at(objective, move(x, k * whole)) for k in _PARTS), key=lambda tried: tried[1])
             if value < best:
                 trial, reached = min((trial, reached), _corrected(objective, equations, move, part, value, -np.inf), key=lambda tried: tried[1])
-        if reached <= best:
+        if np.isfinite(reached) and reached <= best:
             gain = (best - reached) / max(promised, 1e-300)
             x, best = trial, reached
             damping, growth = max(damping * max(0.1, 1.0 - (2.0 * min(gain, 1.0) - 1.0) ** 3), _LEAST), 2.0

@@ -134,6 +134,9 @@ def test_levenberg_survives_points_without_derivatives():
         assert objective <= 0.5 * (start - 3.0) ** 2 + (start - 3.0) ** 4
     x, _ = descend(lambda x: 0.5 * (x[0] - 3.0) ** 2, lambda x: (np.full((1, 1), np.nan), np.full(1, np.nan)), lambda x, s: x + s, np.array([5.0]))
     assert x[0] == 5.0
+    # Nor does a start without an objective, whose derivatives are finite.
+    x, objective = descend(lambda x: np.inf, lambda x: (np.eye(1), x), lambda x, s: x + s, np.array([5.0]))
+    assert (x[0], objective) == (5.0, np.inf)
 
 
 def test_an_optimizer_that_stopped_short_leaves_the_linearised_residuals_alone(fitted):
