@@ -29,7 +29,7 @@ from bayes_inertia.estimate import Estimate, estimate, move_to, prior_rows
 from bayes_inertia.inertia import principal_moments
 from bayes_inertia.io import read_campaign, write_atomically
 from bayes_inertia.model import Model
-from bayes_inertia.oscillator import best_imprint
+from bayes_inertia.oscillator import best_ringing
 from bayes_inertia.plots import style
 from bayes_inertia.posterior import principal_sd
 from bayes_inertia.projection import Projection, projection
@@ -138,8 +138,8 @@ def candidates(at: Estimate, fit: Projection) -> list[Term]:
             terms += [Term(effect.name, shared, columns) for shared in (True, False)]
     flexible = next(e for e in LIBRARY if e.name == FLEXIBLE)
     scale = flexible.parameters(at.model.campaign)[0].priors[0].sd ** 2
-    ringing = best_imprint(torque_response(at), fit, scale)
-    return terms + [Term(ringing.name, shared, ringing.columns) for shared in (True, False)]
+    ringing = best_ringing(FLEXIBLE, torque_response(at), fit, scale)
+    return terms + [Term(f"{FLEXIBLE}@{ringing.frequency:.4g}", shared, ringing.products) for shared in (True, False)]
 
 
 def search(linear: Linear, terms: list[Term]) -> list[dict]:

@@ -26,7 +26,7 @@ from bayes_inertia.fingerprint import Fingerprints, fingerprints
 from bayes_inertia.held_out import held_out
 from bayes_inertia.model import Model
 from bayes_inertia.noise import noise_factors
-from bayes_inertia.oscillator import PREFIX, best_imprint
+from bayes_inertia.oscillator import Ringing, best_ringing
 from bayes_inertia.projection import projection
 from bayes_inertia.proportional import NAMED
 from bayes_inertia.torque_response import torque_response
@@ -34,6 +34,8 @@ from bayes_inertia.unknown import unknown_torque
 
 FLEXIBLE = "flexible_mode"
 NOISE = "noise_level"
+# By how much log evidence to first order may be wrong, for candidates worth a refit as rivals.
+_FIRST_ORDER = 2.0
 
 
 @dataclass(frozen=True)
@@ -154,8 +156,7 @@ def _search(at: Estimate, steps: list[Step], flexible: Effect | None, rules: Rul
         limit = marks.threshold(rules.false_alarms, rng)
         found = _candidates(marks)
         seen = seen or (found, limit, marks)
-        significant = [c for c in found if c.p_value < limit]
-        step = _best_step(at, marks, significant, flexible, rules, limit) if len(steps) < rules.most else None
+        step = _best_step(at, marks, found, flexible, rules, limit) if len(steps) < rules.most else None
         if step is None:
             return steps, at, seen
         steps, at = _without_needless([*steps, step], step.after)
@@ -176,80 +177,107 @@ def _marks(at: Estimate, flexible: Effect | None) -> Fingerprints:
     if flexible is None or any(e.name == FLEXIBLE for e in at.model.effects):
         return fingerprints(at, waiting)
     coupling, fit = flexible.parameters(at.model.campaign)[0].priors[0].sd, projection(at)
-    return fingerprints(at, waiting, (best_imprint(torque_response(at), fit, coupling**2),), fit)
+    return fingerprints(at, waiting, (best_ringing(FLEXIBLE, torque_response(at), fit, coupling**2),), fit)
 
 
 def _candidates(marks: Fingerprints) -> list[Candidate]:
     """All candidates, best evidence first."""
     scores = [float(marks.score(k)) for k in range(len(marks.names))]
     found = [
-        Candidate(name, len(marks.visible(k)[0]), score, float(marks.p_value(k, np.asarray(score))), marks.log_bayes_factor(k))
+        Candidate(name, marks.dof(k), score, float(marks.p_value(k, np.asarray(score))), marks.log_bayes_factor(k))
         for k, (name, score) in enumerate(zip(marks.names, scores, strict=True))
     ]
     return sorted(found, key=lambda c: -c.log_bayes_factor)
 
 
-def _best_step(at: Estimate, marks: Fingerprints, significant: list[Candidate], flexible, rules: Rules, limit: float) -> Step | None:
-    """Refit the most promising candidates and take the one with the best evidence."""
-    refitted, where = [], {name: k for k, name in enumerate(marks.names)}
+def _best_step(at: Estimate, marks: Fingerprints, found: list[Candidate], flexible, rules: Rules, limit: float) -> Step | None:
+    """Refit the most promising of the significant candidates and take the one with the best evidence."""
+    significant = [c for c in found if c.p_value < limit]
     worth = [c for c in significant if c.log_bayes_factor >= rules.hopeless * significant[0].log_bayes_factor or c is significant[0]]
-    for candidate in worth[: rules.refits]:
-        after = _refit(at, marks, candidate, flexible)
-        evidence = log_bayes_factor(at, after, _plain(candidate.effect))
-        gained = 2.0 * (at.objective - after.objective)
-        if evidence > 0.0 and marks.p_of(where[candidate.effect], max(gained, 0.0), max(candidate.dof, 1)) < limit:
-            refitted.append((evidence, candidate, after))
+    fits = [_fitted(at, marks, c, flexible) for c in worth[: rules.refits]]
+    refitted = sorted((f for f in fits if f.log_bayes_factor > 0.0 and f.p_value < limit), key=lambda f: -f.log_bayes_factor)
     if not refitted:
         return None
-    refitted.sort(key=lambda item: -item[0])
     if not at.model.campaign.has_tachometers:
-        refitted = sorted((_again(at, *item) for item in refitted[:2]), key=lambda item: -item[0]) + refitted[2:]
-    evidence, best, after = refitted[0]
+        refitted = sorted((_again(at, marks, f) for f in refitted[:2]), key=lambda f: -f.log_bayes_factor) + refitted[2:]
+    best = refitted[0]
+    others = [*refitted[1:], *(f for f in fits if all(f.effect != r.effect for r in refitted))]
+    others += [_fitted(at, marks, c, flexible) for c in _near(marks, best, found, {f.effect for f in fits}, rules)]
+    return Step(best.effect, at, best.after, best.log_bayes_factor, _rivals(marks, best, others, rules))
+
+
+@dataclass(frozen=True)
+class _Fitted:
+    """A candidate refitted: the fit, its log evidence against the fit without it, and the p-value of what it gains."""
+
+    effect: str
+    after: Estimate
+    log_bayes_factor: float
+    p_value: float
+
+
+def _fitted(at: Estimate, marks: Fingerprints, candidate: Candidate, flexible: Effect | None) -> _Fitted:
+    return _weighed(at, marks, candidate.effect, _refit(at, marks, candidate, flexible))
+
+
+def _weighed(at: Estimate, marks: Fingerprints, effect: str, after: Estimate) -> _Fitted:
+    k, gained = marks.names.index(effect), 2.0 * (at.objective - after.objective)
+    return _Fitted(effect, after, log_bayes_factor(at, after, effect), float(marks.p_of(k, max(gained, 0.0), max(marks.dof(k), 1))))
+
+
+def _near(marks: Fingerprints, best: _Fitted, found: list[Candidate], done: set[str], rules: Rules) -> list[Candidate]:
+    """Candidates that were not refitted but could imitate the best about as well: two at most.
+
+    They need not be significant alone: that something is there is known from the best.
+    """
+    least = max(best.log_bayes_factor - rules.margin, 0.0) - _FIRST_ORDER
+    near = [c for c in found if c.effect not in done and c.log_bayes_factor > least and _alike(marks, best.effect, c.effect) > rules.alike]
+    return near[:2]
+
+
+def _rivals(marks: Fingerprints, best: _Fitted, others: list[_Fitted], rules: Rules) -> tuple[tuple[str, float], ...]:
+    """Effects that explain the data nearly as well as the best and can imitate it, with their canonical correlations: two at most."""
     rivals = []
-    for other, candidate, _ in refitted[1:]:
-        alike = marks.canonical_correlation(where[best.effect], where[candidate.effect])
-        if evidence - other < rules.margin and alike > rules.alike:
-            rivals.append((_plain(candidate.effect), alike))
-    return Step(_plain(best.effect), at, after, float(evidence), tuple(rivals[:2]))
+    for other in sorted(others, key=lambda f: -f.log_bayes_factor):
+        alike = _alike(marks, best.effect, other.effect)
+        if other.log_bayes_factor > max(best.log_bayes_factor - rules.margin, 0.0) and alike > rules.alike:
+            rivals.append((other.effect, alike))
+    return tuple(rivals[:2])
 
 
-def _plain(name: str) -> str:
-    return FLEXIBLE if name.startswith(PREFIX) else name
+def _alike(marks: Fingerprints, one: str, other: str) -> float:
+    return marks.canonical_correlation(marks.names.index(one), marks.names.index(other))
 
 
 def _refit(at: Estimate, marks: Fingerprints, candidate: Candidate, flexible: Effect | None) -> Estimate:
     """The fit with one candidate more, begun at its first-order amplitude."""
-    k = marks.names.index(candidate.effect)
-    if candidate.effect.startswith(PREFIX):
-        return _refit_mode(at, marks.amplitude(k), float(candidate.effect.removeprefix(PREFIX)), flexible)
+    imprint = marks.imprints.get(candidate.effect)
+    if isinstance(imprint, Ringing):
+        return _refit_mode(at, imprint, flexible)
     space = at.model.space
     part = space.slice_of(candidate.effect)
     theta = at.theta.copy()
-    theta[part] += np.clip(marks.amplitude(k), -10.0, 10.0) * space.sd[part]
+    theta[part] += np.clip(marks.amplitude(marks.names.index(candidate.effect)), -10.0, 10.0) * space.sd[part]
     margin = 1e-3 * space.sd[part]
     theta[part] = np.clip(theta[part], space.lower[part] + margin, space.upper[part] - margin)
     return re_estimate(at, theta, np.concatenate([at.free, np.arange(part.start, part.stop)]))
 
 
-def _again(at: Estimate, evidence: float, candidate: Candidate, after: Estimate) -> tuple[float, Candidate, Estimate]:
-    """A refit and its evidence, begun once more from afar: where nothing measures the wheels' momentum there are local optima."""
-    other = re_estimate(after, after.theta, after.free, gently=True)
-    if other.objective > after.objective:
-        return evidence, candidate, after
-    return log_bayes_factor(at, other, _plain(candidate.effect)), candidate, other
+def _again(at: Estimate, marks: Fingerprints, fit: _Fitted) -> _Fitted:
+    """A refit begun once more from afar, if that is better: where nothing measures the wheels' momentum there are local optima."""
+    other = re_estimate(fit.after, fit.after.theta, fit.after.free, gently=True)
+    return fit if other.objective > fit.after.objective else _weighed(at, marks, fit.effect, other)
 
 
-def _refit_mode(at: Estimate, products: np.ndarray, frequency: float, flexible: Effect) -> Estimate:
-    """The fit with a flexible mode, begun at the rank-one part of its first-order products delta_i delta_j."""
-    mode = replace(flexible, frequency=_round_frequency(frequency))
+def _refit_mode(at: Estimate, ringing: Ringing, flexible: Effect) -> Estimate:
+    """The fit with a flexible mode, begun at the coupling that is best to first order."""
+    mode = replace(flexible, frequency=_round_frequency(ringing.frequency))
     whole = Model(at.model.campaign, (*at.model.effects, mode), at.model.structure.drive)
     lifted = move_to(at, whole)
-    xx, yy, zz, xy, xz, yz = products
-    values, vectors = np.linalg.eigh(np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]))
     part = whole.space.slice_of(FLEXIBLE)
     theta = lifted.theta.copy()
-    theta[part.start + 3] = frequency
-    theta[part.start : part.start + 3] = vectors[:, -1] * np.sqrt(max(values[-1], 1e-4)) * whole.space.sd[part.start]
+    theta[part.start + 3] = ringing.frequency
+    theta[part.start : part.start + 3] = np.clip(ringing.coupling, -10.0, 10.0) * whole.space.sd[part.start]
     return re_estimate(lifted, theta, np.concatenate([lifted.free, np.arange(part.start, part.stop)]))
 
 
@@ -303,15 +331,14 @@ def _verdict(base: Estimate, at: Estimate, steps: list[Step], first: tuple, nois
         verdict = "named"
     else:
         verdict = "consistent"
-    candidates = tuple(replace(c, effect=_plain(c.effect)) for c in found)
     correlations = {
         (a, b): marks.canonical_correlation(i, j)
         for i, a in enumerate(marks.names)
         for j, b in enumerate(marks.names)
-        if i < j and not (a.startswith(PREFIX) or b.startswith(PREFIX))
+        if i < j and FLEXIBLE not in (a, b)
     }
     return Diagnosis(
-        verdict, names, sets if verdict == "ambiguous" else (), candidates, limit, tuple(steps), base, at, noise, tests, skipped, correlations, why
+        verdict, names, sets if verdict == "ambiguous" else (), tuple(found), limit, tuple(steps), base, at, noise, tests, skipped, correlations, why
     )
 
 

@@ -24,6 +24,25 @@ _VISIBLE = 1.0
 
 
 @dataclass(frozen=True)
+class Imprint:
+    """A candidate that is not linear in its parameters: the best of its kind, given by what it gains and by columns near it.
+
+    Attributes
+    ----------
+    columns : (slews, numbers, k) changes of the residuals, all channels one after the other, by small changes of its parameters.
+    score : chi^2 that it gains, with `dof` degrees of freedom if the effect is absent, but for being the best of `trials`.
+    log_bayes_factor : log evidence for it against nothing, to first order.
+    """
+
+    name: str
+    columns: np.ndarray
+    score: float
+    dof: int
+    trials: int
+    log_bayes_factor: float
+
+
+@dataclass(frozen=True)
 class Fingerprints:
     """Projected sensitivities of all candidates, in units of prior sd.
 
@@ -31,16 +50,16 @@ class Fingerprints:
     ----------
     names : of the candidates. groups : indices of each candidate's columns.
     one_sided : whether a candidate is one parameter that cannot be negative.
-    trials : of how many like it a candidate is the best (frequencies of a mode): its p-value is Sidak's.
     gradient : (c,) u. matrix : (c, c) S.
+    imprints : candidates that are not linear in their parameters, by name; they were scored already.
     """
 
     names: tuple[str, ...]
     groups: tuple[np.ndarray, ...]
     one_sided: tuple[bool, ...]
-    trials: tuple[int, ...]
     gradient: np.ndarray
     matrix: np.ndarray
+    imprints: dict[str, Imprint]
 
     def visible(self, k: int) -> tuple[np.ndarray, np.ndarray]:
         """Signal powers (r,) and directions (n, r) of candidate k that this campaign can see."""
@@ -49,8 +68,15 @@ class Fingerprints:
         keep = powers > _VISIBLE
         return powers[keep], directions[:, keep]
 
+    def dof(self, k: int) -> int:
+        """Degrees of freedom of candidate k's score."""
+        imprint = self.imprints.get(self.names[k])
+        return len(self.visible(k)[0]) if imprint is None else imprint.dof
+
     def score(self, k: int, gradient: np.ndarray | None = None) -> np.ndarray:
-        """Score statistic of candidate k, for the data or for other gradients (..., c)."""
+        """Score statistic of candidate k, for the data or (if it is linear) for other gradients (..., c)."""
+        if self.names[k] in self.imprints:
+            return np.asarray(self.imprints[self.names[k]].score)
         gradient = self.gradient if gradient is None else gradient
         powers, directions = self.visible(k)
         along = gradient[..., self.groups[k]] @ directions
@@ -60,7 +86,7 @@ class Fingerprints:
 
     def p_value(self, k: int, score: np.ndarray) -> np.ndarray:
         """Probability of at least this score if the effect is absent (1 if the campaign cannot see it)."""
-        dof = len(self.visible(k)[0])
+        dof = self.dof(k)
         if dof == 0:
             return np.ones_like(score)
         return self.p_of(k, score, dof)
@@ -68,16 +94,19 @@ class Fingerprints:
     def p_of(self, k: int, score: np.ndarray | float, dof: int) -> np.ndarray:
         """Tail of chi^2 with `dof` for candidate k: halved if it is one-sided, Sidak's if it is the best of many."""
         single = np.where(np.asarray(score) > 0, stats.chi2.sf(score, dof), 1.0) * (0.5 if self.one_sided[k] else 1.0)
-        return -np.expm1(self.trials[k] * np.log1p(-np.minimum(single, 1.0 - 1e-16)))
+        imprint = self.imprints.get(self.names[k])
+        return -np.expm1((1 if imprint is None else imprint.trials) * np.log1p(-np.minimum(single, 1.0 - 1e-16)))
 
     def log_bayes_factor(self, k: int) -> float:
         """Log evidence for candidate k against nothing, to first order in its parameters (`evidence`)."""
+        if self.names[k] in self.imprints:
+            return self.imprints[self.names[k]].log_bayes_factor
         index = self.groups[k]
         powers, directions = np.linalg.eigh(self.matrix[np.ix_(index, index)])
         gradient = self.gradient[index]
         if self.one_sided[k]:
             gradient = np.maximum(gradient, 0.0)
-        return log_bayes_factor_of(gradient @ directions, powers) - float(np.log(self.trials[k]))
+        return log_bayes_factor_of(gradient @ directions, powers)
 
     def amplitude(self, k: int) -> np.ndarray:
         """Best amplitude of candidate k's parameters, in units of prior sd, to first order."""
@@ -103,7 +132,7 @@ class Fingerprints:
         smallest = np.ones(draws)
         for k in range(len(self.names)):
             # The best of many was chosen by these data: what matters of it is that its corrected p-value is uniform.
-            p = rng.uniform(size=draws) if self.trials[k] > 1 else self.p_value(k, self.score(k, gradients))
+            p = rng.uniform(size=draws) if self.names[k] in self.imprints else self.p_value(k, self.score(k, gradients))
             smallest = np.minimum(smallest, p)
         return float(np.quantile(smallest, false_alarms))
 
@@ -111,19 +140,6 @@ class Fingerprints:
 def _root(matrix: np.ndarray) -> np.ndarray:
     values, vectors = np.linalg.eigh(matrix)
     return vectors * np.sqrt(np.maximum(values, 0.0))
-
-
-@dataclass(frozen=True)
-class Imprint:
-    """Columns that a candidate would add to the residuals, given directly instead of by an effect's parameters.
-
-    `columns` : (slews, numbers, k), all channels one after the other, in units of prior sd.
-    `trials` : of how many like it this one is the best.
-    """
-
-    name: str
-    columns: np.ndarray
-    trials: int = 1
 
 
 def fingerprints(at: Estimate, names: tuple[str, ...], imprints: tuple[Imprint, ...] = (), fit: Projection | None = None) -> Fingerprints:
@@ -142,5 +158,5 @@ def fingerprints(at: Estimate, names: tuple[str, ...], imprints: tuple[Imprint, 
     matrix = np.einsum("snj,snk->jk", columns, columns, optimize=True) - taken.T @ taken
     groups = tuple(np.arange(a, b) for a, b in pairwise(np.cumsum([0, *(p.shape[-1] for p in parts)])))
     one_sided = [s.stop - s.start == 1 and space.lower[s.start] == space.nulls[s.start] for s in slices] + [False] * len(imprints)
-    labels, trials = (*names, *(i.name for i in imprints)), (*(1 for _ in names), *(i.trials for i in imprints))
-    return Fingerprints(labels, groups, tuple(one_sided), trials, fit.pull(columns, taken), matrix)
+    labels = (*names, *(i.name for i in imprints))
+    return Fingerprints(labels, groups, tuple(one_sided), fit.pull(columns, taken), matrix, {i.name: i for i in imprints})

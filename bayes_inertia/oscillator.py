@@ -2,26 +2,51 @@
 
 A mode's effect is of second order in its coupling vector delta, so that its derivative at the null is
 zero. To first order in the products delta_i delta_j it is the body torque tau_i = -eta_j'' of unit
-oscillators eta_j'' + 2 z W eta_j' + W^2 eta_j = -w_j', which needs no simulation. A ringing that lasts
-a slew of length T has a line of width 1/T: frequencies are tried at half of that spacing.
+oscillators eta_j'' + 2 z W eta_j' + W^2 eta_j = -w_j', which needs no simulation. Of the six products only three numbers are
+free: the gain of the best coupling at one frequency is distributed, without a mode, like chi^2 with three degrees of freedom in its tail
+(the area of the manifold of directions delta delta^T is that of the half sphere of three amplitudes).
+
+A ringing that begins with a slew of length T changes its phase over the slew by 2 pi T df: frequencies are tried at half of 1/T, and closer
+around the best.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from scipy import signal
+from scipy import optimize, signal, stats
 
+from bayes_inertia.evidence import log_bayes_factor_of
 from bayes_inertia.fingerprint import Imprint
 from bayes_inertia.projection import Projection
 from bayes_inertia.torque_response import TorqueResponse
 
-PREFIX = "flexible_mode@"
 _DAMPING = 0.005
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-# At most so many frequencies are tried; so many at a time.
-_MOST, _CHUNK = 160, 20
+_FIRST, _SECOND = np.array(_PAIRS).T
+# At most so many frequencies are tried; so many at a time; so many of them are looked at more closely.
+_MOST, _CHUNK, _CLOSER = 320, 20, 6
+_BETWEEN = np.array([-0.5, -0.25, 0.25, 0.5])
+_DIRECTIONS = 400
+# Independent trials per frequency tried, as the closer look finds maxima between: simulated chi^2 maxima ask for 1.0 to 1.5.
+_TRIALS = 1.5
+
+
+@dataclass(frozen=True)
+class Ringing(Imprint):
+    """The flexible mode that the residuals show best.
+
+    Attributes
+    ----------
+    frequency : [Hz]. coupling : (3,) in prior sd; minus it is the same mode.
+    products : (slews, numbers, 6) changes of the residuals by the products delta_i delta_j (xx, yy, zz, xy, xz, yz), in squares of the prior sd.
+    """
+
+    frequency: float
+    coupling: np.ndarray
+    products: np.ndarray
 
 
 def frequencies(response: TorqueResponse) -> np.ndarray:
@@ -32,30 +57,92 @@ def frequencies(response: TorqueResponse) -> np.ndarray:
     return np.linspace(low, high, int(np.clip(np.ceil((high - low) * 2.0 * duration), 2, _MOST)))
 
 
-def best_imprint(response: TorqueResponse, fit: Projection, scale: float) -> Imprint:
-    """The frequency whose ringing the residuals show best, named `flexible_mode@<Hz>`: six columns, one a product of coupling components.
+def best_ringing(name: str, response: TorqueResponse, fit: Projection, scale: float) -> Ringing:
+    """The flexible mode, called `name`, that would gain most.
 
     Parameters
     ----------
-    scale : prior size of the products delta_i delta_j [kg m^2].
+    scale : square of the prior sd of the coupling's components [kg m^2].
     """
-    tried, k = frequencies(response), len(_PAIRS)
-    best, found = -np.inf, None
-    for start in range(0, len(tried), _CHUNK):
-        some = tried[start : start + _CHUNK]
-        columns = _columns(response, some, scale)
-        taken = fit.taken(columns)
-        pull = fit.pull(columns, taken).reshape(len(some), k)
-        taken, own = taken.reshape(-1, len(some), k), columns.reshape(*columns.shape[:2], len(some), k)
-        matrix = np.einsum("snfa,snfb->fab", own, own, optimize=True) - np.einsum("ufa,ufb->fab", taken, taken)
-        powers, directions = np.linalg.eigh(matrix)
-        along = np.einsum("fa,fab->fb", pull, directions)
-        # Directions are weighed as the evidence does, so that those without power do not count.
-        scores = np.sum(along**2 / (1.0 + np.maximum(powers, 0.0)), axis=1)
-        if scores.max() > best:
-            best, f = float(scores.max()), int(scores.argmax())
-            found = Imprint(f"{PREFIX}{some[f]:.4g}", own[:, :, f], len(tried))
-    return found
+    tried = frequencies(response)
+    gains = _gains(response, fit, scale, tried)
+    closer = tried[np.argsort(-gains)[:_CLOSER], None] + (tried[1] - tried[0]) * _BETWEEN
+    closer = np.unique(np.clip(closer, tried[0], tried[-1]))
+    near = _gains(response, fit, scale, closer)
+    best = closer[np.argmax(near)] if near.max() > gains.max() else tried[np.argmax(gains)]
+    columns, pull, matrix = _normal(response, fit, np.array([best]), scale)
+    coupling, gain = _best_coupling(pull[0], matrix[0])
+    near = columns @ _tangents(coupling)
+    evidence = _log_bayes_factor(coupling, gain, matrix[0]) - float(np.log(len(tried)))
+    return Ringing(name, near, gain, len(coupling), int(np.ceil(_TRIALS * len(tried))), evidence, float(best), coupling, columns)
+
+
+def _gains(response: TorqueResponse, fit: Projection, scale: float, tried: np.ndarray) -> np.ndarray:
+    """Gain of the best coupling at each frequency, over an even set of directions."""
+    products = _products(_directions())
+    found = []
+    for some in np.split(tried, np.arange(_CHUNK, len(tried), _CHUNK)):
+        _, pull, matrix = _normal(response, fit, some, scale)
+        along = np.maximum(pull @ products.T - 0.5, 0.0)
+        power = np.einsum("da,fab,db->fd", products, matrix, products, optimize=True)
+        found.append(np.max(along**2 / np.maximum(power, 1e-300), axis=1))
+    return np.concatenate(found)
+
+
+def _normal(response: TorqueResponse, fit: Projection, some: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Columns (slews, numbers, 6 f) of modes of some frequencies, and each one's projected gradient (f, 6) and normal matrix (f, 6, 6)."""
+    k, columns = len(_PAIRS), _columns(response, some, scale)
+    taken = fit.taken(columns)
+    pull = fit.pull(columns, taken).reshape(len(some), k)
+    taken, own = taken.reshape(-1, len(some), k), columns.reshape(*columns.shape[:2], len(some), k)
+    matrix = np.einsum("snfa,snfb->fab", own, own, optimize=True) - np.einsum("ufa,ufb->fab", taken, taken)
+    return columns, pull, matrix
+
+
+def _best_coupling(pull: np.ndarray, matrix: np.ndarray) -> tuple[np.ndarray, float]:
+    """Coupling (3,) with the largest gain 2 pull.p - p.matrix.p - |delta|^2 of its products p, and the gain."""
+    directions = _directions()
+    products = _products(directions)
+    along, power = np.maximum(pull @ products.T - 0.5, 0.0), np.einsum("da,ab,db->d", products, matrix, products)
+    k = int(np.argmax(along**2 / np.maximum(power, 1e-300)))
+    start = directions[k] * np.sqrt(along[k] / max(power[k], 1e-300))
+
+    def loss(delta: np.ndarray) -> tuple[float, np.ndarray]:
+        p, left = _products(delta), pull - matrix @ _products(delta)
+        return float(delta @ delta - p @ (pull + left)), 2.0 * delta - 2.0 * _tangents(delta).T @ left
+
+    found = optimize.minimize(loss, start, jac=True, method="BFGS")
+    coupling = found.x * (np.sign(found.x[np.argmax(np.abs(found.x))]) or 1.0)
+    return coupling, float(max(-found.fun, 0.0))
+
+
+def _log_bayes_factor(coupling: np.ndarray, gain: float, matrix: np.ndarray) -> float:
+    """Log evidence for a mode of this frequency against nothing (as `evidence.log_bayes_factor`)."""
+    tangents = _tangents(coupling)
+    powers, directions = np.linalg.eigh(tangents.T @ matrix @ tangents)
+    along = (1.0 + powers) * (directions.T @ coupling)
+    linear_gain = 0.5 * float(np.sum(along**2 / (1.0 + powers)))
+    return 0.5 * gain - linear_gain + log_bayes_factor_of(along, powers)
+
+
+def _products(delta: np.ndarray) -> np.ndarray:
+    """Products delta_i delta_j (..., 6) of couplings (..., 3)."""
+    return delta[..., _FIRST] * delta[..., _SECOND]
+
+
+def _tangents(delta: np.ndarray) -> np.ndarray:
+    """Derivatives (6, 3) of the products."""
+    unit = np.eye(3)
+    return unit[_FIRST] * delta[_SECOND, None] + unit[_SECOND] * delta[_FIRST, None]
+
+
+@lru_cache(maxsize=1)
+def _directions() -> np.ndarray:
+    """Directions (n, 3) that cover the half sphere evenly."""
+    points = stats.qmc.Sobol(2, scramble=False).random_base2(int(np.ceil(np.log2(_DIRECTIONS))))
+    height, angle = points[:, 0], 2.0 * np.pi * points[:, 1]
+    across = np.sqrt(1.0 - height**2)
+    return np.stack([across * np.cos(angle), across * np.sin(angle), height], axis=-1)
 
 
 def _columns(response: TorqueResponse, tried: np.ndarray, scale: float) -> np.ndarray:
