@@ -30,8 +30,8 @@ _FIRST, _SECOND = np.array(_PAIRS).T
 _MOST, _CHUNK, _CLOSER = 320, 20, 6
 _BETWEEN = np.array([-0.5, -0.25, 0.25, 0.5])
 _DIRECTIONS = 400
-# Independent trials per frequency tried, as the closer look finds maxima between: simulated chi^2 maxima ask for 1.0 to 1.5.
-_TRIALS = 1.5
+# Independent trials per frequency tried, as the closer look finds maxima between: simulated maxima ask for 1.0 to 2.0.
+_TRIALS = 2.0
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,63 @@
+"""The search for a ringing: a planted one comes back with its frequency and size, and noise alone gains what its p-value says."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bayes_inertia.estimate import estimate
+from bayes_inertia.model import Model
+from bayes_inertia.oscillator import best_ringing, frequencies
+from bayes_inertia.projection import projection
+from bayes_inertia.torque_response import torque_response
+
+# A coupling so large that every frequency is seen: where a mode is invisible the p-value is only the safer.
+NAME, SCALE = "flexible_mode", 100.0
+
+
+@pytest.fixture(scope="module")
+def searched(small_flown):
+    """`searched(residual)`: the best ringing in residuals (slews, numbers) that an estimate of two slews might have left, and the response."""
+    at = estimate(Model(small_flown.campaign), starts=1, discount=False)
+    response, fit = torque_response(at), projection(at)
+
+    def search(residual):
+        return best_ringing(NAME, response, replace(fit, residual=residual, gradient=fit.taken(residual[..., None])[:, 0]), SCALE)
+
+    return search, response, fit.residual.shape
+
+
+def p_value(found, trials=None):
+    return -np.expm1((trials or found.trials) * np.log1p(-stats.chi2.sf(found.score, found.dof)))
+
+
+def products_of(delta):
+    x, y, z = delta
+    return np.array([x * x, y * y, z * z, x * y, x * z, y * z])
+
+
+def test_a_planted_ringing_comes_back(searched):
+    search, response, shape = searched
+    noise = np.random.default_rng(4).normal(size=shape)
+    # Where noise alone happens to look best: a mode there, of which the fit can imitate a part.
+    somewhere = search(noise)
+    delta = np.array([1.0, -0.5, 0.7])
+    delta *= np.sqrt(40.0 / np.linalg.norm(somewhere.products @ products_of(delta)))
+    found = search(noise - somewhere.products @ products_of(delta))
+    assert abs(found.frequency - somewhere.frequency) < np.diff(frequencies(response))[0]
+    assert found.log_bayes_factor > 10.0 > somewhere.log_bayes_factor
+    assert p_value(found) < 1e-6
+    along = abs(found.coupling @ delta) / np.linalg.norm(delta)
+    assert along == pytest.approx(np.linalg.norm(delta), rel=0.25)
+
+
+def test_noise_gains_what_the_p_value_says(searched):
+    search, _, shape = searched
+    rng, n = np.random.default_rng(5), 200
+    found = [search(rng.normal(size=shape)) for _ in range(n)]
+    for level in (0.3, 0.1):
+        assert sum(p_value(f) < level for f in found) <= stats.binom.ppf(0.999, n, level)
+        # Negative controls: as if only one frequency had been tried; and not safe at the price of seeing nothing.
+        assert sum(p_value(f, trials=1) < level for f in found) > stats.binom.ppf(0.999, n, level)
+    assert sum(p_value(f) < 0.5 for f in found) >= stats.binom.ppf(0.001, n, 0.25)
