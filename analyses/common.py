@@ -20,11 +20,12 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bayes_inertia.campaign import Campaign, InertiaPrior, RateSensor, StarTracker, Wheel
-from bayes_inertia.estimate import Estimate, normal_equations, prior_rows
+from bayes_inertia.estimate import Estimate
 from bayes_inertia.inertia import ELEMENTS
 from bayes_inertia.io import write_atomically
 from bayes_inertia.likelihood import information
 from bayes_inertia.maneuver import Flight, fly
+from bayes_inertia.objective import normal_equations, prior_rows
 from bayes_inertia.plan import Plan
 from bayes_inertia.spacecraft import Controller, Spacecraft, most_like_spacecraft
 

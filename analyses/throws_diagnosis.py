@@ -25,10 +25,11 @@ from scipy import linalg
 
 from bayes_inertia.effect import Effect
 from bayes_inertia.effects import LIBRARY, EachSlew
-from bayes_inertia.estimate import Estimate, estimate, move_to, prior_rows
+from bayes_inertia.estimate import Estimate, estimate, move_to
 from bayes_inertia.inertia import principal_moments
 from bayes_inertia.io import read_campaign, write_atomically
 from bayes_inertia.model import Model
+from bayes_inertia.objective import prior_rows
 from bayes_inertia.oscillator import best_ringing
 from bayes_inertia.plots import style
 from bayes_inertia.posterior import principal_sd

@@ -15,8 +15,9 @@ import numpy as np
 
 from bayes_inertia import inertia
 from bayes_inertia.campaign import Campaign
-from bayes_inertia.estimate import Estimate, prior_rows
+from bayes_inertia.estimate import Estimate
 from bayes_inertia.levenberg import inverse
+from bayes_inertia.objective import prior_rows
 
 # A direction with less than this part of the typical information counts as exactly degenerate.
 EXACT_BELOW = 1e-6

@@ -20,12 +20,13 @@ from bayes_inertia.criterion import Goal
 from bayes_inertia.criterion import goal as goal_of
 from bayes_inertia.effects import by_name
 from bayes_inertia.errors import DesignError
-from bayes_inertia.estimate import N_BIAS, Estimate
+from bayes_inertia.estimate import Estimate
 from bayes_inertia.expectation import likely_truths, theta_of
 from bayes_inertia.forecast import Forecast, forecast
 from bayes_inertia.levenberg import inverse
 from bayes_inertia.maneuver import fly
 from bayes_inertia.motion import planned_slews, slews_of
+from bayes_inertia.objective import N_BIAS
 from bayes_inertia.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.region import Region, region_of
 from bayes_inertia.search import Problem, random_plans, search

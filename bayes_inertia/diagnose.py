@@ -332,10 +332,7 @@ def _verdict(base: Estimate, at: Estimate, steps: list[Step], first: tuple, nois
     else:
         verdict = "consistent"
     correlations = {
-        (a, b): marks.canonical_correlation(i, j)
-        for i, a in enumerate(marks.names)
-        for j, b in enumerate(marks.names)
-        if i < j and FLEXIBLE not in (a, b)
+        (a, b): marks.canonical_correlation(i, j) for i, a in enumerate(marks.names) for j, b in enumerate(marks.names) if i < j and FLEXIBLE not in (a, b)
     }
     return Diagnosis(
         verdict, names, sets if verdict == "ambiguous" else (), tuple(found), limit, tuple(steps), base, at, noise, tests, skipped, correlations, why

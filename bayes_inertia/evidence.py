@@ -13,8 +13,9 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import logsumexp
 
-from bayes_inertia.estimate import Estimate, prior_rows
+from bayes_inertia.estimate import Estimate
 from bayes_inertia.levenberg import inverse
+from bayes_inertia.objective import prior_rows
 
 _POINTS = 24
 # Smallest scale: signal-to-noise amplitude of an effect of that size in its clearest direction.

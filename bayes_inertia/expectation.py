@@ -11,10 +11,11 @@ import numpy as np
 from bayes_inertia import rotation
 from bayes_inertia.campaign import InertiaPrior
 from bayes_inertia.effect import Effect
-from bayes_inertia.estimate import N_BIAS, Estimate, Point, Starts, normal_equations
+from bayes_inertia.estimate import Estimate, Starts
 from bayes_inertia.likelihood import information, whitening
 from bayes_inertia.maneuver import Flight, fly, planned_campaign
 from bayes_inertia.model import Model
+from bayes_inertia.objective import N_BIAS, Point, normal_equations
 from bayes_inertia.plan import Plan
 from bayes_inertia.simulation import draw_spacecraft
 from bayes_inertia.spacecraft import Controller, Spacecraft, spin_tensor

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayes_inertia.estimate import N_BIAS, Estimate, normal_equations
+from bayes_inertia.estimate import Estimate
 from bayes_inertia.levenberg import inverse, solve
+from bayes_inertia.objective import N_BIAS, normal_equations
 
 
 def held_out(at: Estimate) -> float | None:

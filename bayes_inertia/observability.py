@@ -24,9 +24,10 @@ import numpy as np
 
 from bayes_inertia.degeneracy import EXACT_BELOW, in_words, stated_degeneracies
 from bayes_inertia.errors import EstimateError
-from bayes_inertia.estimate import N_BIAS, Estimate, block_index, prior_rows
+from bayes_inertia.estimate import Estimate
 from bayes_inertia.levenberg import inverse
 from bayes_inertia.likelihood import padded_sensitivities
+from bayes_inertia.objective import N_BIAS, block_index, prior_rows
 from bayes_inertia.observability_view import PRIOR_BELOW, Arrival, Direction, Observability, ParameterView
 from bayes_inertia.telemetry import CHANNELS
 

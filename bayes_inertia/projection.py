@@ -10,9 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayes_inertia.estimate import N_BIAS, Estimate, block_index, prior_rows
+from bayes_inertia.estimate import Estimate
 from bayes_inertia.levenberg import inverse_root
 from bayes_inertia.likelihood import padded_sensitivities
+from bayes_inertia.objective import N_BIAS, block_index, prior_rows
 
 
 @dataclass(frozen=True)

@@ -21,12 +21,13 @@ from bayes_inertia.constraints import Limits, Margin, broken, hardware, margins
 from bayes_inertia.criterion import Goal, criterion
 from bayes_inertia.effect import Effect
 from bayes_inertia.errors import CampaignError, EffectError
-from bayes_inertia.estimate import N_BIAS, Estimate, block_index, prior_rows
+from bayes_inertia.estimate import Estimate
 from bayes_inertia.forecast import Forecast, Given, Shape, Surroundings, body_of, information, posterior, world_of
 from bayes_inertia.levenberg import inverse, solve
 from bayes_inertia.likelihood import padded_sensitivities
 from bayes_inertia.model import Model
 from bayes_inertia.motion import Origin, motion, planned_slews, times_of
+from bayes_inertia.objective import N_BIAS, block_index, prior_rows
 from bayes_inertia.plan import Plan, PlannedSlew
 from bayes_inertia.region import LEAST, Region, draw, in_a_row, region_of, room, slews_at
 from bayes_inertia.spacecraft import Spacecraft, without_spin

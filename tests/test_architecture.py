@@ -29,6 +29,7 @@ LAYERS = {
     "model": 4,
     "likelihood": 5,
     "adequacy": 5,
+    "objective": 6,
     "estimate": 6,
     "sample": 6,
     "moves": 6,
@@ -88,7 +89,7 @@ ORDERED = (
     ("campaign", "effect", "io"),
     ("dynamics", "telemetry", "effects"),
     ("adequacy", "likelihood"),
-    ("moves", "estimate", "sample", "posterior", "fit"),
+    ("moves", "objective", "estimate", "sample", "posterior", "fit"),
     (
         "plan",
         "planfile",

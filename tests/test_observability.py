@@ -19,9 +19,10 @@ from bayes_inertia.degeneracy import data_information, stated_degeneracies
 from bayes_inertia.dynamics import Start, idle_slew, simulate
 from bayes_inertia.effects import by_name
 from bayes_inertia.errors import EstimateError
-from bayes_inertia.estimate import estimate, normal_equations
+from bayes_inertia.estimate import estimate
 from bayes_inertia.io import write_campaign
 from bayes_inertia.model import Model
+from bayes_inertia.objective import normal_equations
 from bayes_inertia.observability import observability, variance_inflation
 from bayes_inertia.observability_view import commands_worth, in_windows, sentence
 
