@@ -36,6 +36,8 @@ FLEXIBLE = "flexible_mode"
 NOISE = "noise_level"
 # By how much log evidence to first order may be wrong, for candidates worth a refit as rivals.
 _FIRST_ORDER = 2.0
+# Of the objective, for refits that are compared: what is left of it is a hundredth at most, while evidence is weighed in units.
+_COMPARED = 1e-5
 
 
 @dataclass(frozen=True)
@@ -200,7 +202,7 @@ def _best_step(at: Estimate, marks: Fingerprints, found: list[Candidate], flexib
         return None
     if not at.model.campaign.has_tachometers:
         refitted = sorted((_again(at, marks, f) for f in refitted[:2]), key=lambda f: -f.log_bayes_factor) + refitted[2:]
-    best = refitted[0]
+    best = _weighed(at, marks, refitted[0].effect, re_estimate(refitted[0].after, refitted[0].after.theta, refitted[0].after.free))
     others = [*refitted[1:], *(f for f in fits if all(f.effect != r.effect for r in refitted))]
     others += [_fitted(at, marks, c, flexible) for c in _near(marks, best, found, {f.effect for f in fits}, rules)]
     return Step(best.effect, at, best.after, best.log_bayes_factor, _rivals(marks, best, others, rules))
@@ -260,12 +262,12 @@ def _refit(at: Estimate, marks: Fingerprints, candidate: Candidate, flexible: Ef
     theta[part] += np.clip(marks.amplitude(marks.names.index(candidate.effect)), -10.0, 10.0) * space.sd[part]
     margin = 1e-3 * space.sd[part]
     theta[part] = np.clip(theta[part], space.lower[part] + margin, space.upper[part] - margin)
-    return re_estimate(at, theta, np.concatenate([at.free, np.arange(part.start, part.stop)]))
+    return re_estimate(at, theta, np.concatenate([at.free, np.arange(part.start, part.stop)]), tolerance=_COMPARED)
 
 
 def _again(at: Estimate, marks: Fingerprints, fit: _Fitted) -> _Fitted:
     """A refit begun once more from afar, if that is better: where nothing measures the wheels' momentum there are local optima."""
-    other = re_estimate(fit.after, fit.after.theta, fit.after.free, gently=True)
+    other = re_estimate(fit.after, fit.after.theta, fit.after.free, gently=True, tolerance=_COMPARED)
     return fit if other.objective > fit.after.objective else _weighed(at, marks, fit.effect, other)
 
 
@@ -278,7 +280,7 @@ def _refit_mode(at: Estimate, ringing: Ringing, flexible: Effect) -> Estimate:
     theta = lifted.theta.copy()
     theta[part.start + 3] = ringing.frequency
     theta[part.start : part.start + 3] = np.clip(ringing.coupling, -10.0, 10.0) * whole.space.sd[part.start]
-    return re_estimate(lifted, theta, np.concatenate([lifted.free, np.arange(part.start, part.stop)]))
+    return re_estimate(lifted, theta, np.concatenate([lifted.free, np.arange(part.start, part.stop)]), tolerance=_COMPARED)
 
 
 def _round_frequency(frequency: float) -> float:

@@ -200,18 +200,19 @@ def estimate(
     return _discounted_fit(model, point, np.array(channels), free, starts)
 
 
-def re_estimate(previous: Estimate, theta: np.ndarray, free: np.ndarray, *, gently: bool = False) -> Estimate:
+def re_estimate(previous: Estimate, theta: np.ndarray, free: np.ndarray, *, gently: bool = False, tolerance: float = 1e-7) -> Estimate:
     """The maximum with other parameters free, from nuisances and noise of an earlier estimate and from `theta` (d,).
 
     Parameters
     ----------
     gently : descend with the data counted weakly first, which finds the way out of a local optimum.
+    tolerance : of the objective, as `levenberg.descend`.
     """
     begin, free = Point(np.asarray(theta, float), previous.point.bias, previous.point.local), np.asarray(free)
     if gently:
         white = discounted(whitening(previous.model, begin.theta), _GENTLE * previous.discount)
         begin, _ = _descend(previous.model, begin, white, free, **_SOON)
-    settled = _settled(previous.model, begin, previous.discount, free, rounds=1)
+    settled = _settled(previous.model, begin, previous.discount, free, rounds=1, tolerance=tolerance)
     return _at(previous.model, *settled, previous.discount, free, Starts(1, 1))
 
 
@@ -288,11 +289,11 @@ def _inside(model: Model, theta: np.ndarray) -> np.ndarray:
     return theta
 
 
-def _settled(model: Model, point: Point, factors: np.ndarray, free: np.ndarray, rounds: int = 3) -> tuple[Point, float, Whitening]:
+def _settled(model: Model, point: Point, factors: np.ndarray, free: np.ndarray, rounds: int = 3, **stop) -> tuple[Point, float, Whitening]:
     """Optimum and noise that belong together: in the measured drive the noise depends on J."""
     stated = whitening(model, point.theta)
     for _ in range(rounds if model.structure.drive == "measured" else 1):
-        point, objective = _descend(model, point, discounted(stated, factors), free)
+        point, objective = _descend(model, point, discounted(stated, factors), free, **stop)
         stated = whitening(model, point.theta)
     return point, objective, stated
 
