@@ -2,7 +2,7 @@
 
 Every campaign has its own J, K, bias, start attitude, angles and senses of its slews, and wheel momenta, drawn from the prior,
 flown in closed loop with the hidden effect. The amplitude is set by the ideal test: the non-centrality of the hidden
-effect's score, projected off everything that is fitted, in a noise-free copy of the campaign. Results are one line a
+effect's score, from its sensitivities projected off everything that is fitted, in the same campaign without it. Results are one line a
 campaign in a file that is replaced atomically: a killed study goes on where it was.
 
     python analyses/diagnosis_study.py --kind clean --count 200
@@ -20,6 +20,7 @@ import numpy as np
 from independent import Deadband, Disturbance, Leak, RateSquared, Ripple, Swirl, Wander, replayed
 from scipy import optimize, stats
 
+from bayes_inertia.campaign import Campaign
 from bayes_inertia.diagnose import Rules, diagnose
 from bayes_inertia.effect import Effect
 from bayes_inertia.effects import LIBRARY
@@ -103,15 +104,28 @@ def scaled(values: dict, size: float) -> dict:
 
 
 def amplitude_for(effect: Effect, values: dict, wanted: float, seed, tachometers: bool) -> float:
-    """Multiple of `values` at which the projected signal has the wanted non-centrality, by the power law that it follows."""
-    # A flexible mode's signal is of second order in its coupling, which its power law follows less closely.
-    order, size, largest, rounds = (4.0, 0.5, 4.0, 3) if effect.name == "flexible_mode" else (2.0, 1e-2, 30.0, 2)
+    """Multiple of `values` at which the projected signal has the wanted non-centrality."""
     without, _ = draw(seed, (), {}, tachometers)
     first = estimate(Model(without), starts=1, discount=False)
-    for _ in range(rounds):
+    if effect.name == "flexible_mode":
+        return mode_amplitude(effect, values, wanted, seed, first, tachometers)
+    marks, step = fingerprints(move_to(first, Model(without, (effect,))), (effect.name,)), unit_step(effect, values, without)
+    return float(np.clip(np.sqrt(wanted / max(float(step @ marks.matrix @ step), 1e-12)), 1e-9, 30.0))
+
+
+def unit_step(effect: Effect, values: dict, campaign: Campaign) -> np.ndarray:
+    """The step of `direction` in units of a campaign's prior sd, which may follow its rates."""
+    sd = np.concatenate([[q.sd for q in p.priors] for p in effect.parameters(campaign)])
+    return np.concatenate([step for _, step, _ in values.values()]) / sd
+
+
+def mode_amplitude(effect: Effect, values: dict, wanted: float, seed, first: Estimate, tachometers: bool) -> float:
+    """As `amplitude_for`, for a flexible mode, whose signal is of second order in its coupling: by simulation."""
+    size = 0.5
+    for _ in range(3):
         with_it, _ = draw(seed, (effect,), {effect.name: scaled(values, size)}, tachometers)
-        size *= (wanted / max(projected_difference(with_it, first), 1e-12)) ** (1.0 / order)
-        size = float(np.clip(size, 1e-9, largest))
+        size *= (wanted / max(projected_difference(with_it, first), 1e-12)) ** 0.25
+        size = float(np.clip(size, 1e-9, 4.0))
     return size
 
 
@@ -125,10 +139,7 @@ def ideal_powers(effects: tuple[Effect, ...], values: dict, wanted: list[float],
     marks = fingerprints(move_to(first, Model(without, effects)), tuple(e.name for e in effects if e.name != "flexible_mode"))
     steps, kept = [], []
     for effect, nc in zip(effects, wanted, strict=True):
-        parameters = effect.parameters(template_campaign())
-        sd = np.concatenate([[q.sd for q in p.priors] for p in parameters])
-        step = np.concatenate([np.atleast_1d(np.asarray(values[effect.name][p.name], float) - p.null) for p in parameters]) / sd
-        steps.append(step)
+        steps.append(unit_step(effect, values[effect.name], without))
         kept.append(nc)
     if len(marks.names) == 2:
         for i, j in ((0, 1), (1, 0)):
@@ -159,14 +170,14 @@ def run_one(kind: str, label: str, index: int, effects: tuple[Effect, ...], tach
     seed = np.random.SeedSequence(20260, spawn_key=(hash_of(kind + label), index, int(tachometers)))
     # Not a child of `seed`: the flight draws from those, and the effect's direction must not follow its noise.
     rng = np.random.default_rng(np.random.SeedSequence(20261, spawn_key=seed.spawn_key))
-    values, sizes, wanted = {}, {}, []
+    values, sizes, wanted, drawn = {}, {}, [], {}
     fresh = lambda: np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key)  # noqa: E731
     for effect in effects:
-        drawn = direction(effect, rng)
+        drawn[effect.name] = direction(effect, rng)
         dof = sum(len(p.names) for p in effect.parameters(template_campaign()) if not p.priors[0].logarithmic)
         wanted.append(noncentrality(power, dof, level))
-        sizes[effect.name] = amplitude_for(effect, drawn, wanted[-1], fresh(), tachometers)
-        values[effect.name] = scaled(drawn, sizes[effect.name])
+        sizes[effect.name] = amplitude_for(effect, drawn[effect.name], wanted[-1], fresh(), tachometers)
+        values[effect.name] = scaled(drawn[effect.name], sizes[effect.name])
     campaign, flight = draw(fresh(), effects, values, tachometers)
     if label in OUTSIDE:
         campaign = replayed(flight, OUTSIDE[label], rng)
@@ -180,7 +191,7 @@ def run_one(kind: str, label: str, index: int, effects: tuple[Effect, ...], tach
         "tachometers": tachometers,
         "hidden": [label] if label in OUTSIDE else [e.name for e in effects],
         "sizes": sizes,
-        "ideal_powers": ideal_powers(effects, values, wanted, fresh(), tachometers, level) if kind == "pair" else None,
+        "ideal_powers": ideal_powers(effects, drawn, wanted, fresh(), tachometers, level) if kind == "pair" else None,
         "verdict": found.verdict,
         "why_unknown": found.why_unknown,
         "named": list(found.named),

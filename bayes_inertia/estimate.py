@@ -19,6 +19,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.adequacy import ChannelTest, channel_tests, dispersion
+from bayes_inertia.begin import begin
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.levenberg import descend, inverse, inverse_root, solve
 from bayes_inertia.likelihood import (
@@ -205,14 +206,14 @@ def re_estimate(previous: Estimate, theta: np.ndarray, free: np.ndarray, *, gent
 
     Parameters
     ----------
-    gently : descend with the data counted weakly first, which finds the way out of a local optimum.
+    gently : guess the nuisances afresh and descend with the data counted weakly first, which finds the way out of a local optimum.
     tolerance : of the objective, as `levenberg.descend`.
     """
-    begin, free = Point(np.asarray(theta, float), previous.point.bias, previous.point.local), np.asarray(free)
+    point, free = replace(previous.point, theta=np.asarray(theta, float)), np.asarray(free)
     if gently:
-        white = discounted(whitening(previous.model, begin.theta), _GENTLE * previous.discount)
-        begin, _ = _descend(previous.model, begin, white, free, **_SOON)
-    settled = _settled(previous.model, begin, previous.discount, free, rounds=1, tolerance=tolerance)
+        white = discounted(whitening(previous.model, point.theta), _GENTLE * previous.discount)
+        point, _ = _descend(previous.model, replace(point, local=begin(previous.model, point.theta)), white, free, **_SOON)
+    settled = _settled(previous.model, point, previous.discount, free, rounds=1, tolerance=tolerance)
     return _at(previous.model, *settled, previous.discount, free, Starts(1, 1))
 
 
@@ -271,13 +272,18 @@ def _from_starts(model: Model, seed: int, starts: int, free: np.ndarray) -> list
 def _gently(model: Model, theta: np.ndarray, free: np.ndarray) -> tuple[float, Point]:
     """Objective and end of a descent with the data counted weakly.
 
-    J, K and the nuisances move first: far from the optimum an effect would take over what they have to explain.
+    J, K and the nuisances move first: far from the optimum an effect would take over what they have to explain. Nuisances guessed
+    at a J far from the truth can end in a local optimum: they are guessed again at the J that was reached.
     """
-    point = Point(np.asarray(theta, float), np.zeros(N_BIAS), np.zeros((model.n_slews, model.structure.n_local)))
-    white = discounted(whitening(model, point.theta), np.full((model.n_slews, len(CHANNELS)), _GENTLE))
+    white = discounted(whitening(model, np.asarray(theta, float)), np.full((model.n_slews, len(CHANNELS)), _GENTLE))
     core = free[free < _CORE]
-    for moving in (core, free)[len(core) == len(free) :]:
-        point, objective = _descend(model, point, white, moving, **_SOON)
+    first = Point(np.asarray(theta, float), np.zeros(N_BIAS), begin(model, theta))
+    point, objective = _descend(model, first, white, core, **_SOON)
+    if np.any(first.local):
+        again, lower = _descend(model, replace(point, local=begin(model, point.theta)), white, core, **_SOON)
+        point, objective = (again, lower) if lower < objective else (point, objective)
+    if len(core) < len(free):
+        point, objective = _descend(model, point, white, free, **_SOON)
     return objective, point
 
 

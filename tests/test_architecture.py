@@ -30,6 +30,7 @@ LAYERS = {
     "likelihood": 5,
     "adequacy": 5,
     "objective": 6,
+    "begin": 6,
     "estimate": 6,
     "sample": 6,
     "moves": 6,
@@ -89,7 +90,7 @@ ORDERED = (
     ("campaign", "effect", "io"),
     ("dynamics", "telemetry", "effects"),
     ("adequacy", "likelihood"),
-    ("moves", "objective", "estimate", "sample", "posterior", "fit"),
+    ("moves", "objective", "begin", "estimate", "sample", "posterior", "fit"),
     (
         "plan",
         "planfile",
