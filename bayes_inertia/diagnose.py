@@ -26,7 +26,7 @@ from bayes_inertia.fingerprint import Fingerprints, fingerprints
 from bayes_inertia.held_out import held_out
 from bayes_inertia.model import Model
 from bayes_inertia.noise import noise_factors
-from bayes_inertia.oscillator import Ringing, best_ringing
+from bayes_inertia.oscillator import Ringing, best_ringing, theta_of
 from bayes_inertia.projection import projection
 from bayes_inertia.proportional import NAMED
 from bayes_inertia.torque_response import torque_response
@@ -277,10 +277,7 @@ def _refit_mode(at: Estimate, ringing: Ringing, flexible: Effect) -> Estimate:
     whole = Model(at.model.campaign, (*at.model.effects, mode), at.model.structure.drive)
     lifted = move_to(at, whole)
     part = whole.space.slice_of(FLEXIBLE)
-    theta = lifted.theta.copy()
-    theta[part.start + 3] = ringing.frequency
-    theta[part.start : part.start + 3] = np.clip(ringing.coupling, -10.0, 10.0) * whole.space.sd[part.start]
-    return re_estimate(lifted, theta, np.concatenate([lifted.free, np.arange(part.start, part.stop)]), tolerance=_COMPARED)
+    return re_estimate(lifted, theta_of(ringing, lifted), np.concatenate([lifted.free, np.arange(part.start, part.stop)]), tolerance=_COMPARED)
 
 
 def _round_frequency(frequency: float) -> float:

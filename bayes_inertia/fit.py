@@ -13,6 +13,7 @@ from bayes_inertia.dynamics import Drive
 from bayes_inertia.effect import Effect
 from bayes_inertia.estimate import estimate
 from bayes_inertia.model import Model
+from bayes_inertia.oscillator import with_ringing
 from bayes_inertia.posterior import Posterior, build
 from bayes_inertia.sample import Progress, Settings, sample
 
@@ -48,7 +49,7 @@ def fit(
     if progress:
         progress("optimizing", 0, 1)
     model = Model(campaign, tuple(effects), drive)
-    at = estimate(model, seed=seed)
+    at = with_ringing(estimate(model, seed=seed))
     found = sample(at, settings, folder=chains, progress=progress)
     about = {"campaign": campaign.name, "seed": seed, "campaign_sha256": None} | (about or {})
     posterior = build(at, found, about, seed)

@@ -18,10 +18,12 @@ from functools import lru_cache
 import numpy as np
 from scipy import optimize, signal, stats
 
+from bayes_inertia.effects import FlexibleMode
+from bayes_inertia.estimate import Estimate, re_estimate
 from bayes_inertia.evidence import log_bayes_factor_of
 from bayes_inertia.fingerprint import Imprint
-from bayes_inertia.projection import Projection
-from bayes_inertia.torque_response import TorqueResponse
+from bayes_inertia.projection import Projection, projection
+from bayes_inertia.torque_response import TorqueResponse, torque_response
 
 _DAMPING = 0.005
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
@@ -47,6 +49,33 @@ class Ringing(Imprint):
     frequency: float
     coupling: np.ndarray
     products: np.ndarray
+
+
+def theta_of(ringing: Ringing, at: Estimate) -> np.ndarray:
+    """`at.theta` (d,) with the ringing's coupling and frequency, in a model that holds the effect."""
+    space = at.model.space
+    part, theta = space.slice_of(ringing.name), at.theta.copy()
+    coupling, frequency = slice(part.start, part.start + 3), part.start + 3
+    theta[coupling] = np.clip(ringing.coupling, -10.0, 10.0) * space.sd[coupling]
+    theta[frequency] = ringing.frequency
+    return theta
+
+
+def with_ringing(at: Estimate) -> Estimate:
+    """The estimate begun again from the ringing that its residuals show best, if that is better; only if the model has a free flexible mode.
+
+    Zero coupling is a stationary point of the posterior, where an optimizer stays, and far from the right frequency there is another.
+    """
+    mode = next((e for e in at.model.effects if isinstance(e, FlexibleMode)), None)
+    if mode is None or not np.isin(at.model.space.slice_of(mode.name).start, at.free):
+        return at
+    quiet, part = at.theta.copy(), at.model.space.slice_of(mode.name)
+    quiet[part] = at.model.space.nulls[part]
+    held = at.free[~np.isin(at.free, np.arange(part.start, part.stop))]
+    without = re_estimate(at, quiet, held)
+    ringing = best_ringing(mode.name, torque_response(without), projection(without), at.model.space.sd[part.start] ** 2)
+    found = re_estimate(without, theta_of(ringing, without), at.free)
+    return found if found.objective < at.objective else at
 
 
 def frequencies(response: TorqueResponse) -> np.ndarray:

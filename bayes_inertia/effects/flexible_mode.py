@@ -23,7 +23,8 @@ class FlexibleMode(Effect):
     tensor of the whole undeformed spacecraft). With p = eta' + delta . w as the second state nothing needs w':
     total momentum = (J - delta delta^T) w + G H + delta p,  eta' = p - delta . w,  p' = -2 z W eta' - W^2 eta.
     Every slew begins undeformed. With the base free the mode rings at W / sqrt(1 - delta^T J_rest^-1 delta), faster than W;
-    delta and -delta are one mode. Frequency and damping do nothing at zero coupling.
+    delta and -delta are one mode. Frequency and damping do nothing at zero coupling, which is therefore a stationary point of
+    the posterior: `fit` and `diagnose` begin at the ringing that the residuals show best (`oscillator`).
 
     Parameters
     ----------
