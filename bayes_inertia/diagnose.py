@@ -266,7 +266,10 @@ def _refit(at: Estimate, marks: Fingerprints, candidate: Candidate, flexible: Ef
 
 
 def _again(at: Estimate, marks: Fingerprints, fit: _Fitted) -> _Fitted:
-    """A refit begun once more from afar, if that is better: where nothing measures the wheels' momentum there are local optima."""
+    """A refit begun once more from afar, if it gained less than to first order: where nothing measures the wheels' momentum there are local optima."""
+    gained = 2.0 * (at.objective - fit.after.objective)
+    if gained > float(marks.score(marks.names.index(fit.effect))) - _FIRST_ORDER:
+        return fit
     other = re_estimate(fit.after, fit.after.theta, fit.after.free, gently=True, tolerance=_COMPARED)
     return fit if other.objective > fit.after.objective else _weighed(at, marks, fit.effect, other)
 

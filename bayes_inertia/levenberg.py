@@ -14,6 +14,8 @@ from scipy import linalg
 
 # Damping of a correction: stiff directions move, weak ones stay. Corrections of one step at most.
 _STIFF, _CORRECTIONS = 1e-2, 3
+# So many steps are the last ones, and so many tolerances are little for them to gain.
+_LATELY, _CREEP = 5, 100.0
 # Damping of a step that counts as undamped.
 _LEAST = 1e-12
 # Parts of the undamped step that are tried where the damped one disappoints.
@@ -40,7 +42,8 @@ def descend[X](
     objective : half the sum of squares at a point; infinite or NaN where there is none.
     equations : Gauss-Newton Hessian (n, n) and gradient (n,) at a point.
     move : the point reached by a step (n,).
-    steps : at most. tolerance : stop when a step promises less than this, and the undamped one less than a thousand times this.
+    steps : at most. tolerance : stop when a step promises less than this, and the undamped one less than a thousand times this, or
+        when the last steps that were taken gained less than a hundred times this together.
 
     Returns
     -------
@@ -50,6 +53,7 @@ def descend[X](
     [0.0, 0.0]
     """
     best, damping, growth = objective(x), 1e-4, 2.0
+    reached_before = [np.inf] * _LATELY
     hessian, gradient = equations(x)
     for _ in range(steps):
         step, whole = (_damped_step(hessian, gradient, d) for d in (damping, _LEAST))
@@ -67,6 +71,9 @@ def descend[X](
             damping, growth = max(damping * max(0.1, 1.0 - (2.0 * min(gain, 1.0) - 1.0) ** 3), _LEAST), 2.0
             # A damped step may promise little while the end of the valley is far; at a wall of the support the promise never ends.
             if promised < tolerance and (all_promised < 1e3 * tolerance or damping > 1e3):
+                break
+            reached_before = [*reached_before[1:], best]
+            if reached_before[0] - best < _CREEP * tolerance:
                 break
             hessian, gradient = equations(x)
         else:

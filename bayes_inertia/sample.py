@@ -234,13 +234,26 @@ def _collect(samplers, move: IndependenceMove, settings: Settings, spent: int, s
     chain = np.stack([s.get_chain() for s in samplers])  # (ensembles, steps, walkers, d)
     lp = np.stack([s.get_log_prob() for s in samplers])
     burn = min(_BURN, chain.shape[1] // 2)
-    tau = max(float(np.max(integrated_time(c[burn:], quiet=True, tol=0))) for c in chain)
+    tau = max(autocorrelation_time(c[burn:]) for c in chain)
     discard = min(max(_BURN, int(np.ceil(5.0 * tau))), chain.shape[1] // 2)
     kept = np.moveaxis(chain[:, discard:], 1, 2)
     evaluations = spent + int(chain.shape[0] * chain.shape[2] * (chain.shape[1] + 1))
     acceptance = float(np.mean([s.backend.accepted.mean() / s.backend.iteration for s in samplers]))
     found = diagnose_chains(kept, tau=tau, evaluations=evaluations, seconds=seconds, acceptance=acceptance, discarded=discard)
     return Chains(kept, np.moveaxis(lp[:, discard:], 1, 2), found, move.degrees)
+
+
+def autocorrelation_time(chain: np.ndarray) -> float:
+    """The largest integrated autocorrelation time of all parameters of an ensemble's chain (steps, walkers, d).
+
+    A walker that has not moved yet has none: the chain then counts as one draw.
+
+    >>> autocorrelation_time(np.random.default_rng(1).normal(size=(500, 4, 2))) < 2.0, autocorrelation_time(np.ones((500, 4, 2)))
+    (True, 500.0)
+    """
+    if np.any(np.all(chain == chain[:1], axis=0)):
+        return float(len(chain))
+    return float(np.max(integrated_time(chain, quiet=True, tol=0)))
 
 
 def diagnose_chains(samples: np.ndarray, *, tau: float, evaluations: int, seconds: float, acceptance: float, discarded: int) -> Diagnostics:
