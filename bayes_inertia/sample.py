@@ -155,7 +155,8 @@ def sample(
 
 def _proposal(at: Estimate, log_density: LogDensity, random: np.random.RandomState) -> tuple[IndependenceMove, int]:
     """The Laplace approximation as proposal, or, where that is poor, the shape of a pilot sample; and the evaluations spent."""
-    move, spent = IndependenceMove(at.theta, at.covariance), 0
+    logarithmic = np.array([p.logarithmic for p in at.model.space.priors])
+    move, spent = IndependenceMove(at.theta, at.covariance, logarithmic=logarithmic), 0
     for _ in range(4):
         draws = move.draw(random, 256)
         spent += len(draws)
@@ -168,7 +169,7 @@ def _proposal(at: Estimate, log_density: LogDensity, random: np.random.RandomSta
         random.set_state(pilot.random_state)
         spent += 401 * len(starts)
         kept = pilot.get_chain(discard=200, flat=True)
-        move = IndependenceMove(kept.mean(0), np.cov(kept.T), 8.0)
+        move = IndependenceMove(kept.mean(0), np.cov(kept.T), 8.0, logarithmic)
     return move, spent
 
 

@@ -24,7 +24,7 @@ from bayes_inertia.estimate import estimate
 from bayes_inertia.io import write_campaign
 from bayes_inertia.model import Model
 from bayes_inertia.moves import IndependenceMove
-from bayes_inertia.sample import Settings, diagnose_chains, sample
+from bayes_inertia.sample import Settings, autocorrelation_time, diagnose_chains, sample
 
 D = 9
 
@@ -175,6 +175,24 @@ def test_the_harness_notices_moves_that_sample_another_density(move):
 
 def _diagnosed(samples: np.ndarray):
     return diagnose_chains(samples, tau=1.0, evaluations=samples[..., 0].size, seconds=1.0, acceptance=1.0, discarded=0)
+
+
+def test_a_positive_parameter_is_proposed_on_its_logarithm():
+    """With many degrees of freedom the move is a normal and a log-normal distribution, density and draws."""
+    move = IndependenceMove(np.array([1.0, 0.2]), np.diag([4.0, 0.01]), 1e9, np.array([False, True]))
+    x = np.stack([np.linspace(-3.0, 3.0, 7), np.geomspace(0.02, 2.0, 7)], axis=1)
+    expected = stats.norm(1.0, 2.0).logpdf(x[:, 0]) + stats.lognorm(0.5, scale=0.2).logpdf(x[:, 1])
+    np.testing.assert_allclose(np.diff(move.log_density(x)), np.diff(expected), atol=1e-5)
+    drawn = move.draw(np.random.RandomState(1), 2000)
+    assert stats.kstest(drawn[:, 1], stats.lognorm(0.5, scale=0.2).cdf).pvalue > 1e-3
+    assert stats.kstest(drawn[:, 1], stats.norm(0.2, 0.1).cdf).pvalue < 1e-6
+
+
+def test_a_walker_that_never_moved_counts_as_one_draw():
+    chain = np.random.default_rng(3).normal(size=(300, 8, 2))
+    assert autocorrelation_time(chain) < 2.0
+    chain[:, 3] = chain[:1, 3]
+    assert autocorrelation_time(chain) == 300.0
 
 
 def test_gates_fail_for_stuck_ensembles_and_pass_for_good_ones():
