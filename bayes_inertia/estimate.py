@@ -193,7 +193,7 @@ def estimate(
         raise EstimateError("the start of the optimizer gave no finite residuals", advice="check units and signs of the telemetry columns")
     starts = Starts(sum(o < objective + 1.0 for o, _ in found), len(found))
     whole = np.ones((model.n_slews, len(CHANNELS)))
-    fitted = _at(model, *_settled(model, point, whole, free), whole, free, starts)
+    fitted = _at(model, *_best_settled(model, point, whole, free), whole, free, starts)
     if not discount or not any(test.too_large for test in fitted.tests.values()):
         return fitted
     channels = [test.too_large or fitted.tests["total"].too_large for test in list(fitted.tests.values())[:3]]
@@ -302,6 +302,13 @@ def _settled(model: Model, point: Point, factors: np.ndarray, free: np.ndarray, 
         point, objective = _descend(model, point, discounted(stated, factors), free, **stop)
         stated = whitening(model, point.theta)
     return point, objective, stated
+
+
+def _best_settled(model: Model, point: Point, factors: np.ndarray, free: np.ndarray) -> tuple[Point, float, Whitening]:
+    """As `_settled`, and once more with the nuisances guessed at the J that was reached, if that is better."""
+    settled = _settled(model, point, factors, free)
+    again = replace(settled[0], local=begin(model, settled[0].theta))
+    return min(settled, _settled(model, again, factors, free), key=lambda s: s[1]) if np.any(again.local) else settled
 
 
 def _at(model: Model, point: Point, objective: float, stated: Whitening, factors: np.ndarray, free: np.ndarray, starts: Starts) -> Estimate:
