@@ -85,6 +85,11 @@ def noncentrality(power: float, dof: int, level: float) -> float:
     return float(optimize.brentq(lambda nc: stats.ncx2.sf(limit, dof, nc) - power, 1e-3, 1e4))
 
 
+def degrees_of_freedom(effect: Effect) -> int:
+    """Of the ideal test of an effect: its parameters but those that only give it its shape."""
+    return sum(len(p.names) for p in effect.parameters(template_campaign()) if not p.priors[0].logarithmic)
+
+
 def direction(effect: Effect, rng: np.random.Generator) -> dict:
     """Values of an effect's parameters one prior sd from null in a random direction, shape parameters at their null."""
     parameters = effect.parameters(template_campaign())
@@ -148,7 +153,7 @@ def ideal_powers(effects: tuple[Effect, ...], values: dict, wanted: list[float],
             cross = marks.matrix[np.ix_(own, other)]
             apart = alone - cross @ np.linalg.pinv(marks.matrix[np.ix_(other, other)], rcond=1e-9, hermitian=True) @ cross.T
             kept[i] = wanted[i] * float(steps[i] @ apart @ steps[i]) / float(steps[i] @ alone @ steps[i])
-    dofs = [sum(len(p.names) for p in e.parameters(template_campaign()) if not p.priors[0].logarithmic) for e in effects]
+    dofs = [degrees_of_freedom(e) for e in effects]
     return [float(stats.ncx2.sf(stats.chi2.isf(level, dof), dof, max(nc, 0.0))) for dof, nc in zip(dofs, kept, strict=True)]
 
 
@@ -174,8 +179,7 @@ def run_one(kind: str, label: str, index: int, effects: tuple[Effect, ...], tach
     fresh = lambda: np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key)  # noqa: E731
     for effect in effects:
         drawn[effect.name] = direction(effect, rng)
-        dof = sum(len(p.names) for p in effect.parameters(template_campaign()) if not p.priors[0].logarithmic)
-        wanted.append(noncentrality(power, dof, level))
+        wanted.append(noncentrality(power, degrees_of_freedom(effect), level))
         sizes[effect.name] = amplitude_for(effect, drawn[effect.name], wanted[-1], fresh(), tachometers)
         values[effect.name] = scaled(drawn[effect.name], sizes[effect.name])
     campaign, flight = draw(fresh(), effects, values, tachometers)

@@ -7,7 +7,6 @@ beginning. From there the simulation is near the data; from zero momentum most d
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from scipy import integrate
@@ -15,28 +14,26 @@ from scipy import integrate
 from bayes_inertia import inertia
 from bayes_inertia.model import Model
 
-_tensor = jax.jit(inertia.tensor)
-
 
 def begin(model: Model, theta: np.ndarray) -> np.ndarray:
     """Whitened nuisances (slews, n_local) to begin from at `theta` (d,): zero, but for wheel momenta that are not measured."""
     local = np.zeros((model.n_slews, model.structure.n_local))
     if model.structure.drive == "commanded" and model.campaign.wheels and not model.campaign.has_tachometers:
-        scale = np.asarray(model.data.scale.local[6:])
+        scale, J = np.asarray(model.data.scale.local[6:]), np.array(inertia.tensor(jnp.asarray(theta[:6])))
         for s in range(model.n_slews):
-            local[s, 6:] = _momentum(model, theta, s, scale)
+            local[s, 6:] = _momentum(model, J, theta[6:9], s, scale)
     return local
 
 
-def _momentum(model: Model, theta: np.ndarray, s: int, scale: np.ndarray) -> np.ndarray:
+def _momentum(model: Model, J: np.ndarray, scale_factor: np.ndarray, s: int, scale: np.ndarray) -> np.ndarray:
     """Momentum of the wheels (wheels,) at the beginning of slew s beyond the reference, in prior sd: least squares with that prior."""
     campaign, slew = model.campaign, model.campaign.slews[s]
     sensor, axes = campaign.rate_sensor, campaign.wheel_axes_B
     rows = np.flatnonzero(np.isfinite(slew.rate).all(axis=1))
     if len(rows) < 2:
         return np.zeros(len(scale))
-    time, J = slew.time[rows], np.array(_tensor(jnp.asarray(theta[:6])))
-    rate = np.linalg.solve(sensor.axes, (theta[6:9] * slew.rate[rows] - np.asarray(sensor.bias)).T).T
+    time = slew.time[rows]
+    rate = np.linalg.solve(sensor.axes, (scale_factor * slew.rate[rows] - np.asarray(sensor.bias)).T).T
     taken_up = integrate.cumulative_trapezoid(slew.wheel_torque, slew.time, axis=0, initial=0.0)[rows]
     known = rate @ J + (taken_up + np.asarray(model.data.arrays.reference.wheel_momentum)[s]) @ axes.T
     left = known - known[0] + integrate.cumulative_trapezoid(np.cross(rate, known), time, axis=0, initial=0.0)

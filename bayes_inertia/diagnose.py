@@ -20,7 +20,7 @@ from bayes_inertia.campaign import Campaign
 from bayes_inertia.dynamics import Drive
 from bayes_inertia.effect import Effect
 from bayes_inertia.effects import LIBRARY
-from bayes_inertia.estimate import Estimate, estimate, move_to, re_estimate, with_noise
+from bayes_inertia.estimate import Estimate, estimate, move_to, re_estimate, with_noise, without_effect
 from bayes_inertia.evidence import log_bayes_factor
 from bayes_inertia.fingerprint import Fingerprints, fingerprints
 from bayes_inertia.held_out import held_out
@@ -224,7 +224,7 @@ def _fitted(at: Estimate, marks: Fingerprints, candidate: Candidate, flexible: E
 
 def _weighed(at: Estimate, marks: Fingerprints, effect: str, after: Estimate) -> _Fitted:
     k, gained = marks.names.index(effect), 2.0 * (at.objective - after.objective)
-    return _Fitted(effect, after, log_bayes_factor(at, after, effect), float(marks.p_of(k, max(gained, 0.0), max(marks.dof(k), 1))))
+    return _Fitted(effect, after, log_bayes_factor(at, after, effect), float(marks.p_value(k, np.asarray(max(gained, 0.0)))))
 
 
 def _near(marks: Fingerprints, best: _Fitted, found: list[Candidate], done: set[str], rules: Rules) -> list[Candidate]:
@@ -296,9 +296,7 @@ def _without_needless(steps: list[Step], at: Estimate) -> tuple[list[Step], Esti
         block = at.covariance[np.ix_(part, part)]
         wald = float(amplitude @ np.linalg.solve(block, amplitude))
         if stats.chi2.sf(wald, len(part)) > 0.01:
-            theta = at.theta.copy()
-            theta[part] = at.model.space.nulls[part]
-            at = re_estimate(at, theta, at.free[~np.isin(at.free, part)])
+            at = without_effect(at, step.added)
             steps = [replace(s, after=at) if s is steps[-1] else s for s in steps if s is not step]
     return steps, at
 

@@ -217,6 +217,13 @@ def re_estimate(previous: Estimate, theta: np.ndarray, free: np.ndarray, *, gent
     return _at(previous.model, *settled, previous.discount, free, Starts(1, 1))
 
 
+def without_effect(previous: Estimate, name: str) -> Estimate:
+    """The estimate repeated with an effect of its model held at its null."""
+    part, theta = previous.model.space.slice_of(name), previous.theta.copy()
+    theta[part] = previous.model.space.nulls[part]
+    return re_estimate(previous, theta, previous.free[(previous.free < part.start) | (previous.free >= part.stop)])
+
+
 def move_to(previous: Estimate, model: Model) -> Estimate:
     """The same point in a model of the same campaign and drive with more effects, each held at its null."""
     theta = model.space.nulls

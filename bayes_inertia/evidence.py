@@ -42,6 +42,24 @@ def log_bayes_factor_of(along: np.ndarray, powers: np.ndarray) -> float:
     return float(np.logaddexp(together, apart) - np.log(2.0))
 
 
+def log_bayes_factor_around(gain: float, information: np.ndarray, amplitude: np.ndarray) -> float:
+    """Log evidence for amplitudes against none, from the model linearised around the best ones.
+
+    Parameters
+    ----------
+    gain : log posterior gained by the best amplitudes. information : (n, n) of the data there, in units of the stated prior sd.
+    amplitude : (n,) the best ones.
+
+    >>> exact = log_bayes_factor_of([60.0], [100.0])
+    >>> abs(log_bayes_factor_around(0.5 * 60.0**2 / 101.0, np.array([[100.0]]), np.array([60.0 / 101.0])) - exact) < 1e-9
+    True
+    """
+    powers, directions = np.linalg.eigh(information)
+    along = (1.0 + powers) * (directions.T @ amplitude)
+    powers = np.maximum(powers, 0.0)
+    return gain - 0.5 * float(np.sum(along**2 / (1.0 + powers))) + log_bayes_factor_of(along, powers)
+
+
 def log_bayes_factor(before: Estimate, after: Estimate, effect: str) -> float:
     """Log evidence for the fit with `effect` against the fit without it, by Laplace's approximation.
 
@@ -56,9 +74,6 @@ def log_bayes_factor(before: Estimate, after: Estimate, effect: str) -> float:
     covariance = after.covariance[np.ix_(part, part)] * np.outer(slope, slope)
     # In units of the stated prior sd, shapes integrated out: information of the data, and the gradient at zero amplitude.
     posterior = inverse(covariance[np.ix_(~shape, ~shape)])
-    powers, directions = np.linalg.eigh(posterior - np.eye(len(posterior)))
-    along = directions.T @ (posterior @ distance[~shape])
-    powers = np.maximum(powers, 0.0)
-    linear_gain = 0.5 * np.sum(along**2 / (1.0 + powers))
     occam_of_shape = -0.5 * np.linalg.slogdet(inverse(covariance)[np.ix_(shape, shape)])[1] if shape.any() else 0.0
-    return float(before.objective - after.objective - linear_gain + log_bayes_factor_of(along, powers) + occam_of_shape)
+    gain = before.objective - after.objective
+    return float(log_bayes_factor_around(gain, posterior - np.eye(len(posterior)), distance[~shape]) + occam_of_shape)

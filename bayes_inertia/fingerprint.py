@@ -85,14 +85,11 @@ class Fingerprints:
         return np.sum(along**2 / powers, axis=-1)
 
     def p_value(self, k: int, score: np.ndarray) -> np.ndarray:
-        """Probability of at least this score if the effect is absent (1 if the campaign cannot see it)."""
+        """Probability of at least this score if the effect is absent: 1 if the campaign cannot see it, halved if it is one-sided,
+        Sidak's if it is the best of many."""
         dof = self.dof(k)
         if dof == 0:
             return np.ones_like(score)
-        return self.p_of(k, score, dof)
-
-    def p_of(self, k: int, score: np.ndarray | float, dof: int) -> np.ndarray:
-        """Tail of chi^2 with `dof` for candidate k: halved if it is one-sided, Sidak's if it is the best of many."""
         single = np.where(np.asarray(score) > 0, stats.chi2.sf(score, dof), 1.0) * (0.5 if self.one_sided[k] else 1.0)
         imprint = self.imprints.get(self.names[k])
         return -np.expm1((1 if imprint is None else imprint.trials) * np.log1p(-np.minimum(single, 1.0 - 1e-16)))

@@ -19,8 +19,8 @@ import numpy as np
 from scipy import optimize, signal, stats
 
 from bayes_inertia.effects import FlexibleMode
-from bayes_inertia.estimate import Estimate, re_estimate
-from bayes_inertia.evidence import log_bayes_factor_of
+from bayes_inertia.estimate import Estimate, re_estimate, without_effect
+from bayes_inertia.evidence import log_bayes_factor_around
 from bayes_inertia.fingerprint import Imprint
 from bayes_inertia.projection import Projection, projection
 from bayes_inertia.torque_response import TorqueResponse, torque_response
@@ -67,13 +67,11 @@ def with_ringing(at: Estimate) -> Estimate:
     Zero coupling is a stationary point of the posterior, where an optimizer stays, and far from the right frequency there is another.
     """
     mode = next((e for e in at.model.effects if isinstance(e, FlexibleMode)), None)
-    if mode is None or not np.isin(at.model.space.slice_of(mode.name).start, at.free):
+    first = at.model.space.slice_of(mode.name).start if mode is not None else None
+    if first is None or first not in at.free:
         return at
-    quiet, part = at.theta.copy(), at.model.space.slice_of(mode.name)
-    quiet[part] = at.model.space.nulls[part]
-    held = at.free[~np.isin(at.free, np.arange(part.start, part.stop))]
-    without = re_estimate(at, quiet, held)
-    ringing = best_ringing(mode.name, torque_response(without), projection(without), at.model.space.sd[part.start] ** 2)
+    without = without_effect(at, mode.name)
+    ringing = best_ringing(mode.name, torque_response(without), projection(without), at.model.space.sd[first] ** 2)
     found = re_estimate(without, theta_of(ringing, without), at.free)
     return found if found.objective < at.objective else at
 
@@ -97,13 +95,13 @@ def best_ringing(name: str, response: TorqueResponse, fit: Projection, scale: fl
     gains = _gains(response, fit, scale, tried)
     closer = tried[np.argsort(-gains)[:_CLOSER], None] + (tried[1] - tried[0]) * _BETWEEN
     closer = np.unique(np.clip(closer, tried[0], tried[-1]))
-    near = _gains(response, fit, scale, closer)
-    best = closer[np.argmax(near)] if near.max() > gains.max() else tried[np.argmax(gains)]
+    closer_gains = _gains(response, fit, scale, closer)
+    best = closer[np.argmax(closer_gains)] if closer_gains.max() > gains.max() else tried[np.argmax(gains)]
     columns, pull, matrix = _normal(response, fit, np.array([best]), scale)
     coupling, gain = _best_coupling(pull[0], matrix[0])
-    near = columns @ _tangents(coupling)
-    evidence = _log_bayes_factor(coupling, gain, matrix[0]) - float(np.log(len(tried)))
-    return Ringing(name, near, gain, len(coupling), int(np.ceil(_TRIALS * len(tried))), evidence, float(best), coupling, columns)
+    tangents = _tangents(coupling)
+    evidence = log_bayes_factor_around(0.5 * gain, tangents.T @ matrix[0] @ tangents, coupling) - float(np.log(len(tried)))
+    return Ringing(name, columns @ tangents, gain, len(coupling), int(np.ceil(_TRIALS * len(tried))), evidence, float(best), coupling, columns)
 
 
 def _gains(response: TorqueResponse, fit: Projection, scale: float, tried: np.ndarray) -> np.ndarray:
@@ -143,15 +141,6 @@ def _best_coupling(pull: np.ndarray, matrix: np.ndarray) -> tuple[np.ndarray, fl
     found = optimize.minimize(loss, start, jac=True, method="BFGS")
     coupling = found.x * (np.sign(found.x[np.argmax(np.abs(found.x))]) or 1.0)
     return coupling, float(max(-found.fun, 0.0))
-
-
-def _log_bayes_factor(coupling: np.ndarray, gain: float, matrix: np.ndarray) -> float:
-    """Log evidence for a mode of this frequency against nothing (as `evidence.log_bayes_factor`)."""
-    tangents = _tangents(coupling)
-    powers, directions = np.linalg.eigh(tangents.T @ matrix @ tangents)
-    along = (1.0 + powers) * (directions.T @ coupling)
-    linear_gain = 0.5 * float(np.sum(along**2 / (1.0 + powers)))
-    return 0.5 * gain - linear_gain + log_bayes_factor_of(along, powers)
 
 
 def _products(delta: np.ndarray) -> np.ndarray:
