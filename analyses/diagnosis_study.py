@@ -108,10 +108,15 @@ def scaled(values: dict, size: float) -> dict:
     return {k: null + size * step if components else float(null + size * step[0]) for k, (null, step, components) in values.items()}
 
 
+def plain_fit(campaign: Campaign) -> Estimate:
+    """The fit without effects, from as many starts as a user's: in a local optimum the sensitivities are others."""
+    return estimate(Model(campaign), discount=False)
+
+
 def amplitude_for(effect: Effect, values: dict, wanted: float, seed, tachometers: bool) -> float:
     """Multiple of `values` at which the projected signal has the wanted non-centrality."""
     without, _ = draw(seed, (), {}, tachometers)
-    first = estimate(Model(without), starts=1, discount=False)
+    first = plain_fit(without)
     if effect.name == "flexible_mode":
         return mode_amplitude(effect, values, wanted, seed, first, tachometers)
     marks, step = fingerprints(move_to(first, Model(without, (effect,))), (effect.name,)), unit_step(effect, values, without)
@@ -140,7 +145,7 @@ def ideal_powers(effects: tuple[Effect, ...], values: dict, wanted: list[float],
     Of a flexible mode, whose signal is of second order, nothing is taken off: its power is an upper bound.
     """
     without, _ = draw(seed, (), {}, tachometers)
-    first = estimate(Model(without), starts=1, discount=False)
+    first = plain_fit(without)
     marks = fingerprints(move_to(first, Model(without, effects)), tuple(e.name for e in effects if e.name != "flexible_mode"))
     steps, kept = [], []
     for effect, nc in zip(effects, wanted, strict=True):
@@ -159,7 +164,7 @@ def ideal_powers(effects: tuple[Effect, ...], values: dict, wanted: list[float],
 
 def projected_difference(with_it, first: Estimate) -> float:
     """|P (y1 - y0)|^2 for two campaigns with equal noise: what is left of their difference after fitting J, K, bias and starts."""
-    second = estimate(Model(with_it), starts=1, discount=False)
+    second = plain_fit(with_it)
     # Both hold the same noise e: their residuals are P e and P (e + s).
     gaps = [np.concatenate([np.nan_to_num(x).ravel() for slews in at.residual_series.values() for x in slews]) for at in (first, second)]
     return float(np.sum((gaps[1] - gaps[0]) ** 2))
