@@ -9,6 +9,7 @@ Effects that a later one makes needless are dropped again. What remains unexplai
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from scipy import stats
 from scipy.special import logsumexp
 
 from bayes_inertia.adequacy import ChannelTest, channel_tests
+from bayes_inertia.ahead import compile_ahead
 from bayes_inertia.campaign import Campaign
 from bayes_inertia.dynamics import Drive
 from bayes_inertia.effect import Effect
@@ -130,12 +132,14 @@ def diagnose(campaign: Campaign, *, library: Sequence[Effect] = LIBRARY, drive: 
     CampaignError, EstimateError : as `estimate`.
     """
     rules, rng = rules or Rules(), np.random.default_rng([seed, 3])
-    simple = estimate(Model(campaign, (), drive), seed=seed, discount=False)
-    noise = noise_factors(simple)
-    simple = with_noise(simple, noise)
     usable, skipped = _usable(campaign, library)
-    whole = Model(campaign, tuple(e for e in usable if e.name != FLEXIBLE), simple.model.structure.drive)
-    base = at = move_to(simple, whole)
+    whole = Model(campaign, tuple(e for e in usable if e.name != FLEXIBLE), drive)
+    with ThreadPoolExecutor(1) as meanwhile:
+        compiled = meanwhile.submit(compile_ahead, whole)
+        simple = estimate(Model(campaign, (), drive), seed=seed, discount=False)
+        noise = noise_factors(simple)
+        compiled.result()
+    base = at = move_to(with_noise(simple, noise), whole)
     flexible = next((e for e in usable if e.name == FLEXIBLE), None)
     first = None
     steps: list[Step] = []
