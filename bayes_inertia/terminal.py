@@ -94,6 +94,7 @@ def show_summary(summary: dict[str, Any], folder: Path) -> None:
 
 def show_diagnosis(content: dict[str, Any]) -> None:
     """Print a diagnosis' verdict first, then why, and the best candidates."""
+    from bayes_inertia.plots.style import tenths
     from bayes_inertia.report.diagnosis_wording import plain, probability, verdict
 
     console = Console()
@@ -104,12 +105,13 @@ def show_diagnosis(content: dict[str, Any]) -> None:
         console.print(f"  {sentence}")
     table = Table(box=SIMPLE)
     table.add_column("candidate")
-    for heading in ("score", "dof", "p", "log Bayes", ""):
-        table.add_column(heading, no_wrap=True)
+    for heading in ("score", "dof", "p", "log Bayes"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("", no_wrap=True)
     for c in [c for c in content["candidates"] if c["p_value"] is not None][:6]:
         word = "named" if c["effect"] in content["named"] else "significant" if c["p_value"] < content["threshold"] else ""
         p = probability(c["p_value"]).removeprefix("p ").removeprefix("= ")
-        table.add_row(plain(c["effect"]), f"{c['score']:.4g}", str(c["dof"]), p, f"{c['log_bayes_factor']:.4g}", word)
+        table.add_row(plain(c["effect"]), tenths(c["score"]), str(c["dof"]), p, tenths(c["log_bayes_factor"]), word)
     console.print(table)
     console.print("wrote diagnosis.json")
 

@@ -130,7 +130,7 @@ def ranking(candidates: Sequence[Mapping[str, Any]], threshold: float, named: Se
         axes.text(
             1.02,
             i,
-            f"{c['log_bayes_factor']:,.4g}".replace("-", "−"),
+            style.tenths(c["log_bayes_factor"]),
             transform=right,
             va="center",
             fontsize=8,

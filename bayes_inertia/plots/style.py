@@ -69,6 +69,16 @@ def styled[**P](picture: Callable[P, Figure]) -> Callable[P, Figure]:
     return drawn
 
 
+def tenths(value: float) -> str:
+    """A score or log Bayes factor as printed: nobody decides anything by its second decimal.
+
+    >>> tenths(2254.3), tenths(602.94), tenths(-1.0748), tenths(-0.0056)
+    ('2,254', '602.9', '−1.1', '0.0')
+    """
+    text = f"{value:,.0f}" if abs(value) >= 1000.0 else f"{value:.1f}"
+    return "0.0" if text == "-0.0" else text.replace("-", "−")
+
+
 def color(i: int) -> str:
     """Colour of component i (components repeat after six)."""
     return COLORS[i % len(COLORS)]

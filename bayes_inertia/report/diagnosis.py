@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from bayes_inertia.plots import diagnosis as plots
+from bayes_inertia.plots.style import tenths
 from bayes_inertia.report import diagnosis_wording as wording
 from bayes_inertia.report.section import Picture, Section, packaged
 
@@ -61,9 +62,9 @@ def candidates(content: Mapping[str, Any]) -> Section:
         {
             "name": wording.plain(c["effect"]),
             "dof": c["dof"] or "–",
-            "score": "–" if c["score"] is None else f"{c['score']:.4g}",
+            "score": "–" if c["score"] is None else tenths(c["score"]),
             "p": "–" if c["p_value"] is None else wording.probability(c["p_value"]).removeprefix("p ").removeprefix("= "),
-            "bayes": "–" if c["log_bayes_factor"] is None else f"{c['log_bayes_factor']:.4g}".replace("-", "−"),
+            "bayes": "–" if c["log_bayes_factor"] is None else tenths(c["log_bayes_factor"]),
             "word": "named" if c["effect"] in content["named"] else wording.significance(c, content["threshold"]),
             "parameters": "; ".join(f"{wording.plain(n)} = {wording.value_text(v)}" for n, v in (c["parameters"] or {}).items()),
         }
