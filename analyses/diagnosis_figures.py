@@ -81,7 +81,10 @@ def promised(rows: pd.DataFrame) -> list[str]:
         right = (ends == single["label"]) | (ends == ENDS[0])
         wrong = ~right & ~ends.isin(ENDS)
         lines.append(f"| one effect at ideal power 0.99, {where}: truth named or in the set | at least 95 % | {share(int(right.sum()), len(single))} |")
-        lines.append(f"| ... named alone | - | {share(int((ends == single['label']).sum()), len(single))} |")
+        alone = sum(set.union(*candidates_of(r)) == {r["label"]} for _, r in single.iterrows())
+        beside = sum(bool(candidates_of(r)[0] - {r["label"]}) for _, r in single[right].iterrows())
+        lines.append(f"| ... named alone | - | {share(alone, len(single))} |")
+        lines.append(f"| ... named or in the set, and beside it a wrong name as sure | - | {share(beside, len(single))} |")
         lines.append(f"| ... wrong name without the truth beside it | at most 2 % | {share(int(wrong.sum()), len(single))} |")
         lines.append(f"| ... nothing named | - | {share(int((ends == ENDS[1]).sum()), len(single))} |")
         good = single[right]

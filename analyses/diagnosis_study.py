@@ -67,12 +67,13 @@ def template_campaign():
 def draw(seed: np.random.SeedSequence, effects: tuple[Effect, ...], values: dict, tachometers: bool):
     """One campaign and its truth."""
     flight = draw_flight(template_campaign(), plan(), seed, effects=effects, values=values)
-    campaign = flight.campaign
-    if not tachometers:
-        wheels = tuple(replace(w, momentum_sigma=None) for w in campaign.wheels)
-        slews = tuple(replace(s, wheel_momentum=None) for s in campaign.slews)
-        campaign = replace(campaign, wheels=wheels, slews=slews)
-    return campaign, flight
+    return flight.campaign if tachometers else deaf(flight.campaign), flight
+
+
+def deaf(campaign: Campaign) -> Campaign:
+    """The campaign without tachometers."""
+    wheels = tuple(replace(w, momentum_sigma=None) for w in campaign.wheels)
+    return replace(campaign, wheels=wheels, slews=tuple(replace(s, wheel_momentum=None) for s in campaign.slews))
 
 
 def noncentrality(power: float, dof: int, level: float) -> float:
@@ -190,6 +191,7 @@ def run_one(kind: str, label: str, index: int, effects: tuple[Effect, ...], tach
     campaign, flight = draw(fresh(), effects, values, tachometers)
     if label in OUTSIDE:
         campaign = replayed(flight, OUTSIDE[label], rng)
+        campaign = campaign if tachometers else deaf(campaign)
     began = time.perf_counter()
     found = diagnose(campaign, rules=RULES, seed=index)
     z = (found.final.theta[:9] - _truth(flight)) / found.final.sd[:9]

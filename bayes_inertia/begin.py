@@ -29,7 +29,7 @@ def _momentum(model: Model, J: np.ndarray, scale_factor: np.ndarray, s: int, sca
     """Momentum of the wheels (wheels,) at the beginning of slew s beyond the reference, in prior sd: least squares with that prior."""
     campaign, slew = model.campaign, model.campaign.slews[s]
     sensor, axes = campaign.rate_sensor, campaign.wheel_axes_B
-    rows = np.flatnonzero(np.isfinite(slew.rate).all(axis=1))
+    rows = np.flatnonzero(campaign.valid_readings(slew).all(axis=1))
     if len(rows) < 2:
         return np.zeros(len(scale))
     time = slew.time[rows]

@@ -342,9 +342,14 @@ class Campaign:
         """The same campaign with only the slews at `indices` (for held-out checks)."""
         return replace(self, slews=tuple(self.slews[i] for i in indices))
 
+    def valid_readings(self, slew: Slew) -> np.ndarray:
+        """Which readings (n, 3) of the rate sensor count: numbers inside its range."""
+        limit = 0.999 * (self.rate_sensor.range or np.inf)
+        return np.isfinite(slew.rate) & (np.abs(np.nan_to_num(slew.rate)) < limit)
+
     def scale_of_motion(self) -> tuple[float, float, float]:
         """Typical rate [rad/s], duration [s] and inertia [kg m^2]: what default priors of effects are measured in."""
-        readings = np.concatenate([s.rate[np.isfinite(s.rate).all(axis=1)] for s in self.slews])
+        readings = np.concatenate([s.rate[self.valid_readings(s).all(axis=1)] for s in self.slews])
         rate = float(np.sqrt(np.mean(np.sum(readings**2, axis=1)))) if len(readings) else 0.0
         duration = float(np.median([s.duration for s in self.slews]))
         return max(rate, float(np.mean(self.rate_sensor.sigma))), duration, float(np.trace(self.inertia.tensor) / 3.0)

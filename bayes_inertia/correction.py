@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bayes_inertia.effect import Effect
 from bayes_inertia.estimate import Estimate
 from bayes_inertia.inertia import is_physical
 from bayes_inertia.maneuver import predict_correction_slew
@@ -35,9 +36,10 @@ class CorrectionForecast:
 
 
 def correction_forecast(base: Estimate, final: Estimate, *, seed: int = 0, draws: int = 48) -> CorrectionForecast | None:
-    """Predict the next correction slew before and after effects were added; None without star tracker or wheels.
+    """Predict the next correction slew before and after effects were added; None without star tracker or wheels, or where a
+    predicted slew does not end.
 
-    The controller knows J and K and compensates no effect: what remains in `updated` is what only a change of the
+    J, K and the effects are drawn together. The controller knows J and K and compensates no effect: what remains in `updated` is what only a change of the
     on-board software, or a repair, would take away. Noise is left out.
     """
     campaign = final.model.campaign
@@ -48,10 +50,10 @@ def correction_forecast(base: Estimate, final: Estimate, *, seed: int = 0, draws
     old, new = (replace(spacecraft_at(campaign, at.theta), bias=(0.0, 0.0, 0.0)) for at in (base, final))
     held = {i for i in range(final.model.space.size) if i not in final.free}
     named = tuple(e for e in final.model.effects if not set(range(*final.model.space.slice_of(e.name).indices(final.model.space.size))) & held)
-    values, nothing = (final.model.space.split(x) for x in (final.theta, final.model.space.nulls))
-    disturbed = replace(new, effects=named, values={e.name: dict(values.get(e.name, {})) for e in named})
+    craft = replace(new, effects=named, values={e.name: dict(final.model.space.split(final.theta).get(e.name, {})) for e in named})
     # The base model is flown with the effects at their null, so that all cases share compiled code.
-    undisturbed = replace(disturbed, values={e.name: dict(nothing.get(e.name, {})) for e in named})
+    nothing = np.tile(final.model.space.nulls, (len(plain), 1))
+    disturbed, undisturbed = (_values(final, named, thetas) for thetas in (true, nothing))
     plan = following_plan(campaign, np.zeros(len(campaign.wheels)))
     plan = replace(plan, orbit=Orbit() if any(e.needs for e in named) else None)
     spin = final.model.structure.includes_wheel_spin
@@ -59,18 +61,28 @@ def correction_forecast(base: Estimate, final: Estimate, *, seed: int = 0, draws
     for axis in np.eye(3):
         one = replace(plan, slews=(PlannedSlew(tuple(axis), _ANGLE),))
         cases = ((plain, undisturbed, old), (true, disturbed, old), (true, disturbed, new))
-        forecasts.append([_predicted(thetas, one, craft, known, spin) for thetas, craft, known in cases])
+        forecasts.append([_predicted(thetas, values, one, craft, known, spin) for thetas, values, known in cases])
+    if not np.isfinite(forecasts).all():
+        return None
     worst = int(np.argmax([f[1][0] for f in forecasts]))
     return CorrectionForecast("xyz"[worst], *forecasts[worst])
 
 
-def _predicted(thetas: np.ndarray, plan: Plan, truth: Spacecraft, believed: Spacecraft, includes_wheel_spin: bool) -> tuple[float, float]:
+def _predicted(thetas: np.ndarray, values: dict, plan: Plan, truth: Spacecraft, believed: Spacecraft, includes_wheel_spin: bool) -> tuple[float, float]:
     controller = Controller(believed.inertia_B, believed.scale_factor)
-    angles = predict_correction_slew(thetas, plan, truth, controller, includes_wheel_spin=includes_wheel_spin)
+    angles = predict_correction_slew(thetas[:, :9], plan, truth, controller, includes_wheel_spin=includes_wheel_spin, values=values)
     return tuple(np.quantile(angles, [0.5, 0.95]).tolist())
 
 
 def _draws(at: Estimate, rng: np.random.Generator, n: int) -> np.ndarray:
-    """Draws (<= n, 9) of J and K from the Laplace approximation, physical ones."""
-    thetas = rng.multivariate_normal(at.theta[:9], at.covariance[:9, :9], size=n)
+    """Draws (<= n, d) of all parameters from the Laplace approximation, physical ones."""
+    space = at.model.space
+    thetas = rng.multivariate_normal(at.theta, at.covariance, size=n)
+    thetas[:, 6:] = np.clip(thetas, space.lower + 1e-9 * space.sd, space.upper - 1e-9 * space.sd)[:, 6:]
     return thetas[[bool(is_physical(t[:6])) for t in thetas]]
+
+
+def _values(at: Estimate, effects: tuple[Effect, ...], thetas: np.ndarray) -> dict[str, dict[str, np.ndarray]]:
+    """Parameters of effects in each of n draws (n, d): {effect: {parameter: (n, ...)}}."""
+    drawn = [at.model.space.split(theta) for theta in thetas]
+    return {e.name: {key: np.stack([np.asarray(d[e.name][key]) for d in drawn]) for key in drawn[0].get(e.name, {})} for e in effects}

@@ -8,6 +8,7 @@ Effects that a later one makes needless are dropped again. What remains unexplai
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -21,10 +22,11 @@ from bayes_inertia.ahead import compile_ahead
 from bayes_inertia.campaign import Campaign
 from bayes_inertia.dynamics import Drive
 from bayes_inertia.effect import Effect
-from bayes_inertia.effects import LIBRARY
+from bayes_inertia.effects import LIBRARY, FlexibleMode
+from bayes_inertia.errors import EffectError
 from bayes_inertia.estimate import Estimate, estimate, move_to, re_estimate, with_noise, without_effect
 from bayes_inertia.evidence import log_bayes_factor
-from bayes_inertia.fingerprint import Fingerprints, fingerprints
+from bayes_inertia.fingerprint import VISIBLE, Fingerprints, fingerprints
 from bayes_inertia.held_out import held_out
 from bayes_inertia.model import Model
 from bayes_inertia.noise import noise_factors
@@ -129,18 +131,18 @@ def diagnose(campaign: Campaign, *, library: Sequence[Effect] = LIBRARY, drive: 
 
     Raises
     ------
-    CampaignError, EstimateError : as `estimate`.
+    CampaignError, EstimateError : as `estimate`. EffectError : two candidates of one name.
     """
     rules, rng = rules or Rules(), np.random.default_rng([seed, 3])
     usable, skipped = _usable(campaign, library)
-    whole = Model(campaign, tuple(e for e in usable if e.name != FLEXIBLE), drive)
+    whole = Model(campaign, tuple(e for e in usable if not isinstance(e, FlexibleMode)), drive)
     with ThreadPoolExecutor(1) as meanwhile:
         compiled = meanwhile.submit(compile_ahead, whole)
         simple = estimate(Model(campaign, (), drive), seed=seed, discount=False)
         noise = noise_factors(simple)
         compiled.result()
     base = at = move_to(with_noise(simple, noise), whole)
-    flexible = next((e for e in usable if e.name == FLEXIBLE), None)
+    flexible = next((e for e in usable if isinstance(e, FlexibleMode)), None)
     first = None
     steps: list[Step] = []
     for _ in range(2):
@@ -156,23 +158,36 @@ def diagnose(campaign: Campaign, *, library: Sequence[Effect] = LIBRARY, drive: 
 
 def _search(at: Estimate, steps: list[Step], flexible: Effect | None, rules: Rules, rng: np.random.Generator):
     """Add effects until none is significant; also what was seen before the first was added."""
-    seen = None
+    seen, dropped = None, set()
     while True:
         marks = _marks(at, flexible)
         limit = marks.threshold(rules.false_alarms, rng)
         found = _candidates(marks)
         seen = seen or (found, limit, marks)
-        step = _best_step(at, marks, found, flexible, rules, limit) if len(steps) < rules.most else None
+        open_still = [c for c in found if c.effect not in dropped]
+        step = _best_step(at, marks, open_still, flexible, rules, limit) if len(steps) < rules.most else None
         if step is None:
             return steps, at, seen
-        steps, at = _without_needless([*steps, step], step.after)
+        before = {s.added for s in steps}
+        steps = _without_needless([*steps, step], flexible, rules)
+        at, dropped = steps[-1].after, dropped | before - {s.added for s in steps}
 
 
 def _usable(campaign: Campaign, library: Sequence[Effect]) -> tuple[list[Effect], tuple[tuple[str, str], ...]]:
     """Candidates that the campaign's columns allow, and those that they do not."""
-    lacking = {e.name: [n for n in e.needs if any(getattr(s, n) is None for s in campaign.slews)] for e in library}
+    for name, times in Counter(e.name for e in library).items():
+        if times > 1:
+            raise EffectError(f"{times} candidates have this name", where=name, advice="give them names of their own, or diagnose with one at a time")
+    for e in library:
+        if e.name == FLEXIBLE and not isinstance(e, FlexibleMode):
+            raise EffectError("only one mode shared by all slews can be a candidate", where=FLEXIBLE, advice="give a FlexibleMode itself")
+    lacking = {e.name: [n for n in e.needs if any(_empty(getattr(s, n)) for s in campaign.slews)] for e in library}
     skipped = tuple((name, f"needs {', '.join(columns)} in every slew") for name, columns in lacking.items() if columns)
     return [e for e in library if not lacking[e.name]], skipped
+
+
+def _empty(column: np.ndarray | None) -> bool:
+    return column is None or not np.isfinite(column).all(axis=-1).any()
 
 
 def _marks(at: Estimate, flexible: Effect | None) -> Fingerprints:
@@ -206,7 +221,8 @@ def _best_step(at: Estimate, marks: Fingerprints, found: list[Candidate], flexib
         return None
     if not at.model.campaign.has_tachometers:
         refitted = sorted((_again(at, marks, f) for f in refitted[:2]), key=lambda f: -f.log_bayes_factor) + refitted[2:]
-    best = _weighed(at, marks, refitted[0].effect, re_estimate(refitted[0].after, refitted[0].after.theta, refitted[0].after.free))
+    # Brought to its end only now; weighed as it was beside the others, for in the measured drive the noise follows J.
+    best = replace(refitted[0], after=re_estimate(refitted[0].after, refitted[0].after.theta, refitted[0].after.free))
     others = [*refitted[1:], *(f for f in fits if all(f.effect != r.effect for r in refitted))]
     others += [_fitted(at, marks, c, flexible) for c in _near(marks, best, found, {f.effect for f in fits}, rules)]
     return Step(best.effect, at, best.after, best.log_bayes_factor, _rivals(marks, best, others, rules))
@@ -292,17 +308,41 @@ def _round_frequency(frequency: float) -> float:
     return float(2.0 ** np.round(np.log2(frequency)))
 
 
-def _without_needless(steps: list[Step], at: Estimate) -> tuple[list[Step], Estimate]:
+def _without_needless(steps: list[Step], flexible: Effect | None, rules: Rules) -> list[Step]:
     """Drop effects, other than the newest, that the fit can do without."""
-    for step in steps[:-1]:
-        part = np.arange(at.model.space.size)[at.model.space.slice_of(step.added)]
-        amplitude = (at.theta - at.model.space.nulls)[part]
-        block = at.covariance[np.ix_(part, part)]
-        wald = float(amplitude @ np.linalg.solve(block, amplitude))
-        if stats.chi2.sf(wald, len(part)) > 0.01:
-            at = without_effect(at, step.added)
-            steps = [replace(s, after=at) if s is steps[-1] else s for s in steps if s is not step]
-    return steps, at
+    i = 0
+    while i < len(steps) - 1:
+        if _needless(steps[-1].after, steps[i].added):
+            steps = _dropped(steps, i, flexible, rules)
+        else:
+            i += 1
+    return steps
+
+
+def _needless(at: Estimate, effect: str) -> bool:
+    """Whether the amplitudes fitted for an effect are within their noise, where the campaign can see them (Wald's test)."""
+    space, part = at.model.space, at.model.space.slice_of(effect)
+    seen = np.arange(space.size)[part][[not p.logarithmic for p in space.priors[part]]]
+    amplitude = (at.theta - space.nulls)[seen] / space.sd[seen]
+    precision = np.linalg.inv(at.covariance[np.ix_(seen, seen)] / np.outer(space.sd[seen], space.sd[seen]))
+    powers, directions = np.linalg.eigh(precision - np.eye(len(seen)))
+    keep = powers > VISIBLE
+    along = directions[:, keep].T @ precision @ amplitude
+    return bool(stats.chi2.sf(np.sum(along**2 / powers[keep]), max(keep.sum(), 1)) > 0.01)
+
+
+def _dropped(steps: list[Step], i: int, flexible: Effect | None, rules: Rules) -> list[Step]:
+    """The search as if step i had not been taken; its effect stays beside the next one, if it explains the data about as well and is alike."""
+    gone, kept, before = steps[i], list(steps[:i]), steps[i].before
+    for step in steps[i + 1 :]:
+        after = without_effect(step.after, gone.added)
+        kept.append(replace(step, before=before, after=after, log_bayes_factor=log_bayes_factor(before, after, step.added)))
+        before = after
+    marks, next_one = _marks(gone.before, flexible), kept[i]
+    alike = _alike(marks, next_one.added, gone.added)
+    if alike > rules.alike and gone.log_bayes_factor > next_one.log_bayes_factor - rules.margin:
+        kept[i] = replace(next_one, alternatives=((gone.added, alike), *next_one.alternatives)[:2])
+    return kept
 
 
 def final_tests(at: Estimate) -> dict[str, ChannelTest]:

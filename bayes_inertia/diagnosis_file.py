@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.correction import CorrectionForecast
-from bayes_inertia.diagnose import NOISE, Diagnosis, Step, held_out_chi2
+from bayes_inertia.diagnose import NOISE, Diagnosis, Rules, Step, held_out_chi2
 from bayes_inertia.disagreement import Disagreement
 from bayes_inertia.effect import Effect
 from bayes_inertia.effects import LIBRARY
@@ -20,8 +20,7 @@ from bayes_inertia.separation import Separation
 from bayes_inertia.unknown import Unknown
 
 FORMAT = "bayes-inertia-diagnosis/1"
-# Rules().alike: pairs beyond it are listed.
-ALIKE = 0.6
+ALIKE = Rules.alike  # pairs beyond it are listed
 
 
 def to_json(

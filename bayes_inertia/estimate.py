@@ -41,8 +41,9 @@ from bayes_inertia.telemetry import CHANNELS
 _CORE = 9
 # Weight of the data in the first descent of every start.
 _GENTLE = 1e-4
-# Where such a descent may stop: its end is only a beginning.
+# Where such a descent may stop: its end is only a beginning. Ends nearer than this [prior sd] are one.
 _SOON = {"steps": 60, "tolerance": 1e-3}
+_SAME = 0.1
 # Reduced chi^2 above which a gentle descent has lost its way, and starts that are tried at most until one has not.
 _LOST, _MOST_STARTS = 1e3, 12
 
@@ -188,12 +189,13 @@ def estimate(
     """
     free = np.arange(model.space.size) if free is None else np.asarray(free)
     found = _from_starts(model, seed, starts, free) if start is None else [_gently(model, start, free)]
-    objective, point = min(found, key=lambda f: f[0])
-    if not np.isfinite(objective):
+    if not np.isfinite(min(objective for objective, _ in found)):
         raise EstimateError("the start of the optimizer gave no finite residuals", advice="check units and signs of the telemetry columns")
-    starts = Starts(sum(o < objective + 1.0 for o, _ in found), len(found))
     whole = np.ones((model.n_slews, len(CHANNELS)))
-    fitted = _at(model, *_best_settled(model, point, whole, free), whole, free, starts)
+    ends = [(_best_settled(model, point, whole, free), point, count) for point, count in _different(model, found)]
+    best, point, _ = min(ends, key=lambda end: end[0][1])
+    starts = Starts(sum(count for settled, _, count in ends if settled[1] < best[1] + 1.0), len(found))
+    fitted = _at(model, *best, whole, free, starts)
     if not discount or not any(test.too_large for test in fitted.tests.values()):
         return fitted
     channels = [test.too_large or fitted.tests["total"].too_large for test in list(fitted.tests.values())[:3]]
@@ -274,6 +276,27 @@ def _from_starts(model: Model, seed: int, starts: int, free: np.ndarray) -> list
     if not found:
         raise EstimateError("no start of the optimizer gave finite residuals", advice="check units and signs of the telemetry columns")
     return found
+
+
+def _different(model: Model, found: list[tuple[float, Point]]) -> list[tuple[Point, int]]:
+    """The ends of gentle descents that are not far worse than the best, without repetition, and how often each was reached.
+
+    While the data count weakly an objective hardly tells two optima apart; places do.
+    """
+    found = sorted(found, key=lambda f: f[0])
+    groups: list[list[Point]] = []
+    for objective, point in found:
+        here = _place(model, point)
+        same = next((g for g in groups if np.max(np.abs(_place(model, g[0]) - here)) < _SAME), None)
+        if same is not None:
+            same.append(point)
+        elif objective < found[0][0] + 1.0:
+            groups.append([point])
+    return [(g[0], len(g)) for g in groups]
+
+
+def _place(model: Model, point: Point) -> np.ndarray:
+    return np.concatenate([point.theta / model.space.sd, point.bias, point.local.ravel()])
 
 
 def _gently(model: Model, theta: np.ndarray, free: np.ndarray) -> tuple[float, Point]:

@@ -20,7 +20,7 @@ from bayes_inertia.evidence import log_bayes_factor_of
 from bayes_inertia.projection import Projection, projection
 
 # Signal-to-noise power, for an effect of prior size, below which a direction is invisible.
-_VISIBLE = 1.0
+VISIBLE = 1.0
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Fingerprints:
         """Signal powers (r,) and directions (n, r) of candidate k that this campaign can see."""
         index = self.groups[k]
         powers, directions = np.linalg.eigh(self.matrix[np.ix_(index, index)])
-        keep = powers > _VISIBLE
+        keep = powers > VISIBLE
         return powers[keep], directions[:, keep]
 
     def dof(self, k: int) -> int:
@@ -113,11 +113,8 @@ class Fingerprints:
 
     def canonical_correlation(self, j: int, k: int) -> float:
         """Largest correlation between what candidates j and k can do: 1 means that the data cannot tell them apart."""
-        (p, a), (q, b) = self.visible(j), self.visible(k)
-        if not (len(p) and len(q)):
-            return 0.0
-        cross = (a / np.sqrt(p)).T @ self.matrix[np.ix_(self.groups[j], self.groups[k])] @ (b / np.sqrt(q))
-        return float(min(1.0, np.linalg.svd(cross, compute_uv=False)[0]))
+        both = np.concatenate([self.groups[j], self.groups[k]])
+        return canonical_correlation(self.matrix[np.ix_(both, both)], len(self.groups[j]))
 
     def threshold(self, false_alarms: float, rng: np.random.Generator, draws: int = 20_000) -> float:
         """p-value below which the smallest of all candidates' p-values falls with probability `false_alarms` if none is present.
@@ -132,6 +129,24 @@ class Fingerprints:
             p = rng.uniform(size=draws) if self.names[k] in self.imprints else self.p_value(k, self.score(k, gradients))
             smallest = np.minimum(smallest, p)
         return float(np.quantile(smallest, false_alarms))
+
+
+def canonical_correlation(matrix: np.ndarray, first: int) -> float:
+    """Largest correlation between what an effect with the `first` columns of a projected normal matrix can do, and the other with the rest.
+
+    Directions in which an effect of prior size moves the residuals by less than one sigma do not count.
+
+    >>> round(canonical_correlation(np.array([[4.0, 3.0], [3.0, 9.0]]), 1), 9)
+    0.5
+    """
+    sides = []
+    for block in (matrix[:first, :first], matrix[first:, first:]):
+        powers, directions = np.linalg.eigh(block)
+        keep = powers > VISIBLE
+        sides.append(directions[:, keep] / np.sqrt(powers[keep]))
+    if not all(side.shape[1] for side in sides):
+        return 0.0
+    return float(min(1.0, np.linalg.svd(sides[0].T @ matrix[:first, first:] @ sides[1], compute_uv=False)[0]))
 
 
 def _root(matrix: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ tracker sees it afterwards. Here it is largely the error of the controller's sca
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -103,6 +103,7 @@ def predict_final_errors(
     index: int = 0,
     includes_wheel_spin: bool = False,
     seed: int | None = None,
+    values: Mapping[str, Mapping[str, np.ndarray]] | None = None,
 ) -> np.ndarray:
     """Final attitude error (n, 3) [rad] of one slew of a plan if each draw were the truth, flown with the same controller.
 
@@ -110,6 +111,7 @@ def predict_final_errors(
     ----------
     thetas : (n, 9) elements of J [kg m^2] (as in `inertia.ELEMENTS`) and K, such as posterior draws.
     spacecraft : sensors, wheels and effects (its own J and K are not used). index : which slew of the plan.
+    values : {effect: {parameter: (n, ...)}}, parameters of the effects in each draw; None for the spacecraft's own in all.
     includes_wheel_spin : whether the drawn J is J_locked, as the campaign says. seed : of noise, None for none.
 
     >>> from bayes_inertia.plan import PlannedSlew
@@ -134,7 +136,11 @@ def predict_final_errors(
     script = _script(plan, plan.attitudes, index, grid.rows, spacecraft.star_tracker is not None)
     noise = _noise((n,) if rng else (1,), spacecraft, controller, plan, grid.rows, rng)
     slew = jax.tree.map(lambda x: x[0], grid.slews)
-    errors = _final_errors(slew, script, truth, _control(spacecraft, controller), noise, _values(spacecraft), spacecraft.effects, grid.substeps)
+    if values is None:
+        drawn = jax.tree.map(lambda x: jnp.broadcast_to(x, (n, *x.shape)), _values(spacecraft))
+    else:
+        drawn = jax.tree.map(jnp.asarray, {name: dict(of_effect) for name, of_effect in values.items()})
+    errors = _final_errors(slew, script, truth, _control(spacecraft, controller), noise, drawn, spacecraft.effects, grid.substeps)
     return np.asarray(errors)
 
 
@@ -145,12 +151,12 @@ def predict_correction_slew(thetas: np.ndarray, plan: Plan, spacecraft: Spacecra
 
 @partial(jax.jit, static_argnames=("effects", "substeps"))
 def _final_errors(slew, script, truth, control, noise, values, effects, substeps):
-    def one(truth, noise):
+    def one(truth, values, noise):
         return fly_slew(slew, script, truth, control, noise, values, effects=effects, substeps=substeps).final_error_B
 
     if len(noise.rate) == 1:
-        return jax.vmap(one, in_axes=(0, None))(truth, jax.tree.map(lambda x: x[0], noise))
-    return jax.vmap(one)(truth, noise)
+        return jax.vmap(one, in_axes=(0, 0, None))(truth, values, jax.tree.map(lambda x: x[0], noise))
+    return jax.vmap(one)(truth, values, noise)
 
 
 def planned_campaign(plan: Plan, spacecraft: Spacecraft, prior: InertiaPrior, name: str | None = None) -> Campaign:

@@ -63,6 +63,8 @@ def log_evidence(at: Estimate, response: TorqueResponse, fit: Projection) -> dic
     found = {}
     for name, values in drivers(response).items():
         size = np.sqrt(np.mean(values**2, axis=(0, 1)))
+        if not size.max() > 0.0:
+            continue
         # Component by component along each axis: unit values are one rms of the driver.
         seen = values[..., size > 1e-9 * size.max()] / size[size > 1e-9 * size.max()]
         along = np.einsum("snk,ij->snikj", seen, np.eye(3)).reshape(*seen.shape[:2], 3, -1)

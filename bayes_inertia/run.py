@@ -115,7 +115,7 @@ def finish(folder: Path, *, report: bool = True, progress: Progress | None = Non
     if run.kind == "diagnose":
         content = _diagnosed(folder, campaign, run, progress)
         effects = effects_of(content)
-        campaign = with_measured_noise(campaign, content["noise"]) if content["verdict"] != "unknown" else campaign
+        campaign = with_measured_noise(campaign, content["noise"], content["drive"]) if content["verdict"] != "unknown" else campaign
     posterior = fit(
         campaign,
         effects=effects,
@@ -164,8 +164,12 @@ def _diagnosed(folder: Path, campaign: Campaign, run: Run, progress: Progress | 
     return content
 
 
-def with_measured_noise(campaign: Campaign, factors: dict[str, float]) -> Campaign:
-    """The campaign with each sensor's sigma multiplied by what a diagnosis measured of it."""
+def with_measured_noise(campaign: Campaign, factors: dict[str, float], drive: Drive = "commanded") -> Campaign:
+    """The campaign with each sensor's sigma multiplied by what a diagnosis measured of it.
+
+    In the measured drive tachometers have no channel of their own: their noise is in that of the rate sensor, and grows with it.
+    """
+    factors = factors if drive == "commanded" else factors | {"momentum": factors["rate"]}
     sensor, tracker = campaign.rate_sensor, campaign.star_tracker
     louder = replace(sensor, sigma=tuple(factors["rate"] * s for s in sensor.sigma))
     wheels = tuple(replace(w, momentum_sigma=w.momentum_sigma and factors["momentum"] * w.momentum_sigma) for w in campaign.wheels)

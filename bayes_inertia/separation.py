@@ -22,6 +22,7 @@ from bayes_inertia.criterion import Goal, criterion
 from bayes_inertia.effect import Effect
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.estimate import Estimate
+from bayes_inertia.fingerprint import canonical_correlation
 from bayes_inertia.forecast import Forecast, Given, Shape, Surroundings, body_of, information, posterior, world_of
 from bayes_inertia.levenberg import inverse, solve
 from bayes_inertia.likelihood import padded_sensitivities
@@ -35,8 +36,6 @@ from bayes_inertia.spacecraft import Spacecraft, without_spin
 _BATCH = 128
 _ROUNDS = 5
 _SURVIVORS = 10
-# Signal power of a prior-sized effect below which a direction is invisible (as in `fingerprint`).
-_VISIBLE = 1.0
 
 
 @dataclass(frozen=True)
@@ -72,6 +71,9 @@ def separating_slew(at: Estimate, a: Effect, b: Effect, limits: Limits | None = 
     EffectError : an effect without parameters, or with states of its own. CampaignError : no feasible slew was found (it names the limit).
     """
     campaign = at.model.campaign
+    axes = np.linalg.matrix_rank(campaign.wheel_axes_B, tol=1e-6) if campaign.wheels else 0
+    if axes < 3:
+        raise CampaignError(f"the wheels turn the spacecraft about {axes} of three axes", where="wheels", advice="slews are designed for three")
     longest = max(slew.duration for slew in campaign.slews)
     limits = limits or Limits(rate=1.1 * _fastest(campaign), total_time=2.0 * longest)
     ahead, theta, parts = _forecast(at, a, b)
@@ -122,7 +124,7 @@ def following_plan(campaign: Campaign, last_momentum: np.ndarray | None = None) 
 
 def _fastest(campaign: Campaign) -> float:
     """Largest rate [rad/s] of a campaign, without the readings' outliers."""
-    sizes = np.concatenate([np.linalg.norm(s.rate[np.isfinite(s.rate).all(1)], axis=1) for s in campaign.slews])
+    sizes = np.concatenate([np.linalg.norm(s.rate[campaign.valid_readings(s).all(1)], axis=1) for s in campaign.slews])
     return float(np.quantile(sizes, 0.98))
 
 
@@ -152,10 +154,14 @@ def _forecast(at: Estimate, a: Effect, b: Effect) -> tuple[Forecast, np.ndarray,
     around = Surroundings(np.array([0.0, 1.0]), *(np.tile(_last_value(last, key), (2, 1)) for key in ("magnetic_field_N", "position_N")))
     world = world_of(lean, around, first=len(campaign.slews), count=len(campaign.slews), begin=begin, middle=0.5 * sum(campaign.span))
     commanded = lean if lean.structure.drive == "commanded" else Model(_with_commands(campaign), (*kept, a, b), "commanded")
+    parts = tuple(space.slice_of(effect.name) for effect in (a, b))
+    for part in parts:
+        # A prior that ends at the null has a slope there; beside the data it counts as wide as it is.
+        prior[part, part] = np.diag(space.sd[part] ** -2.0)
     origin = Origin(np.array(times.start_attitude), np.array(times.wheel_momentum))
     shape = Shape(replace(commanded.structure, refined=False), space.names, times_of(times))
     ahead = Forecast(shape, Given(world._replace(scale=commanded.data.scale), origin, space.sd, told + prior))
-    return ahead, theta, tuple(shape.slice_of(effect.name) for effect in (a, b))
+    return ahead, theta, tuple((part.start, part.stop) for part in parts)
 
 
 def _told(at: Estimate, lean: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -249,24 +255,6 @@ def _projected(ahead: Forecast, parts, extra: np.ndarray) -> np.ndarray:
     across = precision[np.ix_(rest, own)]
     matrix = precision[np.ix_(own, own)] - across.T @ inverse(precision[np.ix_(rest, rest)]) @ across
     return matrix * np.outer(sd[own], sd[own])
-
-
-def canonical_correlation(matrix: np.ndarray, first: int) -> float:
-    """Largest correlation between what an effect with the `first` columns of a projected normal matrix can do, and the other with the rest.
-
-    Directions in which an effect of prior size moves the residuals by less than one sigma do not count, as in `fingerprint`.
-
-    >>> round(canonical_correlation(np.array([[4.0, 3.0], [3.0, 9.0]]), 1), 9)
-    0.5
-    """
-    sides = []
-    for block in (matrix[:first, :first], matrix[first:, first:]):
-        powers, directions = np.linalg.eigh(block)
-        keep = powers > _VISIBLE
-        sides.append(directions[:, keep] / np.sqrt(powers[keep]))
-    if not all(side.shape[1] for side in sides):
-        return 0.0
-    return float(min(1.0, np.linalg.svd(sides[0].T @ matrix[:first, first:] @ sides[1], compute_uv=False)[0]))
 
 
 def noncentrality(matrix: np.ndarray, own: np.ndarray, other: np.ndarray) -> float:

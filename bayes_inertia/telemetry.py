@@ -188,8 +188,7 @@ def _pack_slew(campaign: Campaign, index: int, grid, sample, n_grid, n_rows, n_f
 def _pack_telemetry(campaign, slew, sample, n_grid, n_rows, n_fixes, modes, n) -> Telemetry:
     wheels, rows = len(campaign.wheels), len(slew.time)
     spare = n_rows - rows
-    limit = 0.999 * (campaign.rate_sensor.range or np.inf)
-    valid = np.isfinite(slew.rate) & (np.abs(np.nan_to_num(slew.rate)) < limit)
+    valid = campaign.valid_readings(slew)
     fixes = np.flatnonzero(_fixes(slew))
     attitude = np.zeros((n_fixes, 4))
     attitude[:, 3] = 1.0

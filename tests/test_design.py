@@ -7,6 +7,7 @@ import math
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -21,7 +22,7 @@ from bayes_inertia.compare import achieve, compare
 from bayes_inertia.constraints import KeepOut, Limits, broken, flown_margins, hardware, margins
 from bayes_inertia.criterion import Goal, criterion, goal
 from bayes_inertia.design import design, next_slew
-from bayes_inertia.effects import by_name
+from bayes_inertia.effects import ConstantTorque, StarTrackerShift, by_name
 from bayes_inertia.errors import CampaignError, DesignError
 from bayes_inertia.estimate import estimate, move_to
 from bayes_inertia.expectation import rehearse, theta_of
@@ -38,6 +39,7 @@ from bayes_inertia.region import region_of
 from bayes_inertia.search import Problem, random_plans
 from bayes_inertia.separation import separating_slew
 from bayes_inertia.spacecraft import Controller, Spacecraft, most_like_prior, most_like_spacecraft
+from bayes_inertia.testing import small_campaign
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 DEGREE = math.pi / 180.0
@@ -268,6 +270,13 @@ def test_next_slew_adds_what_is_missing(craft, prior):
 
 
 @pytest.mark.slow
+def test_no_slew_is_proposed_that_the_wheels_cannot_fly():
+    campaign = small_campaign()
+    one = SimpleNamespace(model=SimpleNamespace(campaign=replace(campaign, wheels=campaign.wheels[:1])))
+    with pytest.raises(CampaignError, match="about 1 of three axes"):
+        separating_slew(one, ConstantTorque(), StarTrackerShift())
+
+
 def test_separating_slew_starts_from_what_the_fingerprints_say(craft, prior):
     """Without tachometers friction and a constant torque look alike. (`analyses/design_study.py` flies what is proposed.)"""
     deaf = replace(craft, wheels=tuple(replace(w, momentum_sigma=None) for w in craft.wheels))

@@ -3,6 +3,7 @@
 import json
 import math
 from dataclasses import dataclass, replace
+from importlib import import_module
 from typing import ClassVar
 
 import jax.numpy as jnp
@@ -10,11 +11,12 @@ import numpy as np
 import pytest
 
 from bayes_inertia.correction import correction_forecast
-from bayes_inertia.diagnose import Rules, diagnose, imitation
+from bayes_inertia.diagnose import Rules, Step, diagnose, imitation
 from bayes_inertia.diagnosis_file import effects_of, fitted, to_json
 from bayes_inertia.disagreement import disagreement
 from bayes_inertia.effect import Effect
-from bayes_inertia.effects import LIBRARY, ConstantTorque, WheelCommandLag
+from bayes_inertia.effects import LIBRARY, ConstantTorque, EachSlew, FlexibleMode, WheelCommandLag
+from bayes_inertia.errors import EffectError
 from bayes_inertia.maneuver import planned_campaign
 from bayes_inertia.parameters import Normal, scalar
 from bayes_inertia.plan import paper_like_plan
@@ -25,6 +27,8 @@ from bayes_inertia.simulation import draw_flight
 from bayes_inertia.spacecraft import most_like_prior, most_like_spacecraft
 from bayes_inertia.unknown import unknown_torque
 
+# The module; the package exports its function under the same name.
+search = import_module("bayes_inertia.diagnose")
 # Without the flexible mode, whose every refit compiles code of its own.
 RIGID = tuple(e for e in LIBRARY if e.name != "flexible_mode")
 
@@ -182,6 +186,40 @@ def test_effects_that_only_imitate_another_are_not_named(flight, lagging):
     content = content_of(found, unknown=unknown_torque(found.base)) | {"why_unknown": "imitation"}
     check_contract(content, RIGID)
     assert any("an imitation of something that is not among the candidates" in s for s in verdict(content).sentences)
+
+
+def test_an_effect_that_a_later_one_makes_needless_leaves_no_trace(lagging):
+    """A step that took the wrong effect first is undone: what remains is weighed against the base fit, not against the wrong one."""
+    rules, at = Rules(), lagging.base
+    marks = search._marks(at, None)
+    found = {c.effect: c for c in search._candidates(marks)}
+    wrong = search._fitted(at, marks, found["rate_sensor_delay"], None)
+    first = Step("rate_sensor_delay", at, wrong.after, wrong.log_bayes_factor)
+    marks = search._marks(wrong.after, None)
+    right = search._fitted(wrong.after, marks, {c.effect: c for c in search._candidates(marks)}["wheel_command_lag"], None)
+    second = Step("wheel_command_lag", wrong.after, right.after, right.log_bayes_factor)
+    (step,) = search._without_needless([first, second], None, rules)
+    (direct,) = lagging.steps
+    assert (step.added, step.before) == ("wheel_command_lag", at)
+    assert step.log_bayes_factor == pytest.approx(direct.log_bayes_factor, abs=0.5)
+    assert not np.isin(np.arange(99)[at.model.space.slice_of("rate_sensor_delay")], step.after.free).any()
+    # The other way round the effect is needed and stays.
+    both = [Step("wheel_command_lag", at, lagging.final, direct.log_bayes_factor), Step("rate_sensor_delay", lagging.final, right.after, 0.0)]
+    assert [s.added for s in search._without_needless(both, None, rules)] == ["wheel_command_lag", "rate_sensor_delay"]
+
+
+def test_candidates_need_names_of_their_own(clean):
+    with pytest.raises(EffectError, match="2 candidates have this name"):
+        diagnose(clean, library=(ConstantTorque(), ConstantTorque(sigma=1e-6)))
+    with pytest.raises(EffectError, match="give a FlexibleMode itself"):
+        diagnose(clean, library=(EachSlew.of(FlexibleMode(), clean),))
+
+
+def test_a_column_without_numbers_is_no_column(clean):
+    empty = replace(clean, slews=tuple(replace(s, position_N=np.full((len(s.time), 3), np.nan)) for s in clean.slews))
+    usable, skipped = search._usable(empty, RIGID)
+    assert "gravity_gradient" not in {e.name for e in usable}
+    assert "gravity_gradient" in dict(skipped)
 
 
 def test_ambiguity_is_worded_as_such():

@@ -12,7 +12,7 @@ from scipy import stats
 
 from bayes_inertia import inertia
 from bayes_inertia.adequacy import dispersion, whiteness
-from bayes_inertia.estimate import estimate
+from bayes_inertia.estimate import _different, estimate
 from bayes_inertia.io import read_campaign
 from bayes_inertia.levenberg import descend
 from bayes_inertia.likelihood import information
@@ -52,6 +52,14 @@ def test_starts_thirty_percent_wrong_end_at_the_same_optimum(flown, drive):
         again = estimate(model, start=start)
         np.testing.assert_allclose(again.theta, best.theta, rtol=0, atol=1e-2 * best.sd.min())
         assert abs(again.objective - best.objective) < 1e-4
+
+
+def test_optima_are_told_apart_by_their_place_not_by_an_objective_in_which_the_data_hardly_count(fitted):
+    model, here = fitted.model, fitted.point
+    there = replace(here, local=here.local + 1.0)
+    kept = _different(model, [(2.0, here), (2.3, there), (2.0001, here), (9.0, replace(here, local=here.local - 1.0))])
+    assert [count for _, count in kept] == [2, 1]
+    assert kept[1][0] is there
 
 
 def test_at_the_optimum_no_direction_goes_down(fitted):

@@ -15,7 +15,7 @@ import pytest
 
 from bayes_inertia import inertia, rotation
 from bayes_inertia.effect import Effect
-from bayes_inertia.effects import FlexibleMode, MagneticDipole, RateSensorDelay, StarTrackerMisalignment, WheelCommandLag
+from bayes_inertia.effects import ConstantTorque, FlexibleMode, MagneticDipole, RateSensorDelay, StarTrackerMisalignment, WheelCommandLag
 from bayes_inertia.errors import CampaignError, EffectError, OutputError
 from bayes_inertia.estimate import estimate
 from bayes_inertia.io import read_campaign
@@ -335,6 +335,14 @@ def test_predictions_are_flights(craft, novice):
     locked = replace(craft, inertia_B=craft.inertia_B + np.diag([1e-3] * 3))
     same = predict_final_errors(theta_of(locked)[None], plan, craft, novice, index=4, includes_wheel_spin=True)
     np.testing.assert_allclose(same[0], flight.final_error_B[4], atol=1e-12)
+    pushed = replace(craft, effects=(ConstantTorque(),), values={"constant_torque": {"torque": np.array([0.0, 0.0, 5e-5])}})
+    draws = np.tile(theta_of(craft), (2, 1))
+    own = predict_final_errors(draws, plan, pushed, novice, index=4)
+    drawn = {"constant_torque": {"torque": np.array([[0.0, 0.0, 5e-5], [0.0, 0.0, 0.0]])}}
+    each = predict_final_errors(draws, plan, pushed, novice, index=4, values=drawn)
+    np.testing.assert_allclose(each[0], own[0], atol=1e-12)
+    np.testing.assert_allclose(each[1], flight.final_error_B[4], atol=1e-9)
+    assert np.max(np.abs(own[0] - flight.final_error_B[4])) > 5 * ARCSECOND
     noisy = predict_final_errors(np.tile(theta_of(craft), (50, 1)), plan, craft, novice, index=4, seed=1)
     assert np.all(noisy.std(axis=0) > 5 * ARCSECOND)
 

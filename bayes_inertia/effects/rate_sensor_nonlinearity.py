@@ -30,7 +30,8 @@ class RateSensorNonlinearity(Effect):
     sigma: float = 0.003
 
     def parameters(self, campaign):
-        full = max(float(np.nanmax(np.abs(s.rate))) for s in campaign.slews)
+        full = max(float(np.max(np.abs(s.rate), where=campaign.valid_readings(s), initial=0.0)) for s in campaign.slews)
+        full = max(full, float(np.mean(campaign.rate_sensor.sigma)))
         return (
             vector("quadratic", "xyz", unit="s/rad", prior=Normal(0.0, self.sigma / full)),
             vector("cubic", "xyz", unit="s^2/rad^2", prior=Normal(0.0, self.sigma / full**2)),

@@ -1,0 +1,78 @@
+"""The white noise is measured, and nothing else is taken for it: one loud axis, a gap between fixes, readings outside the range."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bayes_inertia.effects import RateSensorNonlinearity
+from bayes_inertia.estimate import estimate
+from bayes_inertia.model import Model
+from bayes_inertia.noise import noise_factors, white_factor
+from bayes_inertia.projection import projection
+from bayes_inertia.proportional import log_evidence
+from bayes_inertia.run import with_measured_noise
+from bayes_inertia.testing import small_campaign
+from bayes_inertia.torque_response import torque_response
+
+
+def noise(n, *sigmas, seed=3):
+    return np.random.default_rng(seed).normal(size=(n, len(sigmas))) * sigmas
+
+
+@pytest.mark.parametrize("sigma", [1.0, 1.5, 3.0])
+def test_noise_of_all_axes_is_measured(sigma):
+    n, trials = 600, 40
+    found = [white_factor([noise(n, sigma, sigma, sigma, seed=k)]) for k in range(trials)]
+    # Power from second differences scatters by sqrt(3.9 / number).
+    error = sigma * 0.5 * np.sqrt(3.9 / (3 * n) / trials)
+    assert abs(np.mean(found) - sigma) < 5.0 * error + (0.002 if sigma == 1.0 else 0.0)
+
+
+def test_one_loud_axis_counts_in_full():
+    found = white_factor([noise(600, 1.0, 1.0, 3.0)])
+    assert abs(found - 3.0) < 5.0 * 3.0 * 0.5 * np.sqrt(3.9 / 600)
+    pooled = np.sqrt((1.0 + 1.0 + 9.0) / 3.0)
+    assert found > 1.3 * pooled  # which would leave the loud axis unexplained
+
+
+def test_what_differs_between_the_fixes_before_and_after_a_slew_is_not_noise():
+    time = np.concatenate([np.arange(3.0), 100.0 + np.arange(3.0)])
+    jump = np.where(time > 50.0, 20.0, 0.0)[:, None]
+    rows = [noise(6, 1.0, 1.0, 1.0, seed=k) + jump for k in range(12)]
+    slews = [SimpleNamespace(time=time, attitude=np.tile([0.0, 0.0, 0.0, 1.0], (6, 1))) for _ in rows]
+    calm = {"rate": [noise(400, 1.0, 1.0, 1.0)], "attitude": rows, "momentum": [noise(400, 1.0, 1.0, 1.0)]}
+    at = SimpleNamespace(residual_series=calm, model=SimpleNamespace(campaign=SimpleNamespace(slews=slews)))
+    assert noise_factors(at) == {"rate": 1.0, "attitude": 1.0, "momentum": 1.0}
+    assert white_factor(rows) > 3.0  # taken across the gap it would be noise
+    loud = calm | {"attitude": [3.0 * r for r in rows]}
+    assert noise_factors(SimpleNamespace(residual_series=loud, model=at.model))["attitude"] == pytest.approx(3.0, rel=0.5)
+
+
+def test_in_the_measured_drive_tachometers_are_as_loud_as_the_residuals_they_cause():
+    campaign = small_campaign()
+    factors = {"rate": 2.0, "attitude": 1.0, "momentum": 1.0}
+    assert with_measured_noise(campaign, factors, "measured").wheels[0].momentum_sigma == 2.0 * campaign.wheels[0].momentum_sigma
+    assert with_measured_noise(campaign, factors, "commanded").wheels[0].momentum_sigma == campaign.wheels[0].momentum_sigma
+
+
+def test_a_reading_outside_the_range_sets_no_priors():
+    campaign = small_campaign()
+    ranged = replace(campaign, rate_sensor=replace(campaign.rate_sensor, range=1.0))
+    rate = ranged.slews[0].rate.copy()
+    rate[7, 1] = 99.9
+    spoilt = replace(ranged, slews=(replace(ranged.slews[0], rate=rate), *ranged.slews[1:]))
+    assert spoilt.scale_of_motion() == pytest.approx(ranged.scale_of_motion(), rel=0.02)
+    sd = [RateSensorNonlinearity().parameters(c)[0].priors[0].sd for c in (spoilt, ranged)]
+    assert sd[0] == pytest.approx(sd[1], rel=1e-9)
+
+
+def test_coasting_wheels_are_no_driver():
+    campaign = small_campaign()
+    coasting = replace(campaign, slews=tuple(replace(s, wheel_torque=np.zeros_like(s.wheel_torque)) for s in campaign.slews))
+    at = estimate(Model(coasting), starts=1)
+    found = log_evidence(at, torque_response(at), projection(at))
+    assert found
+    assert not any("torque" in driver for _, driver in found)
+    assert np.isfinite(list(found.values())).all()
