@@ -39,8 +39,9 @@ def _momentum(model: Model, J: np.ndarray, scale_factor: np.ndarray, s: int, sca
     left = known - known[0] + integrate.cumulative_trapezoid(np.cross(rate, known), time, axis=0, initial=0.0)
     turned = integrate.cumulative_trapezoid(rate, time, axis=0, initial=0.0)
     columns = np.cross(turned[:, :, None], (axes * scale)[None], axis=1)
-    # Each row is as good as the scatter of what no momentum explains; the prior decides where the slew turns about one axis only.
+    # What no momentum explains comes from errors of J and K, alike over the slew: all its rows count as one. Momentum along the axis of
+    # the slew, which leaves hardly a trace, is then left to the prior.
     columns, left = columns.reshape(-1, len(scale)), left.ravel()
     scatter = left - columns @ np.linalg.lstsq(columns, left, rcond=1e-6)[0]
-    weight = float(np.mean(scatter**2)) + 1e-300
+    weight = float(np.sum(scatter**2)) + 1e-300
     return -np.linalg.solve(columns.T @ columns + weight * np.eye(len(scale)), columns.T @ left)
