@@ -366,7 +366,7 @@ def _verdict(base: Estimate, at: Estimate, steps: list[Step], first: tuple, nois
     louder = any(factor > 1.0 for factor in noise.values())
     sets = tuple((s.added, *(name for name, _ in s.alternatives)) for s in steps if s.alternatives)
     names = tuple(s.added for s in steps) + ((NOISE,) if louder else ())
-    why = "misfit" if not explained(tests, rules) else "imitation" if imitation(steps, rules) else ""
+    why = "misfit" if not explained(tests, rules) else "imitation" if imitation(steps, rules, len(found)) else ""
     if why:
         verdict, names = "unknown", ()
     elif sets:
@@ -383,16 +383,20 @@ def _verdict(base: Estimate, at: Estimate, steps: list[Step], first: tuple, nois
     )
 
 
-def imitation(steps: Sequence[Step], rules: Rules) -> bool:
+def imitation(steps: Sequence[Step], rules: Rules, choices: int) -> bool:
     """Whether something without a name explains the data better than the effects named, or than the last of them.
 
     Several effects together can imitate one that is not in the library, each taking a part. A torque or sensor error of any
     shape has far more freedom and pays for it in evidence, one in proportion to something known (`proportional`) has about as much:
     where either still wins, the names are not the cause.
+
+    Parameters
+    ----------
+    choices : number of candidates. A claim of several effects at once pays for each further choice among them (Scott and Berger 2010).
     """
-    claimed = 0.0
+    claimed = np.log(choices)
     for step in reversed(steps):
-        claimed += step.log_bayes_factor
+        claimed += step.log_bayes_factor - np.log(choices)
         if _nameless(step.before) > claimed + rules.margin:
             return True
     return False

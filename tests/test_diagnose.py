@@ -181,8 +181,8 @@ def test_effects_that_only_imitate_another_are_not_named(flight, lagging):
     found = diagnose(flight((Leak(),), {"leak": {"size": np.array(1.2e-5)}}), library=RIGID)
     assert (found.verdict, found.named) == ("unknown", ())
     assert len(found.steps) >= 2
-    assert imitation(found.steps, Rules())
-    assert not imitation(lagging.steps, Rules())
+    assert imitation(found.steps, Rules(), len(RIGID))
+    assert not imitation(lagging.steps, Rules(), len(RIGID))
     content = content_of(found, unknown=unknown_torque(found.base)) | {"why_unknown": "imitation"}
     check_contract(content, RIGID)
     assert any("an imitation of something that is not among the candidates" in s for s in verdict(content).sentences)
