@@ -37,6 +37,11 @@ def test_one_loud_axis_counts_in_full():
     assert found > 1.3 * pooled  # which would leave the loud axis unexplained
 
 
+def test_a_ringing_of_one_axis_is_not_its_noise():
+    ringing = np.sin(2.0 * np.pi * 0.15 * np.arange(600.0))[:, None] * [0.0, 4.0, 0.0]
+    assert white_factor([noise(600, 1.0, 1.0, 1.0) + ringing]) < 1.4
+
+
 def test_what_differs_between_the_fixes_before_and_after_a_slew_is_not_noise():
     time = np.concatenate([np.arange(3.0), 100.0 + np.arange(3.0)])
     jump = np.where(time > 50.0, 20.0, 0.0)[:, None]
