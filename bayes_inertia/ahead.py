@@ -11,6 +11,7 @@ import numpy as np
 
 from bayes_inertia.likelihood import padded_sensitivities, residuals, whitening
 from bayes_inertia.model import Model
+from bayes_inertia.objective import N_BIAS
 from bayes_inertia.torque_response import tangents
 
 
@@ -19,7 +20,7 @@ def compile_ahead(model: Model) -> None:
 
     To be waited for before the model is used: two threads that call the same new function compile it twice.
     """
-    theta, bias, local = model.space.nulls, jnp.zeros(3), jnp.zeros((model.n_slews, model.structure.n_local))
+    theta, bias, local = model.space.nulls, jnp.zeros(N_BIAS), jnp.zeros((model.n_slews, model.structure.n_local))
     white = whitening(model, theta)
     jax.block_until_ready(
         (

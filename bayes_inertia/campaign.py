@@ -232,6 +232,13 @@ class Slew:
             object.__setattr__(self, "axis_B", _unit_vector(self.axis_B, f"{where}.axis"))
 
     @property
+    def fixes(self) -> np.ndarray:
+        """Which rows (n,) hold a star-tracker fix."""
+        if self.attitude is None:
+            return np.zeros(len(self.time), dtype=bool)
+        return np.isfinite(self.attitude).all(axis=1)
+
+    @property
     def duration(self) -> float:
         """Time from the first to the last row [s]."""
         return float(self.time[-1] - self.time[0])

@@ -22,7 +22,7 @@ def noise_factors(at: Estimate) -> dict[str, float]:
     Smaller noise than stated is left alone: it makes the result cautious, not wrong.
     """
     series = dict(at.residual_series)
-    fixes = [slew.time[np.isfinite(slew.attitude).all(axis=1)] if slew.attitude is not None else np.zeros(0) for slew in at.model.campaign.slews]
+    fixes = [slew.time[slew.fixes] for slew in at.model.campaign.slews]
     series["attitude"] = [burst for t, slew in zip(fixes, series["attitude"], strict=True) for burst in _bursts(t, slew[: len(t)])]
     return {channel: white_factor(pieces) for channel, pieces in series.items()}
 

@@ -116,19 +116,13 @@ def pack(campaign: Campaign, *, max_step: float | None = None, modes: int = 0) -
     grids = [refined_grid(s.time - s.time[0], step) for s in campaign.slews]
     n_grid = _padded(max(len(g) for g, _ in grids))
     n_rows = _padded(max(len(s.time) for s in campaign.slews))
-    n_fixes = max(int(_fixes(s).sum()) for s in campaign.slews)
+    n_fixes = max(int(s.fixes.sum()) for s in campaign.slews)
     packed = [_pack_slew(campaign, i, *grids[i], n_grid, n_rows, n_fixes, modes) for i in range(len(campaign.slews))]
     return Arrays(*(_stack_tuples(parts) for parts in zip(*packed, strict=True)))
 
 
 def _padded(n: int) -> int:
     return -(-n // _PAD) * _PAD
-
-
-def _fixes(slew: Slew) -> np.ndarray:
-    if slew.attitude is None:
-        return np.zeros(len(slew.time), dtype=bool)
-    return np.isfinite(slew.attitude).all(axis=1)
 
 
 def _stack_tuples(parts):
@@ -189,7 +183,7 @@ def _pack_telemetry(campaign, slew, sample, n_grid, n_rows, n_fixes, modes, n) -
     wheels, rows = len(campaign.wheels), len(slew.time)
     spare = n_rows - rows
     valid = campaign.valid_readings(slew)
-    fixes = np.flatnonzero(_fixes(slew))
+    fixes = np.flatnonzero(slew.fixes)
     attitude = np.zeros((n_fixes, 4))
     attitude[:, 3] = 1.0
     if len(fixes):
@@ -217,7 +211,7 @@ def _reference(campaign: Campaign, slew: Slew) -> Reference:
     readings = slew.rate[np.isfinite(slew.rate).all(axis=1)]
     first = readings[: max(1, min(8, len(readings) // 50))].mean(axis=0) if len(readings) else np.zeros(3)
     rate_B = np.linalg.solve(sensor.axes, np.array(sensor.scale_factor) * first - np.array(sensor.bias))
-    fixes = np.flatnonzero(_fixes(slew))
+    fixes = np.flatnonzero(slew.fixes)
     attitude = slew.attitude[fixes[0]] if len(fixes) else np.array([0.0, 0.0, 0.0, 1.0])
     momentum = _on_grid(slew, "wheel_momentum", np.zeros(1), len(campaign.wheels))[0]
     return Reference(rate_B, attitude, momentum)

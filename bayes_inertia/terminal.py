@@ -46,7 +46,7 @@ def show_campaign(campaign: Campaign) -> None:
     console.print(f"[bold]{campaign.name}[/bold]: {len(campaign.slews)} slews, {len(campaign.wheels)} wheels")
     table = Table("slew", "rows", "step [s]", "duration [s]", "peak rate [deg/s]", "fixes", "commands", "wheel momentum")
     for slew in campaign.slews:
-        fixes = 0 if slew.attitude is None else int(np.isfinite(slew.attitude).all(axis=1).sum())
+        fixes = int(slew.fixes.sum())
         peak = np.degrees(np.nanmax(np.linalg.norm(slew.rate, axis=1)))
         given = ["yes" if x is not None else "no" for x in (slew.wheel_torque, slew.wheel_momentum)]
         table.add_row(slew.name, str(len(slew.time)), f"{np.median(np.diff(slew.time)):.4g}", f"{slew.duration:.4g}", f"{peak:.3g}", str(fixes), *given)

@@ -269,7 +269,6 @@ def test_next_slew_adds_what_is_missing(craft, prior):
 # --- separation --------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.slow
 def test_no_slew_is_proposed_that_the_wheels_cannot_fly():
     campaign = small_campaign()
     one_wheel = SimpleNamespace(wheels=campaign.wheels[:1], wheel_axes_B=campaign.wheel_axes_B[:, :1])
@@ -278,6 +277,7 @@ def test_no_slew_is_proposed_that_the_wheels_cannot_fly():
         separating_slew(one, ConstantTorque(), StarTrackerShift())
 
 
+@pytest.mark.slow
 def test_separating_slew_starts_from_what_the_fingerprints_say(craft, prior):
     """Without tachometers friction and a constant torque look alike. (`analyses/design_study.py` flies what is proposed.)"""
     deaf = replace(craft, wheels=tuple(replace(w, momentum_sigma=None) for w in craft.wheels))

@@ -46,7 +46,7 @@ def test_what_differs_between_the_fixes_before_and_after_a_slew_is_not_noise():
     time = np.concatenate([np.arange(3.0), 100.0 + np.arange(3.0)])
     jump = np.where(time > 50.0, 20.0, 0.0)[:, None]
     rows = [noise(6, 1.0, 1.0, 1.0, seed=k) + jump for k in range(12)]
-    slews = [SimpleNamespace(time=time, attitude=np.tile([0.0, 0.0, 0.0, 1.0], (6, 1))) for _ in rows]
+    slews = [SimpleNamespace(time=time, fixes=np.ones(6, bool)) for _ in rows]
     calm = {"rate": [noise(400, 1.0, 1.0, 1.0)], "attitude": rows, "momentum": [noise(400, 1.0, 1.0, 1.0)]}
     at = SimpleNamespace(residual_series=calm, model=SimpleNamespace(campaign=SimpleNamespace(slews=slews)))
     assert noise_factors(at) == {"rate": 1.0, "attitude": 1.0, "momentum": 1.0}
