@@ -51,7 +51,8 @@ def diagnose(campaign: Campaign, out: Out, drive: DriveName = None, seed: Seed =
     from bayes_inertia import run
     from bayes_inertia.sample import Settings
 
-    run.start(campaign, out, drive=drive, settings=run.with_seed(Settings(), seed), kind="diagnose")
+    # Enough for limits of 95 %: the samples of an effect with states of its own take minutes.
+    run.start(campaign, out, drive=drive, settings=Settings(seed=seed, target_ess=2_000.0), kind="diagnose")
     _finish(out, report)
 
 

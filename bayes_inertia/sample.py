@@ -30,8 +30,13 @@ Progress = Callable[[str, int, int], None]
 LogDensity = Callable[[np.ndarray], np.ndarray]
 # Below this expected acceptance the Laplace approximation is too poor to propose from.
 _POOR = 0.35
+# The independence move gets as large a share of the steps as it would be accepted, within these: walkers that sit where the proposal is
+# too thin are rejected again and again, and the other move frees them.
+_SHARES = (0.5, 0.95)
 _STRETCH = 2.0  # starts are spread this many times wider than the proposal
 _BURN = 12
+# Draws that convergence asks for, in autocorrelation times; and how many more than seem enough are taken.
+_TIMES_TAU, _MARGIN = 20.0, 1.1
 
 
 @dataclass(frozen=True)
@@ -41,7 +46,8 @@ class Settings:
     Attributes
     ----------
     seed : one integer that fixes everything. ensembles, walkers : independent ensembles, and walkers in each.
-    steps : steps of each ensemble before the gates are looked at; doubled until they pass or `max_steps` is reached.
+    steps : steps of each ensemble before the gates are looked at; then as many more as it seems to take, at most doubled at
+    a time, until they pass or `max_steps` is reached.
     target_ess : effective samples wanted of the worst parameter. threads : ensembles that run at once.
 
     >>> Settings().ensembles
@@ -139,29 +145,45 @@ def sample(
     settings, began = settings or Settings(), perf_counter()
     log_density = log_density_of(at.model.structure, marginal(at), batch=batch_size(at), shared_code=shared_code)
     seeds = np.random.SeedSequence(settings.seed).spawn(settings.ensembles + 1)
-    move, spent = _proposal(at, log_density, np.random.RandomState(np.random.MT19937(seeds[-1])))
-    weight = 0.95 if move.degrees > 10.0 else 0.5
-    moves = [(move, weight), (emcee.moves.DEMove(), 1.0 - weight)]
+    move, share, spent = _proposal(at, log_density, np.random.RandomState(np.random.MT19937(seeds[-1])))
+    moves = [(move, share), (emcee.moves.DEMove(), 1.0 - share)]
     samplers = [_ensemble(at, log_density, moves, move, settings, seed, k, folder) for k, seed in enumerate(seeds[:-1])]
     steps = settings.steps
     while True:
         _advance(samplers, steps, settings.threads, progress)
-        chains = _collect(samplers, move, settings, spent, perf_counter() - began)
-        found = chains.diagnostics
-        if (found.converged and min(found.ess_bulk_min, found.ess_tail_min) >= settings.target_ess) or steps >= settings.max_steps:
+        chains = _collect(samplers, steps, move, spent, perf_counter() - began)
+        wanted = steps_wanted(chains.diagnostics, settings)
+        if wanted <= steps:
             return chains
-        steps = min(2 * steps, settings.max_steps)
+        steps = wanted
 
 
-def _proposal(at: Estimate, log_density: LogDensity, random: np.random.RandomState) -> tuple[IndependenceMove, int]:
-    """The Laplace approximation as proposal, or, where that is poor, the shape of a pilot sample; and the evaluations spent."""
+def steps_wanted(found: Diagnostics, settings: Settings) -> int:
+    """How many steps each ensemble should have, from the diagnostics of those that it has; no more than those if the gates passed.
+
+    >>> found = Diagnostics(True, 1.0, 4000.0, 2000.0, 2.0, 18_944, 0.1, 1.0, 0.6, 12, 72)
+    >>> steps_wanted(found, Settings(target_ess=1000.0)), steps_wanted(found, Settings(target_ess=2500.0)), steps_wanted(found, Settings())
+    (72, 95, 144)
+    """
+    effective = float(np.minimum(found.ess_bulk_min, found.ess_tail_min))  # not a number stays one
+    if (found.converged and effective >= settings.target_ess) or found.steps >= settings.max_steps:
+        return found.steps
+    draws = found.steps - found.discarded
+    wanted = found.discarded + _MARGIN * draws * max(settings.target_ess / max(effective, 1.0), _TIMES_TAU * found.tau_max / draws)
+    wanted = wanted if np.isfinite(wanted) else np.inf  # of chains that do not move nothing can be foreseen
+    return min(int(np.clip(np.ceil(wanted), found.steps + _BURN, 2 * found.steps)), settings.max_steps)
+
+
+def _proposal(at: Estimate, log_density: LogDensity, random: np.random.RandomState) -> tuple[IndependenceMove, float, int]:
+    """The Laplace approximation as proposal, or, where that is poor, the shape of a pilot sample; its share of the moves; the evaluations spent."""
     logarithmic = np.array([p.logarithmic for p in at.model.space.priors])
     move, spent = IndependenceMove(at.theta, at.covariance, logarithmic=logarithmic), 0
     for _ in range(4):
         draws = move.draw(random, 256)
         spent += len(draws)
-        if _expected_acceptance(log_density(draws) - move.log_density(draws)) > _POOR:
-            return move, spent
+        acceptance = _expected_acceptance(log_density(draws) - move.log_density(draws))
+        if acceptance > _POOR:
+            return move, float(np.clip(acceptance, *_SHARES)), spent
         starts = _finite_starts(move, log_density, random, 64)
         pilot = emcee.EnsembleSampler(len(starts), starts.shape[1], log_density, vectorize=True, moves=emcee.moves.DEMove())
         pilot.random_state = random.get_state()
@@ -170,7 +192,7 @@ def _proposal(at: Estimate, log_density: LogDensity, random: np.random.RandomSta
         spent += 401 * len(starts)
         kept = pilot.get_chain(discard=200, flat=True)
         move = IndependenceMove(kept.mean(0), np.cov(kept.T), 8.0, logarithmic)
-    return move, spent
+    return move, _SHARES[0], spent
 
 
 def _expected_acceptance(log_weights: np.ndarray) -> float:
@@ -231,15 +253,17 @@ def _advance(samplers: list[emcee.EnsembleSampler], steps: int, threads: int, pr
         list(pool.map(run, range(len(samplers))))
 
 
-def _collect(samplers, move: IndependenceMove, settings: Settings, spent: int, seconds: float) -> Chains:
-    chain = np.stack([s.get_chain() for s in samplers])  # (ensembles, steps, walkers, d)
-    lp = np.stack([s.get_log_prob() for s in samplers])
+def _collect(samplers, steps: int, move: IndependenceMove, spent: int, seconds: float) -> Chains:
+    # Of a run that was killed some ensembles may have more: what is decided here must not depend on that.
+    chain = np.stack([s.get_chain()[:steps] for s in samplers])  # (ensembles, steps, walkers, d)
+    lp = np.stack([s.get_log_prob()[:steps] for s in samplers])
     burn = min(_BURN, chain.shape[1] // 2)
     tau = max(autocorrelation_time(c[burn:]) for c in chain)
     discard = min(max(_BURN, int(np.ceil(5.0 * tau))), chain.shape[1] // 2)
     kept = np.moveaxis(chain[:, discard:], 1, 2)
     evaluations = spent + int(chain.shape[0] * chain.shape[2] * (chain.shape[1] + 1))
-    acceptance = float(np.mean([s.backend.accepted.mean() / s.backend.iteration for s in samplers]))
+    # Not emcee's own count: a kill while it writes a step makes it count that step twice.
+    acceptance = float(np.mean(np.any(chain[:, 1:] != chain[:, :-1], axis=-1)))
     found = diagnose_chains(kept, tau=tau, evaluations=evaluations, seconds=seconds, acceptance=acceptance, discarded=discard)
     return Chains(kept, np.moveaxis(lp[:, discard:], 1, 2), found, move.degrees)
 
@@ -276,7 +300,7 @@ def diagnose_chains(samples: np.ndarray, *, tau: float, evaluations: int, second
     bulk = min(float(az.ess(tree, method="bulk")["theta"].min()), by_tau)
     tail = float(az.ess(tree, method="tail")["theta"].min())
     return Diagnostics(
-        converged=bool(rhat < 1.01 and min(bulk, tail) >= 400.0 and draws >= 20.0 * tau),
+        converged=bool(rhat < 1.01 and np.minimum(bulk, tail) >= 400.0 and draws >= _TIMES_TAU * tau),
         nested_rhat_max=rhat,
         ess_bulk_min=bulk,
         ess_tail_min=tail,
