@@ -20,6 +20,7 @@ from bayes_inertia.plots import style
 
 FIGURES = Path(__file__).parents[1] / "figures"
 PROMISED = 0.99
+LOWER = (0.9, 0.5)
 ENDS = ("truth in the set", "nothing", "unknown")
 WHERE = {True: "with tachometers", False: "without tachometers"}
 
@@ -93,6 +94,14 @@ def promised(rows: pd.DataFrame) -> list[str]:
         lines.append(f"| ... then all nine of J and K within 3.5 sd | 99.6 % by chance | {share(int((good['max_abs_z'] < 3.5).sum()), len(good))} |")
         better = sum(b > a for b, a in good["held_out"])
         lines.append(f"| ... then slews held out of the fit predicted better | - | {share(better, len(good))} |")
+    for power, tachometers in ((p, t) for p in LOWER for t in (True, False)):
+        single = rows[(rows["kind"] == "single") & (rows["power"] == power) & (rows["tachometers"] == tachometers)]
+        if len(single):
+            ends = single.apply(outcome, axis=1)
+            right = (ends == single["label"]) | (ends == ENDS[0])
+            found, wrong = share(int(right.sum()), len(single)), share(int((~right & ~ends.isin(ENDS)).sum()), len(single))
+            lines.append(f"| one effect at ideal power {power:g}, {WHERE[tachometers]}: truth named or in the set | - | {found} |")
+            lines.append(f"| ... wrong name without the truth beside it | - | {wrong} |")
     for tachometers in (True, False):
         pairs = rows[(rows["kind"] == "pair") & (rows["tachometers"] == tachometers)]
         if len(pairs):
@@ -152,7 +161,7 @@ def power(rows: pd.DataFrame) -> Figure:
     ends = single.apply(outcome, axis=1)
     single = single.assign(right=(ends == single["label"]) | (ends == ENDS[0]), wrong=(ends != single["label"]) & ~ends.isin(ENDS))
     figure = Figure(figsize=(style.WIDTH, 4.4))
-    axes = figure.add_axes([0.08, 0.13, 0.5, 0.75])
+    axes = figure.add_axes([0.08, 0.13, 0.46, 0.75])
     grid = np.linspace(0.0, 1.0, 3)
     axes.plot(grid, grid, color=style.MUTED, lw=0.8, ls=(0, (4, 3)), label="ideal test")
     for k, (tachometers, group) in enumerate(single.groupby("tachometers", sort=False)):
@@ -165,14 +174,20 @@ def power(rows: pd.DataFrame) -> Figure:
     axes.set(xlabel="power of the ideal test that knows where to look", ylabel="share of campaigns", xlim=(0, 1.03), ylim=(0, 1.03))
     axes.set_title("Truth named or in the reported set, with 95 % intervals")
     axes.legend(loc="upper left")
-    bars = figure.add_axes([0.76, 0.13, 0.22, 0.75])
-    at = single[single["power"] == PROMISED].groupby("label")["right"].mean().reindex(NAMES).iloc[::-1]
-    bars.barh(range(len(at)), at, color=style.SKY, height=0.7)
-    bars.set_yticks(range(len(at)), [n.replace("_", " ") for n in at.index])
-    bars.axvline(0.95, color=style.VERMILLION, lw=1.0, ls=(0, (4, 3)))
-    bars.set(xlim=(0, 1), xlabel="share found")
-    bars.set_title("At ideal power 0.99; dashed: 0.95")
+    _by_effect(figure.add_axes([0.74, 0.13, 0.24, 0.75]), single)
     return figure
+
+
+def _by_effect(axes, single: pd.DataFrame) -> None:
+    """Share found of every effect at each power of the ideal test, which a dashed line of the same colour shows."""
+    shares = single.groupby(["label", "power"])["right"].mean().unstack().reindex(NAMES).iloc[::-1]
+    for k, power in enumerate(shares.columns):
+        axes.axvline(power, color=style.color(k), lw=0.8, ls=(0, (4, 3)))
+        axes.plot(shares[power], range(len(shares)), color=style.color(k), marker=style.MARKERS[k], ls="none", ms=5, label=f"{power:g}", clip_on=False)
+    axes.set_yticks(range(len(shares)), [n.replace("_", " ") for n in shares.index])
+    axes.set(xlim=(0, 1), ylim=(-0.7, len(shares) - 0.3), xlabel="share found, with and without tachometers")
+    axes.set_title("By effect; dashed: the ideal test")
+    axes.legend(loc="lower left", title="ideal power")
 
 
 def main() -> None:
