@@ -49,12 +49,12 @@ class ChannelTest:
 
 
 def chi2_test(chi2: float, dof: float, p_white: float | None = None) -> ChannelTest:
-    """Test a sum of squares against its degrees of freedom.
+    """Test a sum of squares against its degrees of freedom; no test where the fit leaves less than half of one.
 
     >>> chi2_test(130.0, 100.0).rejected, chi2_test(200.0, 100.0).rejected
     (False, True)
     """
-    if dof <= 0:
+    if dof < 0.5:
         return ChannelTest(None, None, None, None)
     tails = 2.0 * min(stats.chi2.cdf(chi2, dof), stats.chi2.sf(chi2, dof))
     interval = tuple((stats.chi2.ppf([0.005, 0.995], dof) / dof).tolist())

@@ -203,7 +203,7 @@ def _finish(folder: Path, report: bool) -> None:
     content = run.read_diagnosis(folder)
     if content is not None:
         show_diagnosis(content)
-    show_summary(posterior.summary(), folder)
+    show_summary(posterior.summary(), folder, report)
     if not posterior.trusted or (content is not None and content["verdict"] == "unknown"):
         raise typer.Exit(3)
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bayes_inertia.dynamics import idle_slew
 from bayes_inertia.effect import Effect
 from bayes_inertia.estimate import Estimate
 from bayes_inertia.inertia import is_physical
@@ -36,21 +37,23 @@ class CorrectionForecast:
 
 
 def correction_forecast(base: Estimate, final: Estimate, *, seed: int = 0, draws: int = 48) -> CorrectionForecast | None:
-    """Predict the next correction slew before and after effects were added; None without star tracker or wheels, or where a
-    predicted slew does not end.
+    """Predict the next correction slew before and after effects were added; None without star tracker or wheels about three
+    axes, or where a predicted slew does not end.
 
     J, K and the effects are drawn together. The controller knows J and K and compensates no effect: what remains in `updated` is what only a change of the
     on-board software, or a repair, would take away. Noise is left out.
     """
     campaign = final.model.campaign
-    if campaign.star_tracker is None or not campaign.wheels:
+    if campaign.star_tracker is None or not campaign.wheels or np.linalg.matrix_rank(campaign.wheel_axes_B, tol=1e-6) < 3:
         return None
     rng = np.random.default_rng([seed, 7])
     plain, true = _draws(base, rng, draws), _draws(final, rng, draws)
     old, new = (replace(spacecraft_at(campaign, at.theta), bias=(0.0, 0.0, 0.0)) for at in (base, final))
     held = {i for i in range(final.model.space.size) if i not in final.free}
     named = tuple(e for e in final.model.effects if not set(range(*final.model.space.slice_of(e.name).indices(final.model.space.size))) & held)
-    craft = replace(new, effects=named, values={e.name: dict(final.model.space.split(final.theta).get(e.name, {})) for e in named})
+    fitted = {e.name: dict(final.model.space.split(final.theta).get(e.name, {})) for e in named}
+    craft = replace(new, effects=tuple(e.afterwards() for e in named), values=fitted)
+    new = replace(new, inertia_B=_inertia_afterwards(new.inertia_B, named, fitted))
     # The base model is flown with the effects at their null, so that all cases share compiled code.
     nothing = np.tile(final.model.space.nulls, (len(plain), 1))
     disturbed, undisturbed = (_values(final, named, thetas) for thetas in (true, nothing))
@@ -66,6 +69,14 @@ def correction_forecast(base: Estimate, final: Estimate, *, seed: int = 0, draws
         return None
     worst = int(np.argmax([f[1][0] for f in forecasts]))
     return CorrectionForecast("xyz"[worst], *forecasts[worst])
+
+
+def _inertia_afterwards(inertia_B: np.ndarray, effects: tuple[Effect, ...], values: dict[str, dict]) -> np.ndarray:
+    """The tensor (3, 3) [kg m^2] to fly with after the campaign: where an effect changed it on the way, the one after the change."""
+    for effect in effects:
+        if effect.afterwards() != effect:
+            inertia_B = np.asarray(effect.afterwards().inertia(values[effect.name], idle_slew([0.0, 1.0]).context, inertia_B))
+    return inertia_B
 
 
 def _predicted(thetas: np.ndarray, values: dict, plan: Plan, truth: Spacecraft, believed: Spacecraft, includes_wheel_spin: bool) -> tuple[float, float]:

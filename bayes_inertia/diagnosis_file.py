@@ -45,6 +45,7 @@ def to_json(
         "ambiguous_with": [list(names) for names in found.ambiguous_with],
         "disagreement": _windows(where),
         "disagreement_after": _windows(after) if after is not None else None,
+        "slew_start": _starts(where),
         "candidates": candidates(found),
         "steps": [_step(step) for step in found.steps],
         "unknown": None if unknown is None or found.verdict != "unknown" else _unknown(unknown),
@@ -112,14 +113,16 @@ def effects_of(content: dict[str, Any], library: Sequence[Effect] = LIBRARY) -> 
 
 def _cells(found: Disagreement) -> dict[str, Any]:
     channels = {
-        name: {"components": cells.components, "edges": _rounded(cells.edges, 8), "shift": _rounded(cells.shift, 4)} for name, cells in found.cells.items()
+        # From each slew's first row on: a time from an epoch would lose its seconds in rounding.
+        name: {"components": cells.components, "edges": _rounded(cells.edges - cells.edges[:, :1], 8), "shift": _rounded(cells.shift, 4)}
+        for name, cells in found.cells.items()
     }
     return {"slews": found.slews, "channels": channels}
 
 
 def _signal(found: History, slews: Sequence[str], components: Sequence[str] | None) -> dict[str, Any]:
     names = components or [f"{found.source} {i + 1}" for i in range(found.mean.shape[-1])]
-    numbers = {"time": _rounded(found.time, 8), "mean": _rounded(found.mean, 4), "sd": _rounded(found.sd, 4)}
+    numbers = {"time": _rounded(found.time - found.time[:, :1], 8), "mean": _rounded(found.mean, 4), "sd": _rounded(found.sd, 4)}
     return {"source": found.source, "unit": found.unit, "slews": slews, "components": names, "length": found.length, **numbers}
 
 
@@ -212,6 +215,12 @@ def shift(before: Estimate, after: Estimate) -> dict[str, dict[str, Any]]:
         }
         for i in range(9)
     }
+
+
+def _starts(found: Disagreement) -> dict[str, float]:
+    """Time [s] of each slew's first row, from which the report counts."""
+    edges = next(iter(found.cells.values())).edges
+    return {name: float(t[0]) for name, t in zip(found.slews, edges, strict=True)}
 
 
 def _windows(found: Disagreement) -> list[dict[str, Any]]:

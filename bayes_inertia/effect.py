@@ -94,6 +94,14 @@ class Effect:
         """Longest integration step that resolves the effect [s]; None if the telemetry's own step does."""
         return None
 
+    def afterwards(self) -> Effect:
+        """The effect as it is in slews flown after the campaign: itself, unless it changes from slew to slew.
+
+        >>> Effect().afterwards() == Effect()
+        True
+        """
+        return self
+
     def acts(self, hook: str) -> bool:
         """Whether this effect changes anything in a hook: the simulator leaves out what nobody uses.
 

@@ -13,7 +13,7 @@ from bayes_inertia.dynamics import Drive
 from bayes_inertia.effects import by_name
 from bayes_inertia.errors import OutputError
 from bayes_inertia.estimate import Estimate, estimate
-from bayes_inertia.io import campaign_sha256, read_campaign, write_atomically
+from bayes_inertia.io import campaign_sha256, check_folder, make_folder, read_campaign, write_atomically
 from bayes_inertia.model import Model
 from bayes_inertia.observability import observability
 from bayes_inertia.observability_view import FORMAT, Observability
@@ -50,7 +50,7 @@ def observe(campaign: Path, folder: Path, *, effects: Sequence[str] = (), drive:
     at = estimate(Model(flown, chosen, drive), seed=seed)
     found = observability(at, _other(flown, at, seed) if both_drives else None)
     comparison = _comparison(found, folder, digest)
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     content = found.to_json() | {"campaign_sha256": digest, "seed": seed, "posterior": None if comparison is None else as_json(comparison)}
     write_atomically(folder / FILE, json.dumps(content, indent=1, allow_nan=False) + "\n")
     write_atomically(folder / PICTURE, lambda path: picture(found).savefig(path, format="png", dpi=130, metadata={"Software": None}))
@@ -66,8 +66,7 @@ def _other(campaign: Campaign, at: Estimate, seed: int) -> Estimate | None:
 
 
 def _ours_or_error(folder: Path, digest: str) -> None:
-    if folder.exists() and not folder.is_dir():
-        raise OutputError("is a file, not a folder", where=str(folder), advice="choose another folder")
+    check_folder(folder)
     if (folder / PICTURE).exists() and not (folder / FILE).exists():
         raise OutputError(f"{PICTURE} is there already, without {FILE}", where=str(folder), advice="choose another folder; nothing was overwritten")
     for name, form in (("run.json", None), (FILE, FORMAT)):

@@ -19,7 +19,7 @@ from bayes_inertia.criterion import goal as goal_of
 from bayes_inertia.design import Design, design
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.estimate import estimate
-from bayes_inertia.io import campaign_sha256, read_campaign, write_atomically
+from bayes_inertia.io import campaign_sha256, check_folder, make_folder, read_campaign, write_atomically
 from bayes_inertia.model import Model
 from bayes_inertia.plan import Plan, paper_like_plan
 from bayes_inertia.planfile import read_plan, write_plan
@@ -65,7 +65,7 @@ def run_design(campaign: Path, folder: Path, request: Request) -> Design:
     craft = prior_spacecraft(flown)
     found = design(craft, flown.inertia, request.goal, limits, base=following_plan(flown), n_slews=request.slews, seed=request.seed, after=at)
     contenders = compare([found.plan, found.reference], craft, flown.inertia, limits=found.limits)
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     content = _design_content(found, contenders, flown) | {"campaign_sha256": digest, "after": request.after}
     write_plan(found.plan, folder / "plan.toml", overwrite=True)
     write_atomically(folder / "plan.toml", _for_operators(found, (folder / "plan.toml").read_text()))
@@ -85,7 +85,7 @@ def run_compare(campaign: Path, plans: Sequence[str], folder: Path, *, simulated
     _ours_or_error(folder, "compare.json", COMPARE_FORMAT, digest, ("compare.png",))
     named = plans_named(plans, flown)
     contenders = compare(named, prior_spacecraft(flown), flown.inertia, simulated=simulated, seed=seed, jobs=jobs)
-    folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     content = {
         "format": COMPARE_FORMAT,
         "campaign": flown.name,
@@ -174,8 +174,7 @@ def plans_named(given: Sequence[str], campaign: Campaign) -> dict[str, Plan]:
 
 def _ours_or_error(folder: Path, name: str, form: str, digest: str, others: Sequence[str]) -> None:
     advice = "choose another folder; nothing was overwritten"
-    if folder.exists() and not folder.is_dir():
-        raise OutputError("is a file, not a folder", where=str(folder), advice="choose another folder")
+    check_folder(folder)
     path = folder / name
     if not path.exists():
         for other in others:

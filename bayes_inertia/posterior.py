@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import warnings
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from importlib import metadata
@@ -143,7 +144,8 @@ def build(at: Estimate, chains: Chains, about: dict[str, Any], seed: int) -> Pos
 
     Parameters
     ----------
-    about : further attributes (campaign name and digest, seconds, ...).
+    about : further attributes (campaign name and digest, seconds, ...). Of a diagnosis: `noise`, {channel: factor by which its noise was
+        found to exceed the stated one, and was taken}, and `verdict`.
     seed : of the draws of prior, nuisances and predicted noise.
     """
     import arviz as az
@@ -176,7 +178,7 @@ def build(at: Estimate, chains: Chains, about: dict[str, Any], seed: int) -> Pos
     for (group, name), unit in _UNITS.items():
         if name in tree[group]:
             tree[group][name].attrs["units"] = unit
-    tree.attrs = {"format": FORMAT, "bayes_inertia": json.dumps(about | _about(at, chains))}
+    tree.attrs = {"format": FORMAT, "bayes_inertia": json.dumps(about | _about(at, chains, about.get("noise"), about.get("verdict")))}
     return Posterior(tree)
 
 
@@ -331,7 +333,7 @@ def principal_sd(at: Estimate, covariance: np.ndarray) -> np.ndarray:
     return np.sqrt(np.einsum("ij,jk,ik->i", weights, covariance[:6, :6], weights))
 
 
-def _about(at: Estimate, chains: Chains) -> dict[str, Any]:
+def _about(at: Estimate, chains: Chains, noise: Mapping[str, float] | None, verdict: str | None) -> dict[str, Any]:
     diagnostics = asdict(chains.diagnostics)
     tests = at.tests
     return {
@@ -345,27 +347,30 @@ def _about(at: Estimate, chains: Chains) -> dict[str, Any]:
             "discounted": at.discounted,
             "starts_agreeing": list(at.starts),
         },
-        "gates": gates(at, chains),
+        "gates": gates(at, chains, noise, verdict),
         "effects": [e.name for e in at.model.effects],
         "ensembles": len(chains.samples),
         "includes_wheel_spin": at.model.structure.includes_wheel_spin,
         "drive": at.model.structure.drive,
+        "wheels": at.model.structure.wheels,
         "versions": {name: metadata.version(name) for name in ("bayes-inertia", "jax", "emcee", "arviz", "numpy", "scipy")},
     }
 
 
-def gates(at: Estimate, chains: Chains) -> list[dict[str, Any]]:
-    """What must hold before the numbers are used: [{name, passed, says}], in plain words."""
+def gates(at: Estimate, chains: Chains, noise: Mapping[str, float] | None = None, verdict: str | None = None) -> list[dict[str, Any]]:
+    """What must hold before the numbers are used: [{name, passed, says}], in plain words; `noise` and `verdict` as in `build`."""
     found = chains.diagnostics
     rejected = [key for key, test in at.tests.items() if test.too_large]
     small = [key for key, test in at.tests.items() if test.rejected and not test.too_large]
     loud = [f"{key} (reduced chi^2 {at.tests[key].reduced_chi2:.3g})" for key in rejected]
-    explained = "the residuals are what the model and the stated noise predict"
+    louder = [f"{channel} {factor:.2f}" for channel, factor in (noise or {}).items() if factor > 1.0]
+    taken = f"the noise that was measured (times what is stated: {', '.join(louder)}; of its loudest axis)" if louder else "the stated noise"
+    explained = f"the residuals are what the model and {taken} predict"
     if small:
-        explained = f"the residuals are smaller than the stated noise ({', '.join(small)}): the uncertainties are too cautious"
+        explained = f"the residuals are smaller than {taken} predicts, in {', '.join(small)}: the uncertainties are too cautious"
     if rejected:
         explained = (
-            f"the model does not explain the data: {', '.join(loud)}; use robust_sd, "
+            f"the model does not explain the data: {', '.join(loud)}; {'use robust_sd, ' if len(at.model.campaign.slews) > 1 else ''}"
             "look for the missing effect with `diagnose`, and do not read sd as the uncertainty"
         )
     length = (found.steps - found.discarded) / max(found.tau_max, 1.0)
@@ -374,4 +379,8 @@ def gates(at: Estimate, chains: Chains) -> list[dict[str, Any]]:
     return [
         {"name": "converged", "passed": found.converged, "says": f"the ensembles {'agree' if found.converged else 'have not converged'}: {converged}"},
         {"name": "explained", "passed": not rejected, "says": explained},
+        *([{"name": "diagnosed", "passed": False, "says": _UNKNOWN}] if verdict == "unknown" else []),
     ]
+
+
+_UNKNOWN = "the diagnosis found that something is missing which no candidate explains: it may shift J and K by more than any sd"

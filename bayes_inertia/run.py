@@ -21,7 +21,8 @@ from bayes_inertia.effects import by_name
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.fit import fit
 from bayes_inertia.investigation import investigated
-from bayes_inertia.io import campaign_sha256, copy_campaign, read_campaign, write_atomically
+from bayes_inertia.io import campaign_sha256, check_folder, copy_campaign, read_campaign, write_atomically
+from bayes_inertia.model import Model
 from bayes_inertia.posterior import Posterior
 from bayes_inertia.report import Section, diagnosis_sections, standard_sections, write_report
 from bayes_inertia.sample import Progress, Settings
@@ -73,21 +74,19 @@ def start(
 
     Raises
     ------
-    CampaignError, EffectError : the campaign or an effect's name is no good (nothing is written).
+    CampaignError, EffectError : the campaign, an effect's name, or an effect or drive with this campaign is no good (nothing is written).
     OutputError : the folder holds another run, or files that a run would overwrite.
     """
-    read_campaign(campaign)
-    by_name(effects)
+    Model(read_campaign(campaign), by_name(effects), drive)
     run = Run(campaign_sha256(campaign), tuple(effects), drive, settings or Settings(), kind)
-    if folder.exists() and not folder.is_dir():
-        raise OutputError("is a file, not a folder", where=str(folder), advice="choose another folder")
+    check_folder(folder)
     if (folder / "run.json").is_file():
         _same_or_error(folder, read_run(folder), run)
         return run
-    taken = [name for name in ("posterior.nc", "summary.json", "diagnosis.json", "report.html", "chains", "campaign") if (folder / name).exists()]
+    taken = [name for name in ("posterior.nc", "summary.json", "diagnosis.json", "report.html", "chains") if (folder / name).exists()]
     if taken:
         raise OutputError(f"{taken[0]} is there already, without a run.json", where=str(folder), advice="choose an empty folder")
-    copy_campaign(campaign, folder / "campaign")
+    copy_campaign(campaign, folder / "campaign")  # goes on with what a kill left of the same copy
     write_atomically(folder / "run.json", run.to_json())
     return run
 
@@ -111,11 +110,13 @@ def finish(folder: Path, *, report: bool = True, progress: Progress | None = Non
     run = read_run(folder)
     if campaign_sha256(folder / "campaign") != run.campaign_sha256:
         raise CampaignError("the run's copy of the campaign was changed", where=str(folder / "campaign"), advice="start a new run")
-    campaign, effects = read_campaign(folder / "campaign"), by_name(run.effects)
+    campaign, effects, about = read_campaign(folder / "campaign"), by_name(run.effects), {}
     if run.kind == "diagnose":
         content = _diagnosed(folder, campaign, run, progress)
-        effects = effects_of(content)
-        campaign = with_measured_noise(campaign, content["noise"], content["drive"]) if content["verdict"] != "unknown" else campaign
+        effects, about = effects_of(content), {"verdict": content["verdict"]}
+        if content["verdict"] != "unknown":
+            campaign = with_measured_noise(campaign, content["noise"], content["drive"])
+            about["noise"] = content["noise"]
     posterior = fit(
         campaign,
         effects=effects,
@@ -123,7 +124,7 @@ def finish(folder: Path, *, report: bool = True, progress: Progress | None = Non
         seed=run.settings.seed,
         settings=run.settings,
         chains=folder / "chains",
-        about={"campaign_sha256": run.campaign_sha256},
+        about={"campaign_sha256": run.campaign_sha256} | about,
         progress=progress,
     )
     posterior.save(folder / "posterior.nc")

@@ -2,7 +2,7 @@
 
 The Laplace approximation gives an independence move; the differential evolution move beside it keeps
 the ensembles moving where that approximation is poor, and a pilot run then replaces it. Chains are
-kept in emcee's own HDF5 format, one file an ensemble, and a killed run goes on bit for bit.
+kept in emcee's own HDF5 format, one file an ensemble (`chain_file`), and a killed run goes on bit for bit.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from threading import Event
 from time import perf_counter
 
 import emcee
@@ -20,8 +21,10 @@ import numpy as np
 from emcee.autocorr import integrated_time
 from threadpoolctl import threadpool_limits
 
+from bayes_inertia.chain_file import load_chain, save_chain
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.estimate import Estimate, marginal
+from bayes_inertia.io import make_folder
 from bayes_inertia.likelihood import Marginal, log_posterior, shared_log_posterior
 from bayes_inertia.model import Structure
 from bayes_inertia.moves import IndependenceMove
@@ -35,6 +38,7 @@ _POOR = 0.35
 _SHARES = (0.5, 0.95)
 _STRETCH = 2.0  # starts are spread this many times wider than the proposal
 _BURN = 12
+_SAVED = 8  # steps between savings of a chain
 # Draws that convergence asks for, in autocorrelation times; and how many more than seem enough are taken.
 _TIMES_TAU, _MARGIN = 20.0, 1.1
 
@@ -45,7 +49,8 @@ class Settings:
 
     Attributes
     ----------
-    seed : one integer that fixes everything. ensembles, walkers : independent ensembles, and walkers in each.
+    seed : one integer that fixes everything. ensembles, walkers : independent ensembles, and walkers in each (more, where
+    a model has so many parameters that emcee asks for them).
     steps : steps of each ensemble before the gates are looked at; then as many more as it seems to take, at most doubled at
     a time, until they pass or `max_steps` is reached.
     target_ess : effective samples wanted of the worst parameter. threads : ensembles that run at once.
@@ -147,10 +152,13 @@ def sample(
     seeds = np.random.SeedSequence(settings.seed).spawn(settings.ensembles + 1)
     move, share, spent = _proposal(at, log_density, np.random.RandomState(np.random.MT19937(seeds[-1])))
     moves = [(move, share), (emcee.moves.DEMove(), 1.0 - share)]
-    samplers = [_ensemble(at, log_density, moves, move, settings, seed, k, folder) for k, seed in enumerate(seeds[:-1])]
+    if folder is not None:
+        make_folder(folder)
+    files = [None if folder is None else folder / f"ensemble_{k}.h5" for k in range(settings.ensembles)]
+    samplers = [_ensemble(at, log_density, moves, move, settings, seed, file) for seed, file in zip(seeds[:-1], files, strict=True)]
     steps = settings.steps
     while True:
-        _advance(samplers, steps, settings.threads, progress)
+        _advance(samplers, files, steps, settings.threads, progress)
         chains = _collect(samplers, steps, move, spent, perf_counter() - began)
         wanted = steps_wanted(chains.diagnostics, settings)
         if wanted <= steps:
@@ -184,7 +192,7 @@ def _proposal(at: Estimate, log_density: LogDensity, random: np.random.RandomSta
         acceptance = _expected_acceptance(log_density(draws) - move.log_density(draws))
         if acceptance > _POOR:
             return move, float(np.clip(acceptance, *_SHARES)), spent
-        starts = _finite_starts(move, log_density, random, 64)
+        starts = _finite_starts(move, log_density, random, max(64, 2 * len(at.theta)))
         pilot = emcee.EnsembleSampler(len(starts), starts.shape[1], log_density, vectorize=True, moves=emcee.moves.DEMove())
         pilot.random_state = random.get_state()
         pilot.run_mcmc(starts, 400)
@@ -215,27 +223,30 @@ def _finite_starts(move: IndependenceMove, log_density: LogDensity, random: np.r
     raise EstimateError("the posterior is not finite around its maximum", advice="check priors, and that every wheel and rate axis moves")
 
 
-def _ensemble(at, log_density, moves, move, settings: Settings, seed, index: int, folder: Path | None) -> emcee.EnsembleSampler:
+def _walkers(settings: Settings, d: int) -> int:
+    """Walkers of an ensemble: emcee's moves need twice as many as there are dimensions."""
+    return max(settings.walkers, 2 * d)
+
+
+def _ensemble(at, log_density, moves, move, settings: Settings, seed, file: Path | None) -> emcee.EnsembleSampler:
     """One ensemble at its start, or where its chain file ends."""
     random = np.random.RandomState(np.random.MT19937(seed))
-    d = len(at.theta)
-    backend = emcee.backends.Backend()
-    if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
-        backend = emcee.backends.HDFBackend(str(folder / f"ensemble_{index}.h5"))
-    sampler = emcee.EnsembleSampler(settings.walkers, d, log_density, vectorize=True, moves=moves, backend=backend)
-    if folder is not None and backend.initialized and backend.iteration > 0:
+    d, backend = len(at.theta), emcee.backends.Backend()
+    walkers = _walkers(settings, d)
+    if file is not None:
+        backend = load_chain(file, walkers, d)
+    sampler = emcee.EnsembleSampler(walkers, d, log_density, vectorize=True, moves=moves, backend=backend)
+    if file is not None and backend.iteration > 0:
         sampler._previous_state = sampler.get_last_sample()  # with its random state: goes on bit for bit
         return sampler
-    backend.reset(settings.walkers, d)
-    starts = _finite_starts(move, log_density, random, settings.walkers)
+    starts = _finite_starts(move, log_density, random, walkers)
     sampler._previous_state = emcee.State(starts, random_state=random.get_state())
     return sampler
 
 
-def _advance(samplers: list[emcee.EnsembleSampler], steps: int, threads: int, progress: Progress | None) -> None:
+def _advance(samplers: list[emcee.EnsembleSampler], files: list[Path | None], steps: int, threads: int, progress: Progress | None) -> None:
     """Bring every ensemble to `steps` steps."""
-    target, done = steps * len(samplers), [0] * len(samplers)
+    target, done, stopped = steps * len(samplers), [0] * len(samplers), Event()
 
     def run(k: int) -> None:
         sampler = samplers[k]
@@ -244,13 +255,20 @@ def _advance(samplers: list[emcee.EnsembleSampler], steps: int, threads: int, pr
             return
         for _ in sampler.sample(sampler._previous_state, iterations=steps - done[k]):
             done[k] += 1
+            if files[k] is not None and (done[k] % _SAVED == 0 or done[k] == steps):
+                save_chain(sampler.backend, files[k])
             if progress:
                 progress("sampling", sum(done), target)
+            if stopped.is_set():
+                return
         sampler._previous_state = sampler.get_last_sample()
 
     # BLAS gains nothing on matrices this small, and its waiting threads would take the cores from the ensembles.
     with threadpool_limits(1), ThreadPoolExecutor(threads) as pool:
-        list(pool.map(run, range(len(samplers))))
+        try:
+            list(pool.map(run, range(len(samplers))))
+        finally:
+            stopped.set()  # an interrupt or an error ends the other ensembles too, instead of waiting for their last step
 
 
 def _collect(samplers, steps: int, move: IndependenceMove, spent: int, seconds: float) -> Chains:

@@ -20,7 +20,7 @@ from scipy import stats
 
 from bayes_inertia.compare import NAMES, Achieved, achieve
 from bayes_inertia.errors import CampaignError, OutputError
-from bayes_inertia.io import campaign_sha256, read_campaign, write_atomically
+from bayes_inertia.io import campaign_sha256, make_folder, read_campaign, write_atomically
 from bayes_inertia.plan import Plan
 from bayes_inertia.planning import PAPER, plans_named, prior_spacecraft
 from bayes_inertia.plots.study import coverage_picture
@@ -109,7 +109,7 @@ def _begin(folder: Path, content: dict[str, Any]) -> None:
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             what = "holds another study, or something else"
             raise OutputError(what, where=str(folder), advice="choose another folder; nothing was overwritten")
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
         write_atomically(path, json.dumps(content) + "\n")
 
 

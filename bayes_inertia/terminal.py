@@ -60,8 +60,8 @@ def show_campaign(campaign: Campaign) -> None:
         console.print("no star tracker: attitude is not compared, start and final attitude errors stay unknown")
 
 
-def show_summary(summary: dict[str, Any], folder: Path) -> None:
-    """Print a fit's verdict first, then its numbers."""
+def show_summary(summary: dict[str, Any], folder: Path, report: bool = True) -> None:
+    """Print a fit's verdict first, then its numbers; `report` says whether one was written."""
     from bayes_inertia.report import wording
 
     console = Console()
@@ -89,7 +89,7 @@ def show_summary(summary: dict[str, Any], folder: Path) -> None:
     found = summary["diagnostics"]
     console.print(f"reduced chi^2: {chi2}")
     console.print(f"{found['ess_bulk_min']:.0f} effective samples from {found['evaluations']} evaluations in {found['seconds']:.1f} s")
-    console.print(f"wrote posterior.nc, summary.json and report.html in {folder}")
+    console.print(f"wrote posterior.nc{', summary.json and report.html' if report else ' and summary.json'} in {folder}")
 
 
 def show_diagnosis(content: dict[str, Any]) -> None:

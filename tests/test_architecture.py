@@ -25,6 +25,7 @@ LAYERS = {
     "io": 2,
     "dynamics": 3,
     "telemetry": 3,
+    "chain_file": 3,
     "effects": 3,
     "model": 4,
     "likelihood": 5,

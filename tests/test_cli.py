@@ -106,6 +106,37 @@ def test_files_that_a_run_would_overwrite_stop_it(campaign, tmp_path, capsys):
     assert (tmp_path / "run" / "summary.json").read_text() == "mine"
 
 
+def test_a_run_that_cannot_be_leaves_nothing_in_the_way_of_the_corrected_one(campaign, tmp_path, capsys):
+    out = tmp_path / "run"
+    edit(campaign, "magnetic_field = {", "# magnetic_field = {")
+    assert run("fit", campaign, "-o", out, "--effects", "magnetic_dipole") == 2
+    assert "magnetic_field" in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_a_copy_of_the_campaign_that_was_killed_is_completed_and_other_files_are_kept(campaign, tmp_path, capsys):
+    from bayes_inertia import run as runs
+
+    out = tmp_path / "run"
+    runs.start(campaign, out)
+    (out / "run.json").unlink()
+    (out / "campaign" / "slew_02.csv").unlink()
+    runs.start(campaign, out)
+    assert (out / "campaign" / "slew_02.csv").read_bytes() == (campaign / "slew_02.csv").read_bytes()
+    (out / "run.json").unlink()
+    (out / "campaign" / "slew_02.csv").write_text("mine")
+    assert run("fit", campaign, "-o", out) == 2
+    assert "slew_02.csv: would overwrite" in capsys.readouterr().err
+    assert (out / "campaign" / "slew_02.csv").read_text() == "mine"
+
+
+@pytest.mark.parametrize("command", ["fit", "diagnose", "observe", "design"])
+def test_an_output_folder_that_cannot_be_made_is_refused_before_anything_is_computed(campaign, tmp_path, capsys, command):
+    (tmp_path / "file").write_text("mine")
+    assert run(command, campaign, "-o", tmp_path / "file" / "run") == 2
+    assert "is a file, not a folder" in capsys.readouterr().err
+
+
 def test_resume_and_report_want_a_run(tmp_path, capsys):
     assert run("resume", tmp_path) == 2
     assert "run.json" in capsys.readouterr().err

@@ -13,11 +13,13 @@ import pytest
 from bayes_inertia.correction import correction_forecast
 from bayes_inertia.diagnose import Rules, Step, diagnose, imitation
 from bayes_inertia.diagnosis_file import effects_of, fitted, to_json
-from bayes_inertia.disagreement import disagreement
+from bayes_inertia.disagreement import Window, disagreement
 from bayes_inertia.effect import Effect
-from bayes_inertia.effects import LIBRARY, ConstantTorque, EachSlew, FlexibleMode, WheelCommandLag
+from bayes_inertia.effects import LIBRARY, ConstantTorque, EachSlew, FlexibleMode, InertiaChange, WheelCommandLag
 from bayes_inertia.errors import EffectError
+from bayes_inertia.estimate import estimate
 from bayes_inertia.maneuver import planned_campaign
+from bayes_inertia.model import Model
 from bayes_inertia.parameters import Normal, scalar
 from bayes_inertia.plan import paper_like_plan
 from bayes_inertia.report import diagnosis_sections
@@ -164,6 +166,47 @@ def test_the_next_correction_slew_before_and_after(lagging, flight):
     content = content_of(lagging, correction=found)
     check_contract(content)
     assert any("should need a correction of" in s for s in verdict(content).sentences)
+
+
+def test_the_next_slew_is_flown_with_the_tensor_after_its_change(flight):
+    change = {"inertia_change": {"change": np.array([0.15, 0.1, -0.1, 0.0, 0.0, 0.0])}}
+    campaign = flight((InertiaChange(),), change)
+    base, final = (estimate(Model(campaign, effects)) for effects in ((), (InertiaChange(),)))
+    found = correction_forecast(base, final)
+    assert found.expected[0] > 3.0 * found.promised[0]
+    assert found.updated[0] < 0.3 * found.expected[0]
+
+
+def test_wheels_about_two_axes_turn_no_body_anywhere(lagging):
+    fewer = replace(lagging.final.model, campaign=replace(lagging.final.model.campaign, wheels=lagging.final.model.campaign.wheels[:2]))
+    assert correction_forecast(lagging.base, replace(lagging.final, model=fewer)) is None
+
+
+def test_times_from_an_epoch_are_shown_from_each_slews_start(pumped):
+    """Telemetry may count its seconds from 1980."""
+    where, unknown, late = disagreement(pumped.base), unknown_torque(pumped.base), 1.4e9
+    shifted = replace(
+        where,
+        windows=tuple(replace(w, t_start=w.t_start + late, t_end=w.t_end + late) for w in where.windows),
+        cells={name: replace(cells, edges=cells.edges + late) for name, cells in where.cells.items()},
+    )
+    torque = replace(unknown, torque=replace(unknown.torque, time=unknown.torque.time + late))
+    now, then = to_json(pumped, where, None, unknown), to_json(pumped, shifted, None, torque)
+    assert [w["t_start"] for w in then["disagreement"]] == [w.t_start for w in shifted.windows]
+    for a, b in ((c["pictures"]["before"]["channels"]["rate"]["edges"], c["pictures"]["torque"]["time"]) for c in (now, then)):
+        assert np.all(np.diff(a, axis=1) > 0.0)
+        assert np.asarray(b)[:, 0].tolist() == [0.0] * 3
+    assert verdict(now).sentences[0] == verdict(then).sentences[0]
+    assert "e+09" not in verdict(then).sentences[0]
+
+
+def test_a_conspicuous_stretch_of_a_consistent_campaign_is_not_called_a_disagreement(clean, flight):
+    found = diagnose(clean)
+    where = disagreement(found.base)
+    window = Window("rate", where.slews[0], "axis 1", 3.0, 9.0, "shift", 20.0, 0.04)
+    said = verdict(to_json(found, replace(where, windows=(window,)))).sentences[0]
+    assert "one campaign of 25" in said
+    assert "disagrees" not in said
 
 
 def test_the_report_says_and_draws_it(lagging, pumped):

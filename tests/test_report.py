@@ -399,17 +399,27 @@ def test_numbers_are_rounded_by_their_uncertainty(value, sd, power, expected):
 
 
 @pytest.mark.parametrize(
-    ("drive", "effects", "tracker", "slews", "says"),
+    ("drive", "effects", "channels", "wheels", "slews", "says", "does_not_say"),
     [
-        ("measured", [], False, 1, ["momentum is the input", "no star-tracker fixes", "has 1 slew:"]),
-        ("commanded", ["wheel_torque_gain"], True, 8, ["commanded torques are the input", "comes from their prior"]),
+        ("measured", [], [], 3, 1, ["momentum is the input", "no star-tracker fixes", "has 1 slew:", "common gain"], ["its momentum residuals"]),
+        (
+            "commanded",
+            ["wheel_torque_gain"],
+            ["attitude", "momentum"],
+            3,
+            8,
+            ["commanded torques are the input", "comes from their prior", "its momentum residuals"],
+            ["star-tracker"],
+        ),
+        ("commanded", [], ["attitude"], 3, 8, ["there are no tachometers"], ["its momentum residuals"]),
+        ("commanded", [], ["attitude"], 0, 8, ["there are no wheels", "ratios"], ["common gain", "commanded torques"]),
+        ("commanded", ["inertia_change"], ["attitude", "momentum"], 3, 8, ["J is the tensor before its change"], []),
     ],
 )
-def test_limits(drive, effects, tracker, slews, says):
-    said = " ".join(wording.limits(drive=drive, effects=effects, has_tracker=tracker, n_slews=slews))
-    assert "cannot be told apart" in said
+def test_limits(drive, effects, channels, wheels, slews, says, does_not_say):
+    said = " ".join(wording.limits(drive=drive, effects=effects, channels=channels, wheels=wheels, n_slews=slews))
     assert [s for s in says if s not in said] == []
-    assert ("star-tracker" in said) == (not tracker)
+    assert [s for s in does_not_say if s in said] == []
 
 
 @pytest.mark.parametrize(

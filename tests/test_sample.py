@@ -19,7 +19,9 @@ import pytest
 from scipy import stats
 
 from bayes_inertia import inertia
+from bayes_inertia.chain_file import load_chain, save_chain
 from bayes_inertia.cli import main
+from bayes_inertia.errors import OutputError
 from bayes_inertia.estimate import estimate
 from bayes_inertia.io import write_campaign
 from bayes_inertia.model import Model
@@ -253,6 +255,37 @@ def test_a_run_killed_when_some_ensembles_are_ahead_goes_on_to_the_same_bits(sma
     assert _chain(tmp_path / "whole" / "ensemble_1.h5") == _chain(tmp_path / "killed" / "ensemble_1.h5")
 
 
+def test_a_chain_file_holds_what_the_chain_held_and_a_damaged_one_is_refused(tmp_path):
+    path, rng = tmp_path / "a.h5", np.random.default_rng(1)
+    sampler = emcee.EnsembleSampler(8, 2, lambda x: -0.5 * np.sum(x**2, -1), vectorize=True, backend=load_chain(path, 8, 2))
+    sampler.run_mcmc(rng.normal(size=(8, 2)), 5)
+    save_chain(sampler.backend, path)
+    again = load_chain(path, 8, 2)
+    first, second = sampler.get_last_sample(), again.get_last_sample()
+    assert again.get_chain().tobytes() == sampler.get_chain().tobytes()
+    assert first.coords.tobytes() == second.coords.tobytes()
+    assert [np.array_equal(a, b) for a, b in zip(first.random_state, second.random_state, strict=True)] == [True] * 5
+    with pytest.raises(OutputError, match="shape"):
+        load_chain(path, 10, 2)
+    path.write_bytes(path.read_bytes()[:1000])
+    with pytest.raises(OutputError, match="delete it"):
+        load_chain(path, 8, 2)
+
+
+def test_walkers_are_at_least_twice_as_many_as_parameters(small_at):
+    assert sample(small_at, replace(SHORT, walkers=4)).samples.shape[1] == 2 * D
+
+
+def test_an_interrupt_stops_all_ensembles_soon(small_at, tmp_path):
+    def interrupt(what, done, of):
+        if done == 20:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        sample(small_at, replace(SHORT, steps=2000, max_steps=2000), folder=tmp_path, progress=interrupt)
+    assert max(emcee.backends.HDFBackend(str(p), read_only=True).iteration for p in tmp_path.iterdir()) < 1000
+
+
 def _found(**other) -> Diagnostics:
     fields = {"converged": True, "nested_rhat_max": 1.0, "ess_bulk_min": 8000.0, "ess_tail_min": 4000.0, "tau_max": 2.0, "evaluations": 18_944}
     fields |= {"ess_per_evaluation": 0.2, "seconds": 1.0, "acceptance": 0.6, "discarded": 12, "steps": 72}
@@ -307,7 +340,7 @@ def _kill(campaign: Path, run: Path) -> None:
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     files, seen, deadline = run / "chains", set(), time.monotonic() + 300.0
     try:
-        while len(seen) < 60:
+        while len(seen) < 8:  # files are replaced every eighth step
             assert process.poll() is None, f"the fit ended before it was killed: {process.stdout.read().decode()}"
             assert time.monotonic() < deadline, "the fit never began to sample"
             seen |= {(p.name, p.stat().st_mtime_ns) for p in files.glob("*.h5")}

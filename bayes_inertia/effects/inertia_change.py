@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import jax.numpy as jnp
@@ -34,6 +34,9 @@ class InertiaChange(Effect):
     def parameters(self, campaign):
         sigma = self.sigma if self.sigma is not None else 0.03 * campaign.scale_of_motion()[2]
         return (vector("change", ELEMENTS, unit="kg m^2", prior=Normal(0.0, sigma)),)
+
+    def afterwards(self):
+        return replace(self, from_slew=0)
 
     def inertia(self, p, slew, inertia_B):
         first = (slew.slews + 1) // 2 if self.from_slew is None else self.from_slew

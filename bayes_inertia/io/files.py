@@ -58,6 +58,38 @@ def _to_disk(path: Path) -> None:
         os.close(descriptor)
 
 
+def check_folder(folder: str | Path) -> None:
+    """Raise `OutputError` unless a folder can be written, or made: before hours of computing, not after them.
+
+    >>> check_folder(".")
+    >>> check_folder(Path(__file__) / "run")
+    Traceback (most recent call last):
+    bayes_inertia.errors.OutputError: ...files.py: is a file, not a folder; choose another folder
+    """
+    folder = Path(folder)
+    nearest = next((p for p in (folder, *folder.parents) if p.exists()), folder)
+    if not nearest.is_dir():
+        raise OutputError("is a file, not a folder", where=str(nearest), advice="choose another folder")
+    if not os.access(nearest, os.W_OK | os.X_OK):
+        raise OutputError("cannot be written", where=str(nearest), advice="choose a folder that is yours")
+
+
+def make_folder(folder: str | Path) -> Path:
+    """The folder, made if absent with all above it. Raises `OutputError` if the system refuses.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder: make_folder(Path(folder, "a", "b")).is_dir()
+    True
+    """
+    folder = Path(folder)
+    check_folder(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise OutputError(f"cannot be made ({error.strerror or error})", where=str(folder), advice="choose another folder") from error
+    return folder
+
+
 def description_path(campaign: str | Path) -> Path:
     """The campaign's description: `campaign` itself, or `campaign.toml` inside it if it is a folder.
 

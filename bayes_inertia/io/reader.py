@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign import Campaign, InertiaPrior, RateSensor, Slew, StarTracker, Wheel
-from bayes_inertia.errors import CampaignError
-from bayes_inertia.io.files import description_path, read_bytes, table_path, text_of, write_atomically
+from bayes_inertia.errors import CampaignError, OutputError
+from bayes_inertia.io.files import description_path, make_folder, read_bytes, table_path, text_of, write_atomically
 from bayes_inertia.io.schema import CampaignPart, SlewPart, parse_description
 from bayes_inertia.io.tables import read_table
 from bayes_inertia.io.telemetry import slew_from_table
@@ -63,12 +63,16 @@ def campaign_sha256(path: str | Path) -> str:
 def copy_campaign(path: str | Path, folder: str | Path) -> Path:
     """Copy a campaign's description and the tables it names, byte for byte, into another folder (made if absent).
 
-    Raises `CampaignError` as `campaign_sha256` does, `OutputError` if the folder cannot be written.
+    Raises `CampaignError` as `campaign_sha256` does, `OutputError` if the folder cannot be written, or holds a file of another content
+    (identical ones are fine).
     """
     folder = Path(folder)
-    for name, data in _files(path):
-        target = folder / name
-        target.parent.mkdir(parents=True, exist_ok=True)
+    wanted = {folder / name: data for name, data in _files(path)}
+    for target, data in wanted.items():
+        if target.exists() and read_bytes(target) != data:
+            raise OutputError("would overwrite another file", where=str(target), advice="choose another folder; nothing was overwritten")
+    for target, data in wanted.items():
+        make_folder(target.parent)
         write_atomically(target, data)
     return folder
 

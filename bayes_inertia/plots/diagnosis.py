@@ -25,13 +25,14 @@ _COLORS = LinearSegmentedColormap.from_list("residual", [style.BLUE, "#ffffff", 
 
 
 @style.styled
-def disagreement_map(cells: Mapping[str, Any], windows: Sequence[Mapping[str, Any]]) -> Figure:
+def disagreement_map(cells: Mapping[str, Any], windows: Sequence[Mapping[str, Any]], starts: Mapping[str, float]) -> Figure:
     """Mean residuals in short bins, one panel a slew, one row a component; significant windows framed.
 
     Parameters
     ----------
-    cells : `pictures.before` or `pictures.after` of a diagnosis. windows : its `disagreement`.
+    cells : `pictures.before` or `pictures.after` of a diagnosis. windows : its `disagreement`. starts : its `slew_start`.
     """
+    windows = [{**w} | {key: w[key] - starts.get(w["slew"], 0.0) for key in ("t_start", "t_end")} for w in windows]
     chosen = worst_slews(cells, windows)
     columns = 1 if len(chosen) == 1 else 2 if len(chosen) <= 4 else 3
     rows = -(-len(chosen) // columns)
@@ -204,7 +205,7 @@ def shifts(steps: Sequence[Mapping[str, Any]]) -> Figure | None:
         axes.set_xlabel(scale.label.replace(name, f"{name} {'−' if center >= 0 else '+'} {abs(center):.5g}"), labelpad=1)
     handles = [
         Line2D([], [], marker="s", color=style.MUTED, ls="-", label="base model ± sd"),
-        Line2D([], [], marker="o", color=style.BLUE, ls="-", label="with the named effects ± sd"),
+        Line2D([], [], marker="o", color=style.BLUE, ls="-", label="with the effects added ± sd"),
     ]
     figure.legend(handles=handles, loc="upper left", ncols=2, bbox_to_anchor=(0.01, 1.0))
     return figure

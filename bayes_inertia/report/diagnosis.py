@@ -29,23 +29,24 @@ def missing(content: Mapping[str, Any]) -> Section:
 def disagreement(content: Mapping[str, Any]) -> Section:
     """Where the base model disagrees with the data, before and after effects were added."""
     before, after = content["pictures"]["before"], content["pictures"]["after"]
-    windows = content["disagreement"]
+    windows, starts = content["disagreement"], content.get("slew_start", {})
     cut = len(before["slews"]) > 9
     which = " The nine slews that disagree most are drawn." if cut else ""
     explained = (
         "Mean of measured minus predicted in short stretches of time, in standard deviations of such a mean: white is what noise gives, strong colours of one "
         "sense over many stretches are not. Frames: the two clearest stretches of a channel that noise does not explain, all places looked at counted."
     )
-    pictures = [Picture(plots.disagreement_map(before, windows), f"The base model. {explained}{which}", "Map of residuals of the base model", dense=True)]
+    figure = plots.disagreement_map(before, windows, starts)
+    pictures = [Picture(figure, f"The base model. {explained}{which}", "Map of residuals of the base model", dense=True)]
     if after is not None:
         left = content["disagreement_after"]
-        said = "Nothing is framed: what is left is noise." if not left else f"{len(left)} stretches are still not explained."
-        pictures.append(
-            Picture(plots.disagreement_map(after, left), f"The same with the named effects. {said}", "Map of residuals with the named effects", dense=True)
-        )
+        said = "Nothing is framed: no stretch stands out." if not left else f"{len(left)} stretches are still not explained."
+        with_what = wording.added(content)
+        figure = plots.disagreement_map(after, left, starts)
+        pictures.append(Picture(figure, f"The same {with_what}. {said}", f"Map of residuals {with_what}", dense=True))
     rows = [
         {
-            "where": wording.window_text(w),
+            "where": wording.window_text(w, starts.get(w["slew"], 0.0)),
             "kind": "mean is off" if w["kind"] == "shift" else "too large",
             "score": f"{w['score']:.1f}",
             "p": wording.probability(w["p_value"]).removeprefix("p ").removeprefix("= "),
@@ -96,7 +97,7 @@ def changes(content: Mapping[str, Any]) -> Section | None:
         ),
         Picture(
             plots.shifts(steps),
-            "J and K with the base model (squares) and with the named effects (dots): an effect left out biases them; the base model's sd does not show it.",
+            f"J and K with the base model (squares) and {wording.added(content)} (dots): an effect left out biases them; the base model's sd does not show it.",
             "J and K before and after the effects were added",
         ),
     ]

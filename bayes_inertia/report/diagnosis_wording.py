@@ -27,11 +27,11 @@ def verdict(content: Mapping[str, Any]) -> Verdict:
     title = headline(content)
     sentences = [*_where(content), *_what(content)]
     if content["verdict"] == "unknown":
-        sentences.append(
-            "The fit below is the base model's, with every slew counted for as much as its residuals allow: use the robust sd, and do not trust the sd."
-        )
+        sentences.append("The fit below is the base model's: what is missing may shift J and K by more than their sd.")
     elif content["steps"]:
         sentences.append("The fit below includes the named effects: J and K are estimated together with them.")
+        if any(step["added"] == "inertia_change" for step in content["steps"]):
+            sentences.append("J is the tensor before its change: for the next slew add the change, element by element.")
     else:
         sentences.append("The fit below is the base model's.")
     return Verdict(_LEVELS[content["verdict"]], title, tuple(sentences))
@@ -59,6 +59,17 @@ def headline(content: Mapping[str, Any]) -> str:
     return f"Found what is missing: {listed(names)}."
 
 
+def added(content: Mapping[str, Any]) -> str:
+    """What the pictures "after" are made with.
+
+    >>> added({"steps": [], "verdict": "named"}), added({"steps": [{}], "verdict": "unknown"})
+    ('with the noise as measured', 'with the effects that were tried')
+    """
+    if not content["steps"]:
+        return "with the noise as measured"
+    return "with the effects that were tried" if content["verdict"] == "unknown" else "with the named effects"
+
+
 def listed_or(items: Sequence[str]) -> str:
     """Alternatives in a sentence.
 
@@ -75,19 +86,24 @@ def _where(content: Mapping[str, Any]) -> list[str]:
     channels = [CHANNEL_NAMES[c] for c in ("rate", "attitude", "momentum") if any(w["channel"] == c for w in windows)]
     slews = sorted({w["slew"] for w in windows})
     worst = windows[0]
+    place = window_text(worst, content.get("slew_start", {}).get(worst["slew"], 0.0))
+    if content["verdict"] == "consistent":
+        often = f"one campaign of {round(1.0 / worst['p_value'])}" if worst["p_value"] > 1e-3 else "fewer than one campaign of 1000"
+        return [f"The most conspicuous stretch of the residuals is {place}. Noise alone makes one like it in {often}, and no candidate explains it."]
     return [
         f"The base model disagrees with the data of the {listed(channels)} in {len(slews)} slew{'s' if len(slews) > 1 else ''}, "
-        f"most clearly in {window_text(worst)} ({probability(worst['p_value'])} by chance anywhere in the campaign)."
+        f"most clearly in {place} ({probability(worst['p_value'])} by chance anywhere in the campaign)."
     ]
 
 
-def window_text(window: Mapping[str, Any]) -> str:
-    """A window in words.
+def window_text(window: Mapping[str, Any], start: float = 0.0) -> str:
+    """A window in words, its times [s] counted from `start`, the slew's first row.
 
-    >>> window_text({"channel": "rate", "slew": "slew 2", "component": "axis 1", "t_start": 3.25, "t_end": 40.0})
+    >>> window_text({"channel": "rate", "slew": "slew 2", "component": "axis 1", "t_start": 103.25, "t_end": 140.0}, 100.0)
     'slew 2, rate sensor axis 1, 3.25 to 40 s'
     """
-    return f"{window['slew']}, {CHANNEL_NAMES[window['channel']]} {window['component']}, {window['t_start']:.4g} to {window['t_end']:.4g} s"
+    begin, end = window["t_start"] - start, window["t_end"] - start
+    return f"{window['slew']}, {CHANNEL_NAMES[window['channel']]} {window['component']}, {begin:.4g} to {end:.4g} s"
 
 
 def probability(p: float) -> str:
@@ -109,7 +125,11 @@ def _what(content: Mapping[str, Any]) -> list[str]:
             for name, f in louder.items()
         ]
     else:
-        said += [f"The noise of the {name} is {f:.2f} times what campaign.toml states: correct it there." for name, f in louder.items()]
+        said += [
+            f"The noise of the {name} is {f:.2f} times what campaign.toml states (of its loudest axis, if they differ): correct it there; "
+            "the fit below takes it so."
+            for name, f in louder.items()
+        ]
     if content.get("correction_slew"):
         said.append(correction_text(content["correction_slew"]))
     for group in content["ambiguous_with"]:

@@ -16,6 +16,7 @@ from bayes_inertia.report.section import Picture, Section, packaged
 
 _MOST_SLEWS = 9  # drawn; the others are in the table
 _MOST_PARAMETERS = 16
+_CHANNELS = {"rate": "rate sensor", "attitude": "star tracker", "momentum": "wheel momentum", "total": "all together"}
 
 
 def standard_sections(posterior: Posterior) -> list[Section]:
@@ -119,7 +120,8 @@ def fit_quality(posterior: Posterior) -> Section:
         }
         for s in worst_slews(posterior, 40)
     ]
-    context = {"channels": channels, "labels": labels, "slews": slews, "discounted": fit["discounted"], "n_data": fit["n_data"], "n_slews": len(n)}
+    louder = [f"{_CHANNELS[channel]} {factor:.2f}" for channel, factor in posterior.attributes.get("noise", {}).items() if factor > 1.0]
+    context = {"channels": channels, "labels": labels, "slews": slews, "discounted": fit["discounted"], "n_slews": len(n), "noise": ", ".join(louder)}
     return Section("Does the model explain the data?", packaged("fit.html"), context)
 
 
@@ -130,7 +132,7 @@ def _ratio(value: float) -> str:
 def _channel(name: str, fit: dict[str, Any]) -> dict[str, str]:
     reduced, interval, white = (fit[key][name] for key in ("reduced_chi2", "interval_99", "p_white"))
     return {
-        "name": {"rate": "rate sensor", "attitude": "star tracker", "momentum": "wheel momentum", "total": "all together"}[name],
+        "name": _CHANNELS[name],
         "reduced": "–" if reduced is None else f"{reduced:.3f}",
         "interval": "–" if interval is None else f"{interval[0]:.3f} … {interval[1]:.3f}",
         "white": wording.whiteness_text(white),
@@ -206,8 +208,8 @@ def gates(posterior: Posterior) -> Section:
 def limits(posterior: Posterior) -> Section:
     """What no fit of this campaign can tell."""
     about = posterior.attributes
-    has_tracker = "attitude" in posterior.tree["posterior_predictive"]
-    said = wording.limits(drive=about["drive"], effects=about["effects"], has_tracker=has_tracker, n_slews=_n_slews(posterior))
+    channels = [c for c in ("attitude", "momentum") if c in posterior.tree["posterior_predictive"]]
+    said = wording.limits(drive=about["drive"], effects=about["effects"], channels=channels, wheels=about.get("wheels", 3), n_slews=_n_slews(posterior))
     return Section("Limits", "<ul>{% for text in said %}<li>{{ text }}</li>{% endfor %}</ul>", {"said": said})
 
 

@@ -311,19 +311,32 @@ def groups(rows: Mapping[str, Any]) -> dict[str, list[str]]:
     return found
 
 
-def limits(*, drive: str, effects: Sequence[str], has_tracker: bool, n_slews: int) -> list[str]:
-    """What no fit of this campaign can tell, whatever its numbers say."""
+def limits(*, drive: str, effects: Sequence[str], channels: Sequence[str], wheels: int, n_slews: int) -> list[str]:
+    """What no fit of this campaign can tell, whatever its numbers say.
+
+    Parameters
+    ----------
+    channels : of "attitude" and "momentum" those that were measured and compared. wheels : how many the spacecraft has.
+    """
     said = [
         "With wheels as the only torque, the inertia tensor and a common gain of all wheels cannot be told apart: (J, h) and (s J, s h) give the same "
         "telemetry. The absolute size of J is as good as the stated wheel momentum: if that is 1 % wrong, so is J, and no number here shows it."
+        if wheels
+        else "Nothing of known size turns the body: there are no wheels. A free body shows only the ratios of its moments of inertia; the absolute size of J "
+        "is that of the prior, and no number here shows how wrong it is."
     ]
     if "wheel_torque_gain" in effects:
         said.append("Wheel gains are fitted along: the part common to all wheels, and so the absolute size of J, comes from their prior.")
-    if drive == "measured":
+    if "inertia_change" in effects:
+        said.append("J is the tensor before its change. For slews after it add the change, element by element: that is the tensor to fly with.")
+    if not wheels:
+        pass
+    elif drive == "measured":
         said.append("The wheels' measured momentum is the input of the model: errors of commands do not matter, errors of the tachometers do.")
     else:
-        said.append("The commanded torques are the input of the model: a wheel that does not do what it is told shows in its momentum residuals.")
-    if not has_tracker:
+        shows = "shows in its momentum residuals" if "momentum" in channels else "shows only in the motion of the body: there are no tachometers"
+        said.append(f"The commanded torques are the input of the model: a wheel that does not do what it is told {shows}.")
+    if "attitude" not in channels:
         said.append(
             "There are no star-tracker fixes: nothing measures angles independently of the rate sensor, so K rests mostly on its prior and on dynamics."
         )
