@@ -23,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 from scipy import linalg
 
 from bayes_inertia.effect import Effect
@@ -310,7 +311,8 @@ def picture(rows: list[dict]) -> Figure:
         axes.invert_yaxis()
         axes.set(xlabel="error of the principal moments [%], one robust sd")
         if k == 0:
-            axes.legend(loc="upper left", title="grey: the truth's 1 %")
+            grey = Patch(fc=style.PALE, alpha=0.6, label="known to 1 %")
+            axes.legend(handles=[*axes.get_legend_handles_labels()[0], grey], loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=4, columnspacing=1.2)
     figure.text(0.02, 0.965, "What disturbs bodies thrown by hand, and what leaving it out does to their moments of inertia", fontsize=11)
     return figure
 
