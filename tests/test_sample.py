@@ -26,6 +26,7 @@ from bayes_inertia.estimate import estimate
 from bayes_inertia.io import write_campaign
 from bayes_inertia.model import Model
 from bayes_inertia.moves import IndependenceMove
+from bayes_inertia.posterior import gates
 from bayes_inertia.sample import Diagnostics, Settings, autocorrelation_time, diagnose_chains, sample, steps_wanted
 
 D = 9
@@ -270,6 +271,17 @@ def test_a_chain_file_holds_what_the_chain_held_and_a_damaged_one_is_refused(tmp
     path.write_bytes(path.read_bytes()[:1000])
     with pytest.raises(OutputError, match="delete it"):
         load_chain(path, 8, 2)
+
+
+def test_gates_say_which_noise_was_taken_and_fail_where_something_unknown_remains(small_at):
+    chains = sample(small_at, SHORT)
+    stated, louder, unknown = (gates(small_at, chains, *more) for more in ((), ({"rate": 2.25, "attitude": 1.0},), (None, "unknown")))
+    assert "the stated noise predict" in stated[1]["says"]
+    assert "rate 2.25" in louder[1]["says"]
+    assert "attitude" not in louder[1]["says"]
+    assert [g["name"] for g in stated] == ["converged", "explained"]
+    assert unknown[-1]["name"] == "diagnosed"
+    assert not unknown[-1]["passed"]
 
 
 def test_walkers_are_at_least_twice_as_many_as_parameters(small_at):
