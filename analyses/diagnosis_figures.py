@@ -55,6 +55,13 @@ def outcome(row: pd.Series) -> str:
     return named[0] if named else ENDS[1]
 
 
+def judged(single: pd.DataFrame) -> pd.DataFrame:
+    """Campaigns with one hidden effect and their `outcome`, whether the truth is named or in the set (`right`), or a name without it (`wrong`)."""
+    ends = single.apply(outcome, axis=1)
+    right = (ends == single["label"]) | (ends == ENDS[0])
+    return single.assign(outcome=ends, right=right, wrong=~right & ~ends.isin(ENDS))
+
+
 def share(hits: int, n: int) -> str:
     """A fraction with its exact 95 % interval (Clopper and Pearson).
 
@@ -78,16 +85,15 @@ def promised(rows: pd.DataFrame) -> list[str]:
         if not len(single):
             continue
         where = WHERE[tachometers]
-        ends = single.apply(outcome, axis=1)
-        right = (ends == single["label"]) | (ends == ENDS[0])
-        wrong = ~right & ~ends.isin(ENDS)
+        single = judged(single)
+        right, wrong = single["right"], single["wrong"]
         lines.append(f"| one effect at ideal power 0.99, {where}: truth named or in the set | at least 95 % | {share(int(right.sum()), len(single))} |")
         alone = sum(set.union(*candidates_of(r)) == {r["label"]} for _, r in single.iterrows())
         beside = sum(bool(candidates_of(r)[0] - {r["label"]}) for _, r in single[right].iterrows())
         lines.append(f"| ... named alone | - | {share(alone, len(single))} |")
         lines.append(f"| ... named or in the set, and beside it a wrong name as sure | - | {share(beside, len(single))} |")
         lines.append(f"| ... wrong name without the truth beside it | at most 2 % | {share(int(wrong.sum()), len(single))} |")
-        lines.append(f"| ... nothing named | - | {share(int((ends == ENDS[1]).sum()), len(single))} |")
+        lines.append(f"| ... nothing named | - | {share(int((single['outcome'] == ENDS[1]).sum()), len(single))} |")
         good = single[right]
         inside = sum(all(r["chi2_inside"].values()) for _, r in good.iterrows())
         lines.append(f"| ... then reduced chi² of every channel and in total inside its 99 % interval | 96 % by chance | {share(inside, len(good))} |")
@@ -97,9 +103,7 @@ def promised(rows: pd.DataFrame) -> list[str]:
     for power, tachometers in ((p, t) for p in LOWER for t in (True, False)):
         single = rows[(rows["kind"] == "single") & (rows["power"] == power) & (rows["tachometers"] == tachometers)]
         if len(single):
-            ends = single.apply(outcome, axis=1)
-            right = (ends == single["label"]) | (ends == ENDS[0])
-            found, wrong = share(int(right.sum()), len(single)), share(int((~right & ~ends.isin(ENDS)).sum()), len(single))
+            found, wrong = (share(int(judged(single)[key].sum()), len(single)) for key in ("right", "wrong"))
             lines.append(f"| one effect at ideal power {power:g}, {WHERE[tachometers]}: truth named or in the set | - | {found} |")
             lines.append(f"| ... wrong name without the truth beside it | - | {wrong} |")
     for tachometers in (True, False):
@@ -157,9 +161,7 @@ def confusion(rows: pd.DataFrame) -> Figure:
 @style.styled
 def power(rows: pd.DataFrame) -> Figure:
     """Found (named, or in the set) against the power of the ideal test, by effect and in all."""
-    single = rows[rows["kind"] == "single"]
-    ends = single.apply(outcome, axis=1)
-    single = single.assign(right=(ends == single["label"]) | (ends == ENDS[0]), wrong=(ends != single["label"]) & ~ends.isin(ENDS))
+    single = judged(rows[rows["kind"] == "single"])
     figure = Figure(figsize=(style.WIDTH, 4.4))
     axes = figure.add_axes([0.08, 0.13, 0.46, 0.75])
     grid = np.linspace(0.0, 1.0, 3)

@@ -192,7 +192,7 @@ def _proposal(at: Estimate, log_density: LogDensity, random: np.random.RandomSta
         acceptance = _expected_acceptance(log_density(draws) - move.log_density(draws))
         if acceptance > _POOR:
             return move, float(np.clip(acceptance, *_SHARES)), spent
-        starts = _finite_starts(move, log_density, random, max(64, 2 * len(at.theta)))
+        starts = _finite_starts(move, log_density, random, _walkers(64, len(at.theta)))
         pilot = emcee.EnsembleSampler(len(starts), starts.shape[1], log_density, vectorize=True, moves=emcee.moves.DEMove())
         pilot.random_state = random.get_state()
         pilot.run_mcmc(starts, 400)
@@ -223,16 +223,16 @@ def _finite_starts(move: IndependenceMove, log_density: LogDensity, random: np.r
     raise EstimateError("the posterior is not finite around its maximum", advice="check priors, and that every wheel and rate axis moves")
 
 
-def _walkers(settings: Settings, d: int) -> int:
+def _walkers(wanted: int, d: int) -> int:
     """Walkers of an ensemble: emcee's moves need twice as many as there are dimensions."""
-    return max(settings.walkers, 2 * d)
+    return max(wanted, 2 * d)
 
 
 def _ensemble(at, log_density, moves, move, settings: Settings, seed, file: Path | None) -> emcee.EnsembleSampler:
     """One ensemble at its start, or where its chain file ends."""
     random = np.random.RandomState(np.random.MT19937(seed))
     d, backend = len(at.theta), emcee.backends.Backend()
-    walkers = _walkers(settings, d)
+    walkers = _walkers(settings.walkers, d)
     if file is not None:
         backend = load_chain(file, walkers, d)
     sampler = emcee.EnsembleSampler(walkers, d, log_density, vectorize=True, moves=moves, backend=backend)
@@ -280,7 +280,7 @@ def _collect(samplers, steps: int, move: IndependenceMove, spent: int, seconds: 
     discard = min(max(_BURN, int(np.ceil(5.0 * tau))), chain.shape[1] // 2)
     kept = np.moveaxis(chain[:, discard:], 1, 2)
     evaluations = spent + int(chain.shape[0] * chain.shape[2] * (chain.shape[1] + 1))
-    # Not emcee's own count: a kill while it writes a step makes it count that step twice.
+    # Not emcee's own count, which holds the further steps too.
     acceptance = float(np.mean(np.any(chain[:, 1:] != chain[:, :-1], axis=-1)))
     found = diagnose_chains(kept, tau=tau, evaluations=evaluations, seconds=seconds, acceptance=acceptance, discarded=discard)
     return Chains(kept, np.moveaxis(lp[:, discard:], 1, 2), found, move.degrees)

@@ -32,7 +32,7 @@ def disagreement_map(cells: Mapping[str, Any], windows: Sequence[Mapping[str, An
     ----------
     cells : `pictures.before` or `pictures.after` of a diagnosis. windows : its `disagreement`. starts : its `slew_start`.
     """
-    windows = [{**w} | {key: w[key] - starts.get(w["slew"], 0.0) for key in ("t_start", "t_end")} for w in windows]
+    windows = [dict(w) | {key: w[key] - starts.get(w["slew"], 0.0) for key in ("t_start", "t_end")} for w in windows]
     chosen = worst_slews(cells, windows)
     columns = 1 if len(chosen) == 1 else 2 if len(chosen) <= 4 else 3
     rows = -(-len(chosen) // columns)

@@ -82,9 +82,7 @@ def listed_or(items: Sequence[str]) -> str:
 def _where(content: Mapping[str, Any]) -> list[str]:
     windows = content["disagreement"]
     if not windows and content["steps"]:
-        return [
-            "The residuals of the base model were searched in every channel, slew and time window: no stretch alone exceeds the noise, all together do."
-        ]
+        return ["The residuals of the base model were searched in every channel, slew and time window: no stretch alone exceeds the noise, all together do."]
     if not windows:
         return ["The residuals of the base model were searched in every channel, slew and time window: nowhere are they more than noise explains."]
     channels = [CHANNEL_NAMES[c] for c in ("rate", "attitude", "momentum") if any(w["channel"] == c for w in windows)]
