@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -266,7 +266,8 @@ def _advance(samplers: list[emcee.EnsembleSampler], files: list[Path | None], st
     # BLAS gains nothing on matrices this small, and its waiting threads would take the cores from the ensembles.
     with threadpool_limits(1), ThreadPoolExecutor(threads) as pool:
         try:
-            list(pool.map(run, range(len(samplers))))
+            for ended in as_completed([pool.submit(run, k) for k in range(len(samplers))]):
+                ended.result()  # as it ends and not in order: what the last ensemble meets must not wait for the first
         finally:
             stopped.set()  # an interrupt or an error ends the other ensembles too, instead of waiting for their last step
 

@@ -8,6 +8,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -288,14 +289,23 @@ def test_walkers_are_at_least_twice_as_many_as_parameters(small_at):
     assert sample(small_at, replace(SHORT, walkers=4)).samples.shape[1] == 2 * D
 
 
-def test_an_interrupt_stops_all_ensembles_soon(small_at, tmp_path):
-    def interrupt(what, done, of):
-        if done == 20:
-            raise KeyboardInterrupt
+@pytest.mark.parametrize("met_by", [0, 1])
+def test_an_interrupt_stops_all_ensembles_soon_whichever_meets_it(small_at, tmp_path, monkeypatch, met_by):
+    interrupted = threading.Event()
 
+    def save(backend, path):
+        if path.name == f"ensemble_{met_by}.h5":
+            interrupted.set()
+            raise KeyboardInterrupt
+        assert interrupted.wait(60.0)  # however busy the machine is, the other ensemble is not ahead by chance
+        save_chain(backend, path)
+
+    monkeypatch.setattr("bayes_inertia.sample.save_chain", save)
     with pytest.raises(KeyboardInterrupt):
-        sample(small_at, replace(SHORT, steps=2000, max_steps=2000), folder=tmp_path, progress=interrupt)
-    assert max(emcee.backends.HDFBackend(str(p), read_only=True).iteration for p in tmp_path.iterdir()) < 1000
+        sample(small_at, replace(SHORT, steps=2000, max_steps=2000, threads=2), folder=tmp_path)
+    lengths = {p.name: emcee.backends.HDFBackend(str(p), read_only=True).iteration for p in tmp_path.iterdir()}
+    assert f"ensemble_{met_by}.h5" not in lengths
+    assert all(length < 1000 for length in lengths.values())
 
 
 def _found(**other) -> Diagnostics:
@@ -353,7 +363,9 @@ def _kill(campaign: Path, run: Path) -> None:
     files, seen, deadline = run / "chains", set(), time.monotonic() + 300.0
     try:
         while len(seen) < 8:  # files are replaced every eighth step
-            assert process.poll() is None, f"the fit ended before it was killed: {process.stdout.read().decode()}"
+            if process.poll() is not None:  # a busy machine let it end unwatched: another try
+                assert (run / "summary.json").exists(), f"the fit failed: {process.stdout.read().decode()}"
+                return
             assert time.monotonic() < deadline, "the fit never began to sample"
             seen |= {(p.name, p.stat().st_mtime_ns) for p in files.glob("*.h5")}
             time.sleep(0.002)
