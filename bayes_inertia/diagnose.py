@@ -81,6 +81,16 @@ class Candidate:
 
 
 @dataclass(frozen=True)
+class Rival:
+    """An effect that explains the data about as well as the one added in its place: the fit with it, its log evidence, canonical correlation of the two."""
+
+    effect: str
+    after: Estimate
+    log_bayes_factor: float
+    correlation: float
+
+
+@dataclass(frozen=True)
 class Step:
     """One effect added: the fits before and after, and others that explain the data as well."""
 
@@ -88,7 +98,7 @@ class Step:
     before: Estimate
     after: Estimate
     log_bayes_factor: float
-    alternatives: tuple[tuple[str, float], ...] = ()
+    alternatives: tuple[Rival, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -257,13 +267,13 @@ def _near(marks: Fingerprints, best: _Fitted, found: list[Candidate], done: set[
     return near[:2]
 
 
-def _rivals(marks: Fingerprints, best: _Fitted, others: list[_Fitted], rules: Rules) -> tuple[tuple[str, float], ...]:
-    """Effects that explain the data nearly as well as the best and can imitate it, with their canonical correlations: two at most."""
+def _rivals(marks: Fingerprints, best: _Fitted, others: list[_Fitted], rules: Rules) -> tuple[Rival, ...]:
+    """Effects that explain the data nearly as well as the best and can imitate it: two at most."""
     rivals = []
     for other in sorted(others, key=lambda f: -f.log_bayes_factor):
         alike = _alike(marks, best.effect, other.effect)
         if other.log_bayes_factor > max(best.log_bayes_factor - rules.margin, 0.0) and alike > rules.alike:
-            rivals.append((other.effect, alike))
+            rivals.append(Rival(other.effect, other.after, other.log_bayes_factor, alike))
     return tuple(rivals[:2])
 
 
@@ -341,7 +351,8 @@ def _dropped(steps: list[Step], i: int, flexible: Effect | None, rules: Rules) -
     marks, next_one = _marks(gone.before, flexible), kept[i]
     alike = _alike(marks, next_one.added, gone.added)
     if alike > rules.alike and gone.log_bayes_factor > next_one.log_bayes_factor - rules.margin:
-        kept[i] = replace(next_one, alternatives=((gone.added, alike), *next_one.alternatives)[:2])
+        beside = Rival(gone.added, gone.after, gone.log_bayes_factor, alike)
+        kept[i] = replace(next_one, alternatives=(beside, *next_one.alternatives)[:2])
     return kept
 
 
@@ -364,7 +375,7 @@ def _verdict(base: Estimate, at: Estimate, steps: list[Step], first: tuple, nois
     found, limit, marks = first
     tests = final_tests(at)
     louder = any(factor > 1.0 for factor in noise.values())
-    sets = tuple((s.added, *(name for name, _ in s.alternatives)) for s in steps if s.alternatives)
+    sets = tuple((s.added, *(rival.effect for rival in s.alternatives)) for s in steps if s.alternatives)
     names = tuple(s.added for s in steps) + ((NOISE,) if louder else ())
     why = "misfit" if not explained(tests, rules) else "imitation" if imitation(steps, rules, len(found)) else ""
     if why:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from bayes_inertia.averaging import Alternative
 from bayes_inertia.correction import CorrectionForecast
 from bayes_inertia.diagnose import NOISE, Diagnosis, Rules, Step, held_out_chi2
 from bayes_inertia.disagreement import Disagreement
@@ -30,6 +31,7 @@ def to_json(
     unknown: Unknown | None = None,
     correction: CorrectionForecast | None = None,
     separating: Sequence[Separation] = (),
+    alternatives: Sequence[Alternative] = (),
 ) -> dict[str, Any]:
     """The content of diagnosis.json; no NaN and no infinity in it.
 
@@ -37,6 +39,7 @@ def to_json(
     ----------
     where, after : the scans of the residuals before and after effects were added. unknown : if the verdict is "unknown".
     correction : the next correction slew before and after. separating : slews that would tell the ambiguous effects apart.
+    alternatives : J and K with another effect of an ambiguous set.
     """
     content = {
         "format": FORMAT,
@@ -51,6 +54,7 @@ def to_json(
         "unknown": None if unknown is None or found.verdict != "unknown" else _unknown(unknown),
         "correction_slew": None if correction is None else asdict(correction) | {"unit": "rad", "angle_deg": 60.0},
         "separating": [_separating(s) for s in separating],
+        "alternatives": [asdict(a) | {"names": list(a.names), "mean": a.mean.tolist(), "covariance": a.covariance.tolist()} for a in alternatives],
         "why_unknown": found.why_unknown,
         "threshold": found.threshold,
         "noise": dict(found.noise),
@@ -109,6 +113,18 @@ def effects_of(content: dict[str, Any], library: Sequence[Effect] = LIBRARY) -> 
     """
     known = {e.name: e for e in library}
     return tuple(replace(known[entry["effect"]], **entry["settings"]) for entry in content["fitted"])
+
+
+def alternatives_of(content: dict[str, Any]) -> tuple[Alternative, ...]:
+    """The alternatives that a diagnosis.json holds.
+
+    >>> alternatives_of({"alternatives": []})
+    ()
+    """
+    return tuple(
+        Alternative(**entry | {"names": tuple(entry["names"]), "mean": np.array(entry["mean"]), "covariance": np.array(entry["covariance"])})
+        for entry in content.get("alternatives", [])
+    )
 
 
 def _cells(found: Disagreement) -> dict[str, Any]:
@@ -192,7 +208,7 @@ def _step(step: Step) -> dict[str, Any]:
     return {
         "added": step.added,
         "log_bayes_factor": step.log_bayes_factor,
-        "alternatives": [{"effect": name, "correlation": r} for name, r in step.alternatives],
+        "alternatives": [{"effect": rival.effect, "correlation": rival.correlation} for rival in step.alternatives],
         "reduced_chi2_before": {key: t.reduced_chi2 for key, t in step.before.tests.items()},
         "reduced_chi2_after": {key: t.reduced_chi2 for key, t in step.after.tests.items()},
         "held_out_before": before,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import suppress
 from typing import Any
 
+from bayes_inertia.averaging import alternatives
 from bayes_inertia.campaign import Campaign
 from bayes_inertia.correction import correction_forecast
 from bayes_inertia.diagnose import Diagnosis, diagnose
@@ -30,7 +31,7 @@ def investigated(campaign: Campaign, drive: Drive | None = None, seed: int = 0) 
     after = disagreement(found.final, seed=seed, stated=False) if changed else None
     unknown = unknown_torque(found.base) if found.verdict == "unknown" else None
     correction = correction_forecast(found.base, found.final, seed=seed) if found.steps and found.verdict != "unknown" else None
-    return to_json(found, before, after, unknown, correction, separating(found, seed))
+    return to_json(found, before, after, unknown, correction, separating(found, seed), alternatives(found))
 
 
 def separating(found: Diagnosis, seed: int = 0) -> list[Separation]:

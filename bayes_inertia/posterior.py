@@ -3,6 +3,7 @@
 Groups: `posterior` (chain, draw; one variable a parameter), `prior`, `derived` (principal moments),
 `sample_stats` (lp), `log_prior`, `log_likelihood` and `posterior_predictive` (thinned draws),
 `observed_data`, `constant_data`, and `estimate` (the optimizer's result and both covariances).
+After an ambiguous diagnosis also `averaged`: J, K and principal moments, whichever effect of the set is the true one (`averaging`).
 """
 
 from __future__ import annotations
@@ -86,6 +87,12 @@ class Posterior:
         group = self.tree["posterior"]
         return np.stack([group[name].values.ravel() for name in self.names], -1)
 
+    @cached_property
+    def averaged_samples(self) -> np.ndarray:
+        """As `samples`, J and K averaged over the effects of an ambiguous set where there is one."""
+        over = self.tree.get("averaged", {})
+        return np.stack([(over if name in over else self.tree["posterior"])[name].values.ravel() for name in self.names], -1)
+
     @property
     def attributes(self) -> dict[str, Any]:
         """What the fit says about itself: `diagnostics`, `fit`, `gates`, `effects`, `seed`, `versions`, `campaign_sha256`."""
@@ -107,7 +114,7 @@ class Posterior:
         return {key: about[key] for key in [*order, *(k for k in about if k not in order)]}
 
     def _parameter(self, i: int, name: str) -> dict[str, Any]:
-        estimate, draws = self.tree["estimate"], self.samples[:, i]
+        estimate, draws = self.tree["estimate"], self.averaged_samples[:, i]
         prior_sd, sd = float(estimate["prior_sd"][i]), float(draws.std(ddof=1))
         robust = max(float(estimate["robust_sd"][i]), sd)  # NaN for a single slew; never below the sample's own
         contraction = 1.0 - (sd / prior_sd) ** 2
@@ -126,12 +133,13 @@ class Posterior:
         }
 
     def _principal_moments(self) -> dict[str, Any]:
-        draws = self.tree["derived"]["principal_moment"].values.reshape(-1, 3)
-        robust = self.tree["estimate"]["robust_principal_sd"].values
+        draws = self.tree["averaged" if "averaged" in self.tree else "derived"]["principal_moment"].values.reshape(-1, 3)
+        sd = draws.std(0, ddof=1)
+        robust = np.maximum(self.tree["estimate"]["robust_principal_sd"].values, sd)  # as for the parameters
         return {
             f"I{i + 1}": {
                 "mean": float(draws[:, i].mean()),
-                "sd": float(draws[:, i].std(ddof=1)),
+                "sd": float(sd[i]),
                 "robust_sd": float(robust[i]) if np.isfinite(robust[i]) else None,
                 "unit": "kg m^2",
             }

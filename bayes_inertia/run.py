@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from bayes_inertia import __version__
+from bayes_inertia.averaging import averaged
 from bayes_inertia.campaign import Campaign
-from bayes_inertia.diagnosis_file import effects_of
+from bayes_inertia.diagnosis_file import alternatives_of, effects_of
 from bayes_inertia.dynamics import Drive
 from bayes_inertia.effects import by_name
 from bayes_inertia.errors import CampaignError, OutputError
@@ -110,23 +111,25 @@ def finish(folder: Path, *, report: bool = True, progress: Progress | None = Non
     run = read_run(folder)
     if campaign_sha256(folder / "campaign") != run.campaign_sha256:
         raise CampaignError("the run's copy of the campaign was changed", where=str(folder / "campaign"), advice="start a new run")
-    campaign, effects, about = read_campaign(folder / "campaign"), by_name(run.effects), {}
+    campaign, effects, about, others = read_campaign(folder / "campaign"), by_name(run.effects), {}, ()
     if run.kind == "diagnose":
         content = _diagnosed(folder, campaign, run, progress)
-        effects, about = effects_of(content), {"verdict": content["verdict"]}
+        effects, about, others = effects_of(content), {"verdict": content["verdict"]}, alternatives_of(content)
         if content["verdict"] != "unknown":
             campaign = with_measured_noise(campaign, content["noise"], content["drive"])
             about["noise"] = content["noise"]
+    seed = run.settings.seed
     posterior = fit(
         campaign,
         effects=effects,
         drive=run.drive,
-        seed=run.settings.seed,
+        seed=seed,
         settings=run.settings,
         chains=folder / "chains",
         about={"campaign_sha256": run.campaign_sha256} | about,
         progress=progress,
     )
+    posterior = averaged(posterior, others, seed)
     posterior.save(folder / "posterior.nc")
     write_atomically(folder / "summary.json", json.dumps(posterior.summary(), indent=1, allow_nan=False) + "\n")
     if report:

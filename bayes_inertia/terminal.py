@@ -85,6 +85,8 @@ def show_summary(summary: dict[str, Any], folder: Path, report: bool = True) -> 
         table.add_row(words, *shown, wording.unit_text(p["unit"], power), prior, wording.contraction_text(gained), _WORDS[wording.determined(gained)])
     console.print(table)
     console.print("sd: the larger of the model's and of what the scatter between slews supports")
+    if over := wording.averaged_over(summary):
+        console.print(f"J and K: averaged over what may be true ({over})")
     chi2 = ", ".join(f"{key} {value:.3f}" for key, value in summary["fit"]["reduced_chi2"].items() if value is not None)
     found = summary["diagnostics"]
     console.print(f"reduced chi^2: {chi2}")

@@ -10,22 +10,26 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from bayes_inertia.averaging import Alternative, alternatives, averaged
 from bayes_inertia.correction import correction_forecast
-from bayes_inertia.diagnose import Rules, Step, diagnose, imitation
-from bayes_inertia.diagnosis_file import effects_of, fitted, to_json
+from bayes_inertia.diagnose import Rival, Rules, Step, diagnose, imitation
+from bayes_inertia.diagnosis_file import alternatives_of, effects_of, fitted, to_json
 from bayes_inertia.disagreement import Window, disagreement
 from bayes_inertia.dynamics import idle_slew
 from bayes_inertia.effect import Effect
 from bayes_inertia.effects import LIBRARY, ConstantTorque, EachSlew, FlexibleMode, InertiaChange, WheelCommandLag
 from bayes_inertia.errors import EffectError
 from bayes_inertia.estimate import estimate
+from bayes_inertia.fit import fit
 from bayes_inertia.maneuver import planned_campaign
 from bayes_inertia.model import Model
 from bayes_inertia.parameters import Normal, scalar
 from bayes_inertia.plan import paper_like_plan
-from bayes_inertia.report import diagnosis_sections
+from bayes_inertia.posterior import Posterior
+from bayes_inertia.report import diagnosis_sections, standard_sections
 from bayes_inertia.report.diagnosis_wording import headline, verdict
 from bayes_inertia.run import with_measured_noise
+from bayes_inertia.sample import Settings
 from bayes_inertia.simulation import draw_flight
 from bayes_inertia.spacecraft import most_like_prior, most_like_spacecraft
 from bayes_inertia.unknown import unknown_torque
@@ -272,6 +276,102 @@ def test_a_column_without_numbers_is_no_column(clean):
 def test_ambiguity_is_worded_as_such():
     content = {"verdict": "ambiguous", "named": ["rate_bias", "wheel_friction"], "ambiguous_with": [["wheel_friction", "viscous_torque"]]}
     assert headline(content) == "Something is missing: either wheel friction or viscous torque. This campaign cannot tell which. Besides: rate bias."
+
+
+@pytest.fixture(scope="module")
+def torqued(flight):
+    """A weak constant torque, which three slews cannot tell from a dipole or a star-tracker shift."""
+    return diagnose(flight((ConstantTorque(),), {"constant_torque": {"torque": 1e-7 * np.array([1.0, -1.0, 1.0])}}), library=RIGID)
+
+
+def test_each_member_of_an_ambiguous_set_has_its_own_J_and_K(torqued):
+    assert torqued.verdict == "ambiguous"
+    others = alternatives(torqued)
+    assert [o.effect for o in others] == list(torqued.ambiguous_with[0][1:])
+    (step,) = torqued.steps
+    odds = [math.exp(r.log_bayes_factor - step.log_bayes_factor) for r in step.alternatives]
+    assert [o.probability for o in others] == pytest.approx([x / (1.0 + sum(odds)) for x in odds])
+    library = {e.name: e for e in RIGID}
+    for other in others:
+        direct = estimate(Model(torqued.base.model.campaign, (library[other.effect],)), discount=False)
+        assert np.all(np.abs(other.mean - direct.theta[:9]) < 0.01 * direct.sd[:9])
+        np.testing.assert_allclose(other.sd, direct.sd[:9], rtol=0.01)
+    content = content_of(torqued, alternatives=others)
+    check_contract(content, RIGID)
+    for again, other in zip(alternatives_of(json.loads(json.dumps(content))), others, strict=True):
+        assert (again.effect, again.probability, again.names) == (other.effect, other.probability, other.names)
+        assert np.array_equal(again.mean, other.mean)
+        assert np.array_equal(again.covariance, other.covariance)
+    said = verdict(content).sentences[-1]
+    assert said.startswith("The fit below includes constant torque. J and K are averaged over what may be true (constant torque ")
+    assert "J and K, whichever it is" in [section.title for section in diagnosis_sections(content)]
+
+
+def test_a_set_beside_another_effect_is_exchanged_with_that_effect_kept(lagging):
+    """The lag was named, its rival is the delay; a constant torque was named after it."""
+    (first,), at = lagging.steps, lagging.final
+    marks = search._marks(lagging.base, None)
+    delay = search._fitted(lagging.base, marks, {c.effect: c for c in search._candidates(marks)}["rate_sensor_delay"], None)
+    marks = search._marks(at, None)
+    torque = search._fitted(at, marks, {c.effect: c for c in search._candidates(marks)}["constant_torque"], None)
+    rival = Rival("rate_sensor_delay", delay.after, first.log_bayes_factor - 1.0, 0.9)
+    steps = (replace(first, alternatives=(rival,)), Step("constant_torque", at, torque.after, 0.0))
+    (other,) = alternatives(replace(lagging, verdict="ambiguous", steps=steps, final=torque.after))
+    library = {e.name: e for e in RIGID}
+    direct = estimate(Model(at.model.campaign, (library["rate_sensor_delay"], library["constant_torque"])), discount=False)
+    assert other.probability == pytest.approx(1.0 / (1.0 + math.e))
+    assert np.all(np.abs(other.mean - direct.theta[:9]) < 0.01 * direct.sd[:9])
+    # Without the effect named beside it J and K would be others.
+    assert np.any(np.abs(other.mean - delay.after.theta[:9]) > 0.1 * direct.sd[:9])
+
+
+def test_averaged_J_and_K_are_the_mixture_and_the_posterior_stays(torqued, tmp_path):
+    settings = Settings(seed=2, ensembles=2, walkers=32, steps=60, max_steps=60)
+    plain = fit(torqued.base.model.campaign, effects=(ConstantTorque(),), seed=2, settings=settings)
+    given = plain.summary()["parameters"]
+    names = tuple(given)[:9]
+    mean, sd = (np.array([given[name][key] for name in names]) for key in ("mean", "sd"))
+    far = Alternative("star_tracker_shift", "constant_torque", 0.3, names, mean + 4.0 * sd, np.diag((0.5 * sd) ** 2))
+    near = Alternative("magnetic_dipole", "constant_torque", 0.1, names, mean - 2.0 * sd, np.diag(sd**2))
+    whole = averaged(plain, (far, near), seed=3)
+    # Exactly: mean 0.3 * 4 - 0.1 * 2 = 1, variance 0.6 + 0.3 / 4 + 0.1 + (0.3 * 16 + 0.1 * 4 - 1) = 4.975 in sds of the first.
+    rows = whole.summary()["parameters"]
+    n = whole.tree["averaged"][names[0]].size
+    for name, m, s in zip(names, mean, sd, strict=True):
+        error = math.sqrt(4.975 / n) + math.sqrt(0.6 / plain.attributes["diagnostics"]["ess_bulk_min"])
+        assert abs((rows[name]["mean"] - m) / s - 1.0) < 4.0 * error
+        assert abs(rows[name]["sd"] / s - math.sqrt(4.975)) < 4.0 * error
+        assert rows[name]["robust_sd"] >= rows[name]["sd"]
+    assert rows["constant_torque.torque_x"] == given["constant_torque.torque_x"]
+    assert np.array_equal(whole.samples, plain.samples)
+    assert averaged(plain, (), seed=3) is plain
+    for key, row in whole.summary()["derived"].items():
+        assert row["robust_sd"] >= row["sd"] > plain.summary()["derived"][key]["sd"]
+    over = whole.summary()["averaged_over"]
+    assert [row["effects"] for row in over] == [["constant_torque"], ["star_tracker_shift"], ["magnetic_dipole"]]
+    assert [row["probability"] for row in over] == pytest.approx([0.6, 0.3, 0.1])
+    again = Posterior.load(whole.save(tmp_path / "posterior.nc"))
+    assert again.summary() == whole.summary()
+    assert again.tree["averaged"]["Jxx"].attrs["units"] == "kg m^2"
+    parameters = next(section for section in standard_sections(again) if section.title == "Parameters")
+    assert parameters.context["averaged"] == "constant torque 60 %, star tracker shift 30 %, magnetic dipole 10 %"
+
+
+def test_an_average_holds_no_tensor_that_no_body_has(torqued):
+    settings = Settings(seed=2, ensembles=2, walkers=32, steps=12, max_steps=12)
+    plain = fit(torqued.base.model.campaign, effects=(ConstantTorque(),), seed=2, settings=settings)
+    names = plain.names[:9]
+    edge = np.array([4.0, 2.0, 2.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0])  # 4 = 2 + 2: half of all draws about it break the triangle inequality
+    other = Alternative("star_tracker_shift", "constant_torque", 0.5, tuple(names), edge, 1e-4 * np.eye(9))
+    whole = averaged(plain, (other,), seed=1)
+    moments = whole.tree["averaged"]["principal_moment"].values.reshape(-1, 3)
+    assert np.all(moments[:, 0] + moments[:, 1] >= moments[:, 2])
+    assert np.mean(moments[:, 2] > 3.9) == pytest.approx(0.5, abs=4.0 * math.sqrt(0.25 / len(moments)))
+
+
+def test_only_an_ambiguous_diagnosis_has_alternatives(lagging):
+    assert alternatives(lagging) == ()
+    assert content_of(lagging)["alternatives"] == []
 
 
 def check_contract(content: dict, library=LIBRARY) -> None:

@@ -33,7 +33,7 @@ def prior_posterior(posterior: Posterior) -> Figure:
     prior = posterior.tree["prior"]
     for i, (name, cell) in enumerate(zip(names, cells, strict=False)):
         center = float(posterior.tree["estimate"]["prior_mean"][i])
-        _panel(figure.add_axes(cell), name, summary[name], posterior.samples[:, i], prior[name].values.ravel(), center)
+        _panel(figure.add_axes(cell), name, summary[name], posterior.averaged_samples[:, i], prior[name].values.ravel(), center)
     handles = [
         Patch(fc=style.BLUE, alpha=0.35, ec=style.BLUE, label="posterior"),
         Line2D([], [], color=style.MUTED, ls=(0, (4, 2)), label="prior"),

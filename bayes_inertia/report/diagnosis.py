@@ -4,6 +4,7 @@
 # ruff: noqa: RUF001
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -11,13 +12,14 @@ from bayes_inertia.plots import diagnosis as plots
 from bayes_inertia.plots.style import tenths
 from bayes_inertia.report import diagnosis_wording as wording
 from bayes_inertia.report.section import Picture, Section, packaged
+from bayes_inertia.report.wording import exponent, number, unit_text
 
 _MOST_WINDOWS = 12
 
 
 def diagnosis_sections(content: Mapping[str, Any]) -> list[Section]:
-    """Verdict, where the model disagrees, candidates, what naming changed, and the torque that nothing explains."""
-    built = (missing(content), disagreement(content), candidates(content), changes(content), unknown(content))
+    """Verdict, where the model disagrees, candidates, what naming changed, J and K in each case of a set, and the torque that nothing explains."""
+    built = (missing(content), disagreement(content), candidates(content), changes(content), whichever(content), unknown(content))
     return [section for section in built if section is not None]
 
 
@@ -110,6 +112,21 @@ def _change(label: str, step: Mapping[str, Any], side: str, channels: list[str])
     values = [step[f"reduced_chi2_{side}"][c] for c in channels]
     held = step[f"held_out_{side}"]
     return {"label": label, "cells": [f"{v:.4g}" for v in values], "held": "–" if held is None else f"{held:.4g}"}
+
+
+def whichever(content: Mapping[str, Any]) -> Section | None:
+    """J and K with each effect of the ambiguous sets; None if there is no set."""
+    others = content.get("alternatives")
+    if not others:
+        return None
+    rows = []
+    for i, (name, moved) in enumerate(content["steps"][-1]["shift"].items()):
+        cases = [(moved["after"], moved["sd_after"]), *((a["mean"][i], math.sqrt(a["covariance"][i][i])) for a in others)]
+        power = exponent(cases[0][0], cases[0][1])
+        cells = [f"{number(mean, sd, power)} ± {number(sd, sd, power)}" for mean, sd in cases]
+        rows.append({"name": name, "unit": unit_text(moved["unit"], power), "cells": cells})
+    heads = [f"{what} ({100.0 * p:.0f} %)" for what, p in wording.probabilities(content)]
+    return Section("J and K, whichever it is", packaged("whichever.html"), {"rows": rows, "heads": heads})
 
 
 def unknown(content: Mapping[str, Any]) -> Section | None:

@@ -29,7 +29,10 @@ def verdict(content: Mapping[str, Any]) -> Verdict:
     if content["verdict"] == "unknown":
         sentences.append("The fit below is the base model's: what is missing may shift J and K by more than their sd.")
     elif content["steps"]:
-        sentences.append("The fit below includes the named effects: J and K are estimated together with them.")
+        if content.get("alternatives"):
+            sentences.append(f"The fit below includes {listed([plain(step['added']) for step in content['steps']])}. {whichever_text(content)}")
+        else:
+            sentences.append("The fit below includes the named effects: J and K are estimated together with them.")
         if any(step["added"] == "inertia_change" for step in content["steps"]):
             sentences.append("J is the tensor before its change: for the next slew add the change, element by element.")
     else:
@@ -77,6 +80,35 @@ def listed_or(items: Sequence[str]) -> str:
     'either a, b or c'
     """
     return f"either {', '.join(items[:-1])} or {items[-1]}" if len(items) > 1 else "".join(items)
+
+
+def probabilities(content: Mapping[str, Any]) -> list[tuple[str, float]]:
+    """What of the sets may be true and how probable it is, the effects named first.
+
+    >>> probabilities({"alternatives": [{"effect": "wheel_friction", "instead_of": "viscous_torque", "probability": 0.25}]})
+    [('viscous torque', 0.75), ('wheel friction', 0.25)]
+    """
+    others = content["alternatives"]
+    named = listed([plain(name) for name in dict.fromkeys(a["instead_of"] for a in others)])
+    several = len({a["instead_of"] for a in others}) > 1
+    rows = [(f"{plain(a['effect'])}{' instead of ' + plain(a['instead_of']) if several else ''}", a["probability"]) for a in others]
+    return [(named, 1.0 - sum(p for _, p in rows)), *rows]
+
+
+def whichever_text(content: Mapping[str, Any]) -> str:
+    """That J and K are averaged over the sets, and how far they lie apart in them."""
+    moved = content["steps"][-1]["shift"]
+    gaps = [
+        (abs(mean - moved[name]["after"]) / moved[name]["sd_after"], name, plain(a["effect"]))
+        for a in content["alternatives"]
+        for name, mean in zip(a["names"], a["mean"], strict=True)
+    ]
+    most, name, effect = max(gaps)
+    shares = ", ".join(f"{what} {100.0 * p:.0f} %" for what, p in probabilities(content))
+    said = f"J and K are averaged over what may be true ({shares}), so that they hold whichever it is"
+    if most < 0.1:
+        return f"{said}; it makes no difference to them."
+    return f"{said}: if it is {effect}, {name} is {most:.1f} sd from where the first has it."
 
 
 def _where(content: Mapping[str, Any]) -> list[str]:

@@ -48,7 +48,7 @@ def parameters(posterior: Posterior) -> Section:
         "the prior over ±3 sd with the posterior's place as a blue mark; elsewhere prior and posterior share the axis.",
         "Prior and posterior densities of every parameter",
     )
-    return Section("Parameters", packaged("parameters.html"), {"rows": rows, "moments": moments}, (picture,))
+    return Section("Parameters", packaged("parameters.html"), {"rows": rows, "moments": moments, "averaged": wording.averaged_over(summary)}, (picture,))
 
 
 def _row(name: str, row: dict[str, Any], prior_mean: float) -> dict[str, Any]:

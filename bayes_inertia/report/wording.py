@@ -350,6 +350,17 @@ def limits(*, drive: str, effects: Sequence[str], channels: Sequence[str], wheel
     return said
 
 
+def averaged_over(summary: Mapping[str, Any]) -> str:
+    """What J and K are averaged over, with its probabilities; empty where they are not.
+
+    >>> averaged_over({"averaged_over": [{"effects": ["rate_bias", "a_b"], "probability": 0.7}, {"effects": ["rate_bias", "c"], "probability": 0.3}]})
+    'a b 70 %, c 30 %'
+    """
+    rows = summary.get("averaged_over", [])
+    sure = set.intersection(*(set(row["effects"]) for row in rows)) if rows else set()
+    return ", ".join(f"{listed([name.replace('_', ' ') for name in row['effects'] if name not in sure])} {100.0 * row['probability']:.0f} %" for row in rows)
+
+
 def meaning(name: str) -> str:
     """What a parameter is.
 
