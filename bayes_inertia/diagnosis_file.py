@@ -18,6 +18,7 @@ from bayes_inertia.effects import LIBRARY
 from bayes_inertia.estimate import Estimate
 from bayes_inertia.history import History
 from bayes_inertia.separation import Separation
+from bayes_inertia.undetected import Undetected
 from bayes_inertia.unknown import Unknown
 
 FORMAT = "bayes-inertia-diagnosis/1"
@@ -32,6 +33,7 @@ def to_json(
     correction: CorrectionForecast | None = None,
     separating: Sequence[Separation] = (),
     alternatives: Sequence[Alternative] = (),
+    hidden: Sequence[Undetected] = (),
 ) -> dict[str, Any]:
     """The content of diagnosis.json; no NaN and no infinity in it.
 
@@ -39,7 +41,7 @@ def to_json(
     ----------
     where, after : the scans of the residuals before and after effects were added. unknown : if the verdict is "unknown".
     correction : the next correction slew before and after. separating : slews that would tell the ambiguous effects apart.
-    alternatives : J and K with another effect of an ambiguous set.
+    alternatives : J and K with another effect of an ambiguous set. hidden : how far what is too weak to be found could have moved them.
     """
     content = {
         "format": FORMAT,
@@ -55,6 +57,7 @@ def to_json(
         "correction_slew": None if correction is None else asdict(correction) | {"unit": "rad", "angle_deg": 60.0},
         "separating": [_separating(s) for s in separating],
         "alternatives": [asdict(a) | {"names": list(a.names), "mean": a.mean.tolist(), "covariance": a.covariance.tolist()} for a in alternatives],
+        "could_hide": [asdict(u) for u in hidden],
         "why_unknown": found.why_unknown,
         "threshold": found.threshold,
         "noise": dict(found.noise),

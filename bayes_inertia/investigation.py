@@ -15,6 +15,7 @@ from bayes_inertia.dynamics import Drive
 from bayes_inertia.effects import LIBRARY
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.separation import Separation, separating_slew
+from bayes_inertia.undetected import undetected
 from bayes_inertia.unknown import unknown_torque
 
 
@@ -31,7 +32,7 @@ def investigated(campaign: Campaign, drive: Drive | None = None, seed: int = 0) 
     after = disagreement(found.final, seed=seed, stated=False) if changed else None
     unknown = unknown_torque(found.base) if found.verdict == "unknown" else None
     correction = correction_forecast(found.base, found.final, seed=seed) if found.steps and found.verdict != "unknown" else None
-    return to_json(found, before, after, unknown, correction, separating(found, seed), alternatives(found))
+    return to_json(found, before, after, unknown, correction, separating(found, seed), alternatives(found), undetected(found))
 
 
 def separating(found: Diagnosis, seed: int = 0) -> list[Separation]:

@@ -18,8 +18,8 @@ _MOST_WINDOWS = 12
 
 
 def diagnosis_sections(content: Mapping[str, Any]) -> list[Section]:
-    """Verdict, where the model disagrees, candidates, what naming changed, J and K in each case of a set, and the torque that nothing explains."""
-    built = (missing(content), disagreement(content), candidates(content), changes(content), whichever(content), unknown(content))
+    """Verdict, where the model disagrees, candidates, what naming changed, what may be true instead or hide still, the torque that nothing explains."""
+    built = (missing(content), disagreement(content), candidates(content), changes(content), whichever(content), hidden(content), unknown(content))
     return [section for section in built if section is not None]
 
 
@@ -127,6 +127,25 @@ def whichever(content: Mapping[str, Any]) -> Section | None:
         rows.append({"name": name, "unit": unit_text(moved["unit"], power), "cells": cells})
     heads = [f"{what} ({100.0 * p:.0f} %)" for what, p in wording.probabilities(content)]
     return Section("J and K, whichever it is", packaged("whichever.html"), {"rows": rows, "heads": heads})
+
+
+def hidden(content: Mapping[str, Any]) -> Section | None:
+    """How far an effect too weak to be found could have moved J and K; None where that is not known."""
+    rows = []
+    for row in content.get("could_hide", []):
+        power = exponent(row["shift"], row["sd"])
+        rows.append(
+            {
+                "name": row["parameter"],
+                "unit": unit_text(row["unit"], power),
+                "sd": number(row["sd"], row["sd"], power),
+                "shift": number(row["shift"], row["sd"], power),
+                "sds": tenths(row["shift"] / row["sd"]),
+                "effect": wording.plain(row["effect"]),
+                "limit": "its prior" if row["unseen"] else "the data",
+            }
+        )
+    return Section("What could still hide", packaged("hidden.html"), {"rows": rows}) if rows else None
 
 
 def unknown(content: Mapping[str, Any]) -> Section | None:

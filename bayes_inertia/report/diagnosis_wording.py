@@ -37,6 +37,8 @@ def verdict(content: Mapping[str, Any]) -> Verdict:
             sentences.append("J is the tensor before its change: for the next slew add the change, element by element.")
     else:
         sentences.append("The fit below is the base model's.")
+    if content.get("could_hide"):
+        sentences.append(hidden_text(content["could_hide"]))
     return Verdict(_LEVELS[content["verdict"]], title, tuple(sentences))
 
 
@@ -109,6 +111,17 @@ def whichever_text(content: Mapping[str, Any]) -> str:
     if most < 0.1:
         return f"{said}; it makes no difference to them."
     return f"{said}: if it is {effect}, {name} is {most:.1f} sd from where the first has it."
+
+
+def hidden_text(rows: Sequence[Mapping[str, Any]]) -> str:
+    """How far what is too weak to be found could have moved J and K, at most.
+
+    >>> hidden_text([{"parameter": "Jxx", "shift": 6e-4, "sd": 2e-4, "effect": "wheel_friction"}])
+    'An effect too weak to be found could still have moved J and K: most of all Jxx, by up to 3.0 of its sd (wheel friction).'
+    """
+    worst = max(rows, key=lambda row: row["shift"] / row["sd"])
+    said = f"most of all {worst['parameter']}, by up to {worst['shift'] / worst['sd']:.1f} of its sd ({plain(worst['effect'])})"
+    return f"An effect too weak to be found could still have moved J and K: {said}."
 
 
 def _where(content: Mapping[str, Any]) -> list[str]:
