@@ -374,6 +374,9 @@ def explained(tests: dict[str, ChannelTest], rules: Rules) -> bool:
 def _verdict(base: Estimate, at: Estimate, steps: list[Step], first: tuple, noise: dict[str, float], skipped, rules: Rules) -> Diagnosis:
     found, limit, marks = first
     tests = final_tests(at)
+    # What was named too, and is needed beside the other, is no alternative to it.
+    both = {s.added for s in steps}
+    steps = [replace(s, alternatives=tuple(rival for rival in s.alternatives if rival.effect not in both)) for s in steps]
     louder = any(factor > 1.0 for factor in noise.values())
     sets = tuple((s.added, *(rival.effect for rival in s.alternatives)) for s in steps if s.alternatives)
     names = tuple(s.added for s in steps) + ((NOISE,) if louder else ())

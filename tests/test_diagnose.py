@@ -324,6 +324,19 @@ def test_a_set_beside_another_effect_is_exchanged_with_that_effect_kept(lagging)
     assert np.all(np.abs(other.mean - direct.theta[:9]) < 0.01 * direct.sd[:9])
     # Without the effect named beside it J and K would be others.
     assert np.any(np.abs(other.mean - delay.after.theta[:9]) > 0.1 * direct.sd[:9])
+    # A rival that was named in the end, because both are needed, is none.
+    both = Rival("constant_torque", torque.after, first.log_bayes_factor - 1.0, 0.9)
+    judged = search._verdict(
+        lagging.base,
+        torque.after,
+        [replace(steps[0], alternatives=(rival, both)), steps[1]],
+        (lagging.candidates, lagging.threshold, marks),
+        lagging.noise,
+        (),
+        Rules(),
+    )
+    assert [r.effect for r in judged.steps[0].alternatives] == ["rate_sensor_delay"]
+    assert all("constant_torque" not in group for group in judged.ambiguous_with)
 
 
 def test_averaged_J_and_K_are_the_mixture_and_the_posterior_stays(torqued, tmp_path):
