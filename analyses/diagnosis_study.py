@@ -22,7 +22,8 @@ from scipy import optimize, stats
 
 from bayes_inertia.averaging import alternatives
 from bayes_inertia.campaign import Campaign
-from bayes_inertia.diagnose import Diagnosis, Rules, diagnose
+from bayes_inertia.diagnose import Rules, diagnose
+from bayes_inertia.diagnosis import Diagnosis
 from bayes_inertia.effect import Effect
 from bayes_inertia.effects import LIBRARY
 from bayes_inertia.errors import BayesInertiaError

@@ -15,7 +15,7 @@ import jax
 import numpy as np
 
 from bayes_inertia import inertia
-from bayes_inertia.diagnose import Diagnosis, Rival, Step
+from bayes_inertia.diagnosis import Diagnosis, Rival, Step
 from bayes_inertia.estimate import Estimate, move_to, re_estimate, with_noise
 from bayes_inertia.model import Model
 from bayes_inertia.posterior import Posterior

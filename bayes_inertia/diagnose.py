@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -20,6 +20,7 @@ from scipy.special import logsumexp
 from bayes_inertia.adequacy import ChannelTest, channel_tests
 from bayes_inertia.ahead import compile_ahead
 from bayes_inertia.campaign import Campaign
+from bayes_inertia.diagnosis import NOISE, Candidate, Diagnosis, Rival, Step
 from bayes_inertia.dynamics import Drive
 from bayes_inertia.effect import Effect
 from bayes_inertia.effects import LIBRARY, FlexibleMode
@@ -27,7 +28,6 @@ from bayes_inertia.errors import EffectError
 from bayes_inertia.estimate import Estimate, estimate, move_to, re_estimate, with_noise, without_effect
 from bayes_inertia.evidence import log_bayes_factor
 from bayes_inertia.fingerprint import VISIBLE, Fingerprints, fingerprints
-from bayes_inertia.held_out import held_out
 from bayes_inertia.model import Model
 from bayes_inertia.noise import noise_factors
 from bayes_inertia.oscillator import Ringing, best_ringing, theta_of
@@ -37,7 +37,6 @@ from bayes_inertia.torque_response import torque_response
 from bayes_inertia.unknown import unknown_torque
 
 FLEXIBLE = "flexible_mode"
-NOISE = "noise_level"
 # By how much log evidence to first order may be wrong, for candidates worth a refit as rivals.
 _FIRST_ORDER = 2.0
 # Of the objective, for refits that are compared: what is left of it is a hundredth at most, while evidence is weighed in units.
@@ -67,69 +66,6 @@ class Rules:
     margin: float = 3.0
     alike: float = 0.6
     misfit: float = 1e-4
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """One candidate at the base fit: `score` is chi^2 with `dof` if the effect is absent; `log_bayes_factor` to first order."""
-
-    effect: str
-    dof: int
-    score: float
-    p_value: float
-    log_bayes_factor: float
-
-
-@dataclass(frozen=True)
-class Rival:
-    """An effect that explains the data about as well as the one added in its place: the fit with it, its log evidence, canonical correlation of the two."""
-
-    effect: str
-    after: Estimate
-    log_bayes_factor: float
-    correlation: float
-
-
-@dataclass(frozen=True)
-class Step:
-    """One effect added: the fits before and after, and others that explain the data as well."""
-
-    added: str
-    before: Estimate
-    after: Estimate
-    log_bayes_factor: float
-    alternatives: tuple[Rival, ...] = ()
-
-
-@dataclass(frozen=True)
-class Diagnosis:
-    """The answer.
-
-    Attributes
-    ----------
-    verdict : "consistent", "named", "ambiguous" or "unknown". named : effects added (and `noise_level`).
-    ambiguous_with : sets of effects, the named one first, that this campaign cannot tell apart.
-    candidates : all candidates, scored at the base fit. threshold : p-value below which one is significant.
-    steps : what was added. base, final : the fits with nothing and with everything added.
-    noise : factor by which each channel's noise exceeds what is stated. tests : of the final residuals, at that noise.
-    skipped : candidates that could not be tried, and why. correlations : canonical ones, of pairs of candidates.
-    why_unknown : "misfit" (the residuals are not explained), "imitation" (effects added would explain them, but something of
-        free shape does so better), or "".
-    """
-
-    verdict: str
-    named: tuple[str, ...]
-    ambiguous_with: tuple[tuple[str, ...], ...]
-    candidates: tuple[Candidate, ...]
-    threshold: float
-    steps: tuple[Step, ...]
-    base: Estimate
-    final: Estimate
-    noise: dict[str, float]
-    tests: dict[str, ChannelTest]
-    skipped: tuple[tuple[str, str], ...] = ()
-    correlations: dict[tuple[str, str], float] = field(default_factory=dict)
-    why_unknown: str = ""
 
 
 def diagnose(campaign: Campaign, *, library: Sequence[Effect] = LIBRARY, drive: Drive | None = None, rules: Rules | None = None, seed: int = 0) -> Diagnosis:
@@ -424,8 +360,3 @@ def _nameless(at: Estimate) -> float:
     free = unknown_torque(at)
     followed = [evidence for key, evidence in free.followed.items() if key not in NAMED]
     return max(*(h.log_evidence for h in (free.torque, free.other) if h is not None), float(logsumexp(followed) - np.log(len(followed))))
-
-
-def held_out_chi2(step: Step) -> tuple[float | None, float | None]:
-    """Reduced chi^2 of slews left out of the fit, before and after the step; None with fewer than two slews."""
-    return held_out(step.before), held_out(step.after)

@@ -11,11 +11,13 @@ import numpy as np
 
 from bayes_inertia.averaging import Alternative
 from bayes_inertia.correction import CorrectionForecast
-from bayes_inertia.diagnose import NOISE, Diagnosis, Rules, Step, held_out_chi2
+from bayes_inertia.diagnose import Rules
+from bayes_inertia.diagnosis import NOISE, Diagnosis, Step
 from bayes_inertia.disagreement import Disagreement
 from bayes_inertia.effect import Effect
 from bayes_inertia.effects import LIBRARY
 from bayes_inertia.estimate import Estimate
+from bayes_inertia.held_out import held_out
 from bayes_inertia.history import History
 from bayes_inertia.separation import Separation
 from bayes_inertia.undetected import Undetected
@@ -207,15 +209,14 @@ def parameters_of(at: Estimate, effect: str) -> dict[str, dict[str, Any]] | None
 
 
 def _step(step: Step) -> dict[str, Any]:
-    before, after = held_out_chi2(step)
     return {
         "added": step.added,
         "log_bayes_factor": step.log_bayes_factor,
         "alternatives": [{"effect": rival.effect, "correlation": rival.correlation} for rival in step.alternatives],
         "reduced_chi2_before": {key: t.reduced_chi2 for key, t in step.before.tests.items()},
         "reduced_chi2_after": {key: t.reduced_chi2 for key, t in step.after.tests.items()},
-        "held_out_before": before,
-        "held_out_after": after,
+        "held_out_before": held_out(step.before),
+        "held_out_after": held_out(step.after),
         "shift": shift(step.before, step.after),
     }
 

@@ -8,7 +8,8 @@ from typing import Any
 from bayes_inertia.averaging import alternatives
 from bayes_inertia.campaign import Campaign
 from bayes_inertia.correction import correction_forecast
-from bayes_inertia.diagnose import Diagnosis, diagnose
+from bayes_inertia.diagnose import diagnose
+from bayes_inertia.diagnosis import Diagnosis
 from bayes_inertia.diagnosis_file import to_json
 from bayes_inertia.disagreement import disagreement
 from bayes_inertia.dynamics import Drive

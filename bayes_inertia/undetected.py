@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize, stats
 
-from bayes_inertia.diagnose import Diagnosis
+from bayes_inertia.diagnosis import Diagnosis
 from bayes_inertia.fingerprint import fingerprints
 from bayes_inertia.projection import Projection, projection
 

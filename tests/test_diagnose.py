@@ -12,7 +12,8 @@ import pytest
 
 from bayes_inertia.averaging import Alternative, alternatives, averaged
 from bayes_inertia.correction import correction_forecast
-from bayes_inertia.diagnose import Rival, Rules, Step, diagnose, imitation
+from bayes_inertia.diagnose import Rules, diagnose, imitation
+from bayes_inertia.diagnosis import Rival, Step
 from bayes_inertia.diagnosis_file import alternatives_of, effects_of, fitted, to_json
 from bayes_inertia.disagreement import Window, disagreement
 from bayes_inertia.dynamics import idle_slew
