@@ -218,6 +218,7 @@ def run_one(kind: str, label: str, index: int, effects: tuple[Effect, ...], tach
         "ideal_powers": ideal_powers(effects, drawn, wanted, fresh(), tachometers, level) if kind == "pair" else None,
         "verdict": found.verdict,
         "why_unknown": found.why_unknown,
+        "nameless_lead": found.nameless_lead if found.steps else None,
         "named": list(found.named),
         "ambiguous_with": [list(s) for s in found.ambiguous_with],
         "steps": [s.added for s in found.steps],

@@ -53,7 +53,7 @@ class Rules:
         then stays below 5 %.)
     refits : candidates that are refitted in each step, unless their first-order log evidence is less than `hopeless`
         times that of the best. most : effects that can be named at all.
-    margin : log evidence by which the best must beat another that could imitate it.
+    margin : log evidence by which the best must beat another that could imitate it, and something without a name must beat the names.
     alike : canonical correlation with the best above which another candidate counts as an imitation. (0.6: where an ideal
         test finds an effect in 99 % of campaigns, one less alike wins by chance in less than 1 %.)
     misfit : p-value of the whole residuals below which the data are not explained.
@@ -316,7 +316,8 @@ def _verdict(base: Estimate, at: Estimate, steps: list[Step], first: tuple, nois
     louder = any(factor > 1.0 for factor in noise.values())
     sets = tuple((s.added, *(rival.effect for rival in s.alternatives)) for s in steps if s.alternatives)
     names = tuple(s.added for s in steps) + ((NOISE,) if louder else ())
-    why = "misfit" if not explained(tests, rules) else "imitation" if imitation(steps, rules, len(found)) else ""
+    lead = nameless_lead(steps, len(found))
+    why = "misfit" if not explained(tests, rules) else "imitation" if lead > rules.margin else ""
     if why:
         verdict, names = "unknown", ()
     elif sets:
@@ -329,27 +330,26 @@ def _verdict(base: Estimate, at: Estimate, steps: list[Step], first: tuple, nois
         (a, b): marks.canonical_correlation(i, j) for i, a in enumerate(marks.names) for j, b in enumerate(marks.names) if i < j and FLEXIBLE not in (a, b)
     }
     return Diagnosis(
-        verdict, names, sets if verdict == "ambiguous" else (), tuple(found), limit, tuple(steps), base, at, noise, tests, skipped, correlations, why
+        verdict, names, sets if verdict == "ambiguous" else (), tuple(found), limit, tuple(steps), base, at, noise, tests, skipped, correlations, why, lead
     )
 
 
-def imitation(steps: Sequence[Step], rules: Rules, choices: int) -> bool:
-    """Whether something without a name explains the data better than the effects named, or than the last of them.
+def nameless_lead(steps: Sequence[Step], choices: int) -> float:
+    """Log evidence by which something without a name explains the data better than the effects named, or than the last of them; -inf without steps.
 
     Several effects together can imitate one that is not in the library, each taking a part. A torque or sensor error of any
     shape has far more freedom and pays for it in evidence, one in proportion to something known (`proportional`) has about as much:
-    where either still wins, the names are not the cause.
+    where either wins clearly, the names are not the cause.
 
     Parameters
     ----------
     choices : number of candidates. A claim of several effects at once pays for each further choice among them (Scott and Berger 2010).
     """
-    claimed = np.log(choices)
+    claimed, lead = np.log(choices), -np.inf
     for step in reversed(steps):
         claimed += step.log_bayes_factor - np.log(choices)
-        if _nameless(step.before) > claimed + rules.margin:
-            return True
-    return False
+        lead = max(lead, _nameless(step.before) - claimed)
+    return float(lead)
 
 
 def _nameless(at: Estimate) -> float:

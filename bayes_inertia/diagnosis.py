@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 from bayes_inertia.adequacy import ChannelTest
@@ -56,6 +57,7 @@ class Diagnosis:
     skipped : candidates that could not be tried, and why. correlations : canonical ones, of pairs of candidates.
     why_unknown : "misfit" (the residuals are not explained), "imitation" (effects added would explain them, but something of
         free shape does so better), or "".
+    nameless_lead : log evidence by which something without a name explains the data better than what was named; -inf if nothing was.
     """
 
     verdict: str
@@ -71,3 +73,4 @@ class Diagnosis:
     skipped: tuple[tuple[str, str], ...] = ()
     correlations: dict[tuple[str, str], float] = field(default_factory=dict)
     why_unknown: str = ""
+    nameless_lead: float = -math.inf

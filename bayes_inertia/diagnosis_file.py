@@ -61,6 +61,7 @@ def to_json(
         "alternatives": [asdict(a) | {"names": list(a.names), "mean": a.mean.tolist(), "covariance": a.covariance.tolist()} for a in alternatives],
         "could_hide": [asdict(u) for u in hidden],
         "why_unknown": found.why_unknown,
+        "nameless_lead": found.nameless_lead,
         "threshold": found.threshold,
         "noise": dict(found.noise),
         "skipped": [{"effect": name, "reason": reason} for name, reason in found.skipped],

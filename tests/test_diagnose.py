@@ -12,7 +12,7 @@ import pytest
 
 from bayes_inertia.averaging import Alternative, alternatives, averaged
 from bayes_inertia.correction import correction_forecast
-from bayes_inertia.diagnose import Rules, diagnose, imitation
+from bayes_inertia.diagnose import Rules, diagnose, nameless_lead
 from bayes_inertia.diagnosis import Rival, Step
 from bayes_inertia.diagnosis_file import alternatives_of, effects_of, fitted, to_json
 from bayes_inertia.disagreement import Window, disagreement
@@ -234,8 +234,9 @@ def test_effects_that_only_imitate_another_are_not_named(flight, lagging):
     found = diagnose(flight((Leak(),), {"leak": {"size": np.array(1.2e-5)}}), library=RIGID)
     assert (found.verdict, found.named) == ("unknown", ())
     assert len(found.steps) >= 2
-    assert imitation(found.steps, Rules(), len(RIGID))
-    assert not imitation(lagging.steps, Rules(), len(RIGID))
+    assert found.nameless_lead == nameless_lead(found.steps, len(found.candidates)) > Rules().margin
+    assert lagging.nameless_lead < -Rules().margin
+    assert nameless_lead((), len(RIGID)) == -math.inf
     content = content_of(found, unknown=unknown_torque(found.base)) | {"why_unknown": "imitation"}
     check_contract(content, RIGID)
     assert any("an imitation of something that is not among the candidates" in s for s in verdict(content).sentences)
@@ -304,9 +305,17 @@ def test_each_member_of_an_ambiguous_set_has_its_own_J_and_K(torqued):
         assert (again.effect, again.probability, again.names) == (other.effect, other.probability, other.names)
         assert np.array_equal(again.mean, other.mean)
         assert np.array_equal(again.covariance, other.covariance)
-    said = verdict(content).sentences[-1]
-    assert said.startswith("The fit below includes constant torque. J and K are averaged over what may be true (constant torque ")
+    begun = "The fit below includes constant torque. J and K are averaged over what may be true (constant torque "
+    assert any(said.startswith(begun) for said in verdict(content).sentences)
     assert "J and K, whichever it is" in [section.title for section in diagnosis_sections(content)]
+
+
+def test_a_name_that_something_without_one_matches_is_called_likely(lagging):
+    content = content_of(lagging)
+    sure, tied = (verdict(content | {"nameless_lead": lead}).sentences for lead in (content["nameless_lead"], 0.0))
+    assert len(tied) == len(sure) + 1
+    assert any("likely, not proven" in s for s in tied)
+    assert not any("likely, not proven" in s for s in sure)
 
 
 def test_a_set_beside_another_effect_is_exchanged_with_that_effect_kept(lagging):

@@ -7,6 +7,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from bayes_inertia.diagnose import Rules
 from bayes_inertia.report.wording import Verdict, exponent, listed, number, unit_text
 
 CHANNEL_NAMES = {"rate": "rate sensor", "attitude": "star tracker", "momentum": "wheel momentum", "total": "all channels"}
@@ -37,6 +38,8 @@ def verdict(content: Mapping[str, Any]) -> Verdict:
             sentences.append("J is the tensor before its change: for the next slew add the change, element by element.")
     else:
         sentences.append("The fit below is the base model's.")
+    if content["steps"] and content["verdict"] != "unknown" and nameless(content):
+        sentences.append(nameless(content))
     if content.get("could_hide"):
         sentences.append(hidden_text(content["could_hide"]))
     return Verdict(_LEVELS[content["verdict"]], title, tuple(sentences))
@@ -111,6 +114,19 @@ def whichever_text(content: Mapping[str, Any]) -> str:
     if most < 0.1:
         return f"{said}; it makes no difference to them."
     return f"{said}: if it is {effect}, {name} is {most:.1f} sd from where the first has it."
+
+
+def nameless(content: Mapping[str, Any]) -> str:
+    """That something outside the library could be the cause as well; empty where the names explain the data clearly better.
+
+    >>> nameless({"nameless_lead": 1.5}), nameless({"nameless_lead": -20.0})
+    ('Something without a name (a torque or sensor error ...) explains the data about as well: what is named is likely, not proven.', '')
+    """
+    lead = content.get("nameless_lead")
+    if lead is None or lead < -Rules.margin:
+        return ""
+    what = "a torque or sensor error of free shape, or in proportion to a rate, momentum, field or time"
+    return f"Something without a name ({what}) explains the data about as well: what is named is likely, not proven."
 
 
 def hidden_text(rows: Sequence[Mapping[str, Any]]) -> str:
