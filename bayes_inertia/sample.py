@@ -24,7 +24,7 @@ from threadpoolctl import threadpool_limits
 from bayes_inertia.chain_file import load_chain, save_chain
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.estimate import Estimate, marginal
-from bayes_inertia.io import make_folder
+from bayes_inertia.io import make_folder, remove_leftovers
 from bayes_inertia.likelihood import Marginal, log_posterior, shared_log_posterior
 from bayes_inertia.model import Structure
 from bayes_inertia.moves import IndependenceMove
@@ -234,6 +234,7 @@ def _ensemble(at, log_density, moves, move, settings: Settings, seed, file: Path
     d, backend = len(at.theta), emcee.backends.Backend()
     walkers = _walkers(settings.walkers, d)
     if file is not None:
+        remove_leftovers(file)
         backend = load_chain(file, walkers, d)
     sampler = emcee.EnsembleSampler(walkers, d, log_density, vectorize=True, moves=moves, backend=backend)
     if file is not None and backend.iteration > 0:

@@ -349,7 +349,7 @@ def _kill_in_the_middle(campaign: Path, run: Path) -> None:
     """Start `fit` in a process of its own, and SIGKILL it while its chains grow; on a busy machine that may take another try."""
     for _ in range(4):
         _kill(campaign, run)
-        lengths = [emcee.backends.HDFBackend(str(p), read_only=True).iteration for p in sorted((run / "chains").glob("*.h5"))]
+        lengths = [emcee.backends.HDFBackend(str(p), read_only=True).iteration for p in sorted((run / "chains").glob("ensemble_*.h5"))]
         if 0 < sum(lengths) < Settings().ensembles * Settings().steps:
             return
         shutil.rmtree(run)
@@ -367,7 +367,7 @@ def _kill(campaign: Path, run: Path) -> None:
                 assert (run / "summary.json").exists(), f"the fit failed: {process.stdout.read().decode()}"
                 return
             assert time.monotonic() < deadline, "the fit never began to sample"
-            seen |= {(p.name, p.stat().st_mtime_ns) for p in files.glob("*.h5")}
+            seen |= {(p.name, p.stat().st_mtime_ns) for p in files.glob("ensemble_*.h5")}
             time.sleep(0.002)
         os.kill(process.pid, signal.SIGKILL)
     finally:
@@ -382,8 +382,11 @@ def test_a_killed_fit_resumes_to_the_bits_of_one_that_was_not_killed(flown, tmp_
     write_campaign(flown.campaign, campaign)
     _kill_in_the_middle(campaign, killed)
     assert not (killed / "summary.json").exists()
+    # What a kill in the middle of a save leaves behind.
+    (killed / "chains" / ".ensemble_0.h5.0a1b2c.tmp.h5").write_bytes(b"half a file")
     code = _command("fit", str(campaign), "-o", str(whole), "--seed", "5", "--no-report")
     assert _command("resume", str(killed), "--no-report") == code
+    assert sorted(p.name for p in (killed / "chains").iterdir()) == [f"ensemble_{k}.h5" for k in range(4)]
     for k in range(4):
         assert _chain(whole / "chains" / f"ensemble_{k}.h5") == _chain(killed / "chains" / f"ensemble_{k}.h5")
     summaries = [json.loads((run / "summary.json").read_text()) for run in (whole, killed)]

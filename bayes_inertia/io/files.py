@@ -12,6 +12,20 @@ from pathlib import Path, PureWindowsPath
 from bayes_inertia.errors import CampaignError, OutputError
 
 
+def _temporary(path: Path, tag: str) -> Path:
+    """The file beside `path` in which its next content is written."""
+    return path.with_name(f".{path.name}.{tag}.tmp{path.suffix}")
+
+
+def remove_leftovers(path: Path) -> None:
+    """Delete what a kill in the middle of `write_atomically` left beside `path`; not while another process may write it.
+
+    >>> remove_leftovers(Path("no/such/folder/a.h5"))
+    """
+    for left in path.parent.glob(_temporary(path, "*").name):
+        left.unlink(missing_ok=True)
+
+
 def write_atomically(path: str | Path, content: bytes | str | Callable[[Path], object]) -> Path:
     """Write a file so that, whatever happens meanwhile, `path` holds either the old content or all of the new one.
 
@@ -28,7 +42,7 @@ def write_atomically(path: str | Path, content: bytes | str | Callable[[Path], o
     b'done'
     """
     path = Path(path)
-    temporary = path.with_name(f".{path.name}.{secrets.token_hex(6)}.tmp{path.suffix}")
+    temporary = _temporary(path, secrets.token_hex(6))
     try:
         if callable(content):
             content(temporary)
