@@ -17,10 +17,9 @@ import numpy as np
 from bayes_inertia import inertia
 from bayes_inertia.diagnosis import Diagnosis, Rival, Step
 from bayes_inertia.estimate import Estimate, move_to, re_estimate, with_noise
-from bayes_inertia.model import Model
+from bayes_inertia.model import N_BASE, Model
 from bayes_inertia.posterior import Posterior
 
-_RIGID = 9  # J and K, which every model has first
 _is_physical = jax.jit(inertia.is_physical)
 
 
@@ -65,7 +64,7 @@ def alternatives(found: Diagnosis) -> tuple[Alternative, ...]:
 
 def _alternative(found: Diagnosis, step: Step, rival: Rival, probability: float) -> Alternative:
     at = _exchanged(found, step, rival)
-    return Alternative(rival.effect, step.added, probability, tuple(at.model.space.names[:_RIGID]), at.theta[:_RIGID], at.covariance[:_RIGID, :_RIGID])
+    return Alternative(rival.effect, step.added, probability, tuple(at.model.space.names[:N_BASE]), at.theta[:N_BASE], at.covariance[:N_BASE, :N_BASE])
 
 
 def _exchanged(found: Diagnosis, step: Step, rival: Rival) -> Estimate:
@@ -81,7 +80,7 @@ def _exchanged(found: Diagnosis, step: Step, rival: Rival) -> Estimate:
     there = dict(zip(rival.after.model.space.names, rival.after.theta, strict=True))
     theta, gone, come = at.theta.copy(), space.slice_of(step.added), space.slice_of(rival.effect)
     theta[gone] = space.nulls[gone]
-    for i in (*range(_RIGID), *range(come.start, come.stop)):
+    for i in (*range(N_BASE), *range(come.start, come.stop)):
         theta[i] = there[space.names[i]]
     kept = at.free[(at.free < gone.start) | (at.free >= gone.stop)]
     return re_estimate(at, theta, np.concatenate([kept, np.arange(come.start, come.stop)]))
@@ -100,7 +99,8 @@ def averaged(posterior: Posterior, others: Sequence[Alternative], seed: int) -> 
     rng, names = np.random.default_rng([seed, 4]), others[0].names
     draws = np.stack([posterior.tree["posterior"][name].values for name in names], -1)
     given = {name: {"mean": float(x.mean()), "sd": float(x.std(ddof=1))} for name, x in zip(names, np.moveaxis(draws, -1, 0), strict=True)}
-    which = rng.choice(len(others) + 1, size=draws.shape[:2], p=[1.0 - sum(o.probability for o in others), *(o.probability for o in others)])
+    first = 1.0 - sum(o.probability for o in others)
+    which = rng.choice(len(others) + 1, size=draws.shape[:2], p=[first, *(o.probability for o in others)])
     for k, other in enumerate(others, 1):
         draws[which == k] = _physical_draws(other, int(np.sum(which == k)), rng)
     group = xr.Dataset({name: (("chain", "draw"), draws[..., i]) for i, name in enumerate(names)}, coords=posterior.tree["posterior"].coords)
@@ -111,7 +111,7 @@ def averaged(posterior: Posterior, others: Sequence[Alternative], seed: int) -> 
         source = "derived" if name == "principal_moment" else "posterior"
         tree["averaged"][name].attrs["units"] = tree[source][name].attrs.get("units", "")
     fitted = posterior.attributes["effects"]
-    rows = [{"effects": fitted, "probability": 1.0 - sum(o.probability for o in others), "parameters": given}]
+    rows = [{"effects": fitted, "probability": first, "parameters": given}]
     rows += [_row([o.effect if name == o.instead_of else name for name in fitted], o) for o in others]
     tree.attrs = posterior.tree.attrs | {"bayes_inertia": json.dumps(posterior.attributes | {"averaged_over": rows})}
     return replace(posterior, tree=tree)

@@ -27,7 +27,7 @@ from bayes_inertia.effects import LIBRARY, FlexibleMode
 from bayes_inertia.errors import EffectError
 from bayes_inertia.estimate import Estimate, estimate, move_to, re_estimate, with_noise, without_effect
 from bayes_inertia.evidence import log_bayes_factor
-from bayes_inertia.fingerprint import VISIBLE, Fingerprints, fingerprints
+from bayes_inertia.fingerprint import VISIBLE, Fingerprints, fingerprints, unfitted
 from bayes_inertia.model import Model
 from bayes_inertia.noise import noise_factors
 from bayes_inertia.oscillator import Ringing, best_ringing, theta_of
@@ -138,9 +138,7 @@ def _empty(column: np.ndarray | None) -> bool:
 
 def _marks(at: Estimate, flexible: Effect | None) -> Fingerprints:
     """Fingerprints of everything that is not fitted yet."""
-    space = at.model.space
-    waiting = tuple(e.name for e in at.model.effects if not np.isin(np.arange(space.size)[space.slice_of(e.name)], at.free).any())
-    waiting = tuple(name for name in waiting if space.slice_of(name).stop > space.slice_of(name).start)
+    waiting = unfitted(at)
     if flexible is None or any(e.name == FLEXIBLE for e in at.model.effects):
         return fingerprints(at, waiting)
     coupling, fit = flexible.parameters(at.model.campaign)[0].priors[0].sd, projection(at)

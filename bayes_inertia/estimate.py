@@ -33,12 +33,10 @@ from bayes_inertia.likelihood import (
     residuals,
     whitening,
 )
-from bayes_inertia.model import Model
+from bayes_inertia.model import N_BASE, Model
 from bayes_inertia.objective import N_BIAS, Point, block_index, in_chart, moved, negative_log_posterior, normal_equations, prior_rows
 from bayes_inertia.telemetry import CHANNELS
 
-# J and K come before the parameters of effects.
-_CORE = 9
 # Weight of the data in the first descent of every start.
 _GENTLE = 1e-4
 # Where such a descent may stop: its end is only a beginning. Ends nearer than this [prior sd] are one.
@@ -306,7 +304,7 @@ def _gently(model: Model, theta: np.ndarray, free: np.ndarray) -> tuple[float, P
     at a J far from the truth can end in a local optimum: they are guessed again at the J that was reached.
     """
     white = discounted(whitening(model, np.asarray(theta, float)), np.full((model.n_slews, len(CHANNELS)), _GENTLE))
-    core = free[free < _CORE]
+    core = free[free < N_BASE]
     first = Point(np.asarray(theta, float), np.zeros(N_BIAS), begin(model, theta))
     point, objective = _descend(model, first, white, core, **_SOON)
     if np.any(first.local):

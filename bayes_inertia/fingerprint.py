@@ -154,6 +154,12 @@ def _root(matrix: np.ndarray) -> np.ndarray:
     return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
+def unfitted(at: Estimate) -> tuple[str, ...]:
+    """Names of the effects of a model that have parameters and were held at their null."""
+    parts = {e.name: at.model.space.slice_of(e.name) for e in at.model.effects}
+    return tuple(name for name, part in parts.items() if part.stop > part.start and not np.isin(range(part.start, part.stop), at.free).any())
+
+
 def fingerprints(at: Estimate, names: tuple[str, ...], imprints: tuple[Imprint, ...] = (), fit: Projection | None = None) -> Fingerprints:
     """Fingerprints of candidate effects against all that is fitted.
 

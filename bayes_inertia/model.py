@@ -26,7 +26,7 @@ from bayes_inertia.telemetry import Arrays, Reference, Telemetry, pack
 # Slow shapes of tachometer noise that move the attitude; the rest acts only on its own sample.
 _TACHOMETER_MODES = 12
 _is_physical = jax.jit(inertia.is_physical)
-_N_BASE = 9  # six elements of J, three scale factors
+N_BASE = 9  # six elements of J, three scale factors: first in every model, before the parameters of effects
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Structure:
     def values(self, theta: Array) -> dict[str, dict[str, Array]]:
         """{effect: {parameter: array}} of a flat vector (d,)."""
         out: dict[str, dict[str, Array]] = {effect.name: {} for effect in self.effects}
-        start = _N_BASE
+        start = N_BASE
         for owner, name, size in self.layout:
             stop = start + (1 if size is None else size)
             out[owner][name] = theta[start] if size is None else theta[start:stop]

@@ -14,10 +14,10 @@ import numpy as np
 from scipy import optimize, stats
 
 from bayes_inertia.diagnosis import Diagnosis
-from bayes_inertia.fingerprint import fingerprints
+from bayes_inertia.fingerprint import fingerprints, unfitted
+from bayes_inertia.model import N_BASE
 from bayes_inertia.projection import Projection, projection
 
-_RIGID = 9  # J and K, which every model has first
 _MOST = 2.0  # [prior sd] largest amplitude
 
 
@@ -56,20 +56,19 @@ def undetected(found: Diagnosis) -> tuple[Undetected, ...]:
     """
     at = found.final
     space = at.model.space
-    parts = {e.name: space.slice_of(e.name) for e in at.model.effects}
-    tried = tuple(name for name, part in parts.items() if part.stop > part.start and not np.isin(range(part.start, part.stop), at.free).any())
+    tried = unfitted(at)
     if not tried or found.verdict == "unknown":
         return ()
     fit = projection(at)
     marks = fingerprints(at, tried, fit=fit)
     worst: dict[int, Undetected] = {}
     for k, name in enumerate(tried):
-        part, index = parts[name], marks.groups[k]
+        part, index = space.slice_of(name), marks.groups[k]
         data = marks.matrix[np.ix_(index, index)] / even_odds(max(marks.dof(k), 1), found.threshold)
         shift, amplitude = furthest(_pull(fit, at.free, fit.parameters[..., part] * space.sd[part]), data)
         values, unseen = space.nulls[part] + amplitude * space.sd[part], np.sum(amplitude**2, 1) > 0.5 * _MOST**2
         names = [n.split(".", 1)[1] for n in space.names[part]]
-        for i in np.intersect1d(at.free, np.arange(_RIGID)):
+        for i in np.intersect1d(at.free, np.arange(N_BASE)):
             if i not in worst or shift[i] > worst[i].shift:
                 own = dict(zip(names, values[i].tolist(), strict=True))
                 worst[i] = Undetected(space.names[i], space.units[i], float(at.sd[i]), float(shift[i]), name, own, bool(unseen[i]))
@@ -100,6 +99,6 @@ def furthest(pull: np.ndarray, data: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 def _pull(fit: Projection, free: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Shift (9, n) of J and K per unit of what is left out; zero where they are held."""
-    out, rigid = np.zeros((_RIGID, columns.shape[-1])), free < _RIGID
+    out, rigid = np.zeros((N_BASE, columns.shape[-1])), free < N_BASE
     out[free[rigid]] = (fit.root.T @ fit.taken(columns))[: len(free)][rigid]
     return out

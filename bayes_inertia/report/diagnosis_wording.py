@@ -38,8 +38,8 @@ def verdict(content: Mapping[str, Any]) -> Verdict:
             sentences.append("J is the tensor before its change: for the next slew add the change, element by element.")
     else:
         sentences.append("The fit below is the base model's.")
-    if content["steps"] and content["verdict"] != "unknown" and nameless(content):
-        sentences.append(nameless(content))
+    if content["verdict"] != "unknown" and (doubt := nameless(content)):
+        sentences.append(doubt)
     if content.get("could_hide"):
         sentences.append(hidden_text(content["could_hide"]))
     return Verdict(_LEVELS[content["verdict"]], title, tuple(sentences))
