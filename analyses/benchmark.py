@@ -40,18 +40,18 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from by_hand import ByHand
 
-from bayes_inertia.campaign import Campaign
-from bayes_inertia.estimate import Estimate, estimate, marginal
-from bayes_inertia.io import write_atomically
-from bayes_inertia.likelihood import log_posterior_of
-from bayes_inertia.maneuver import planned_campaign
-from bayes_inertia.model import Model
-from bayes_inertia.moves import IndependenceMove
-from bayes_inertia.plan import paper_like_plan
-from bayes_inertia.plots.style import BLUE, INK, MUTED, ORANGE, styled
-from bayes_inertia.sample import LogDensity, Settings, log_density_of, sample
-from bayes_inertia.simulation import draw_flight
-from bayes_inertia.spacecraft import most_like_prior, most_like_spacecraft
+from bayes_inertia.campaign.records import Campaign
+from bayes_inertia.files import write_atomically
+from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.flight.plan_flight import planned_campaign
+from bayes_inertia.flight.simulated_campaigns import draw_flight
+from bayes_inertia.flight.spacecraft import most_like_prior, most_like_spacecraft
+from bayes_inertia.inference.likelihood import log_posterior_of
+from bayes_inertia.inference.moves import IndependenceMove
+from bayes_inertia.inference.optimizer import Estimate, estimate, marginal
+from bayes_inertia.inference.sampler import LogDensity, Settings, log_density_of, sample
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.report.pictures.style import BLUE, INK, MUTED, ORANGE, styled
 
 ROOT = Path(__file__).parents[1]
 WALKERS = 32  # of emcee's own moves
@@ -81,7 +81,18 @@ class Effort:
     by_hand_walkers: int = 32
 
 
-QUICK = Effort(period=1.0, slews=2, ours=24, stretch=60, de=60, nuts_warmup=60, nuts_draws=60, nuts_chains=1, by_hand=1, by_hand_walkers=2)
+QUICK = Effort(
+    period=1.0,
+    slews=2,
+    ours=24,
+    stretch=60,
+    de=60,
+    nuts_warmup=60,
+    nuts_draws=60,
+    nuts_chains=1,
+    by_hand=1,
+    by_hand_walkers=2,
+)
 
 
 @dataclass(frozen=True)
@@ -115,9 +126,13 @@ def the_campaign(effort: Effort, seed: int) -> tuple[Campaign, np.ndarray]:
     """The campaign and its true (J, K)."""
     plan = paper_like_plan()
     plan = replace(plan, slews=plan.slews[: effort.slews], telemetry_period=effort.period)
-    flight = draw_flight(planned_campaign(plan, most_like_spacecraft(), most_like_prior()), plan, seed, vary=False)
+    flight = draw_flight(
+        planned_campaign(plan, most_like_spacecraft(), most_like_prior()), plan, seed, vary=False
+    )
     J = flight.spacecraft.inertia_B
-    return flight.campaign, np.array([J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2], *flight.spacecraft.scale_factor])
+    return flight.campaign, np.array(
+        [J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2], *flight.spacecraft.scale_factor]
+    )
 
 
 def effective_samples(chains: np.ndarray) -> float:
@@ -126,7 +141,9 @@ def effective_samples(chains: np.ndarray) -> float:
 
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", "Found chain dimension to be longer", UserWarning)
-        bulk = float(az.ess(az.from_dict({"posterior": {"theta": chains}}), method="bulk")["theta"].min())
+        bulk = float(
+            az.ess(az.from_dict({"posterior": {"theta": chains}}), method="bulk")["theta"].min()
+        )
     if np.any(np.ptp(chains, axis=1) == 0.0):
         return 0.0  # a chain that never moved is no sample
     tau = float(np.max(integrated_time(np.swapaxes(chains, 0, 1), quiet=True, tol=0)))
@@ -134,7 +151,7 @@ def effective_samples(chains: np.ndarray) -> float:
 
 
 def run_ours(at: Estimate, effort: Effort, seed: int) -> Result:
-    """`bayes_inertia.sample`, timed between its first and its last step."""
+    """`bayes_inertia.inference.sampler`, timed between its first and its last step."""
     clock: list[float] = []
     settings = Settings(seed=seed, steps=effort.ours, max_steps=effort.ours, threads=1)
     found = sample(at, settings, progress=lambda what, done, of: clock.append(process_time()))
@@ -144,10 +161,20 @@ def run_ours(at: Estimate, effort: Effort, seed: int) -> Result:
     each = (clock[-1] - clock[0]) / ((len(clock) - 1) * walkers)
     spent = found.diagnostics.evaluations - kept
     ess = effective_samples(found.samples.reshape(ensembles * walkers, draws, d))
-    return Result(OURS, ess, kept, spent, each * kept, each * spent, f"{ensembles} ensembles of {walkers} walkers, {effort.ours} steps")
+    return Result(
+        OURS,
+        ess,
+        kept,
+        spent,
+        each * kept,
+        each * spent,
+        f"{ensembles} ensembles of {walkers} walkers, {effort.ours} steps",
+    )
 
 
-def run_emcee(at: Estimate, log_density: LogDensity, name: str, move: emcee.moves.Move, steps: int, seed: int) -> Result:
+def run_emcee(
+    at: Estimate, log_density: LogDensity, name: str, move: emcee.moves.Move, steps: int, seed: int
+) -> Result:
     """One ensemble of an emcee move on this package's compiled posterior, from draws of the Laplace approximation."""
     walkers = WALKERS
     random = np.random.RandomState(seed)
@@ -160,9 +187,20 @@ def run_emcee(at: Estimate, log_density: LogDensity, name: str, move: emcee.move
     each = (process_time() - began) / (steps * walkers)
     chain = np.swapaxes(sampler.get_chain(), 0, 1)
     # It starts in the posterior to a few per cent, so that one autocorrelation time of warm-up is plenty.
-    discard = min(steps // 2, math.ceil(float(np.max(integrated_time(sampler.get_chain(), quiet=True, tol=0)))))
+    discard = min(
+        steps // 2,
+        math.ceil(float(np.max(integrated_time(sampler.get_chain(), quiet=True, tol=0)))),
+    )
     kept, spent = walkers * (steps - discard), walkers * discard
-    return Result(name, effective_samples(chain[:, discard:]), kept, spent, each * kept, each * spent, f"{walkers} walkers, {steps} steps")
+    return Result(
+        name,
+        effective_samples(chain[:, discard:]),
+        kept,
+        spent,
+        each * kept,
+        each * spent,
+        f"{walkers} walkers, {steps} steps",
+    )
 
 
 def run_nuts(at: Estimate, effort: Effort, seed: int) -> Result:
@@ -195,11 +233,20 @@ def run_nuts(at: Estimate, effort: Effort, seed: int) -> Result:
 
         return jax.lax.scan(step, state, jax.random.split(key, effort.nuts_draws))[1]
 
-    adapt, draw, chains, gradients, spent, seconds, warm = *_compiled(adapt, draw, seed, len(root)), [], 0, 0, 0.0, 0.0
+    adapt, draw, chains, gradients, spent, seconds, warm = (
+        *_compiled(adapt, draw, seed, len(root)),
+        [],
+        0,
+        0,
+        0.0,
+        0.0,
+    )
     for key in jax.random.split(jax.random.key(seed), effort.nuts_chains):
         first, second, third = jax.random.split(key, 3)
         began = process_time()
-        state, found, used = jax.block_until_ready(adapt(first, jax.random.normal(second, (len(root),))))
+        state, found, used = jax.block_until_ready(
+            adapt(first, jax.random.normal(second, (len(root),)))
+        )
         middle = process_time()
         z, steps = jax.block_until_ready(draw(third, state, found))
         warm, seconds = warm + middle - began, seconds + process_time() - middle
@@ -216,12 +263,16 @@ def _compiled(adapt: Callable, draw: Callable, seed: int, d: int) -> tuple[Calla
     return adapt.lower(key, z).compile(), draw.lower(key, state, found).compile()
 
 
-def run_by_hand(at: Estimate, campaign: Campaign, truth: np.ndarray, effort: Effort, stretch: Result) -> list[Result]:
+def run_by_hand(
+    at: Estimate, campaign: Campaign, truth: np.ndarray, effort: Effort, stretch: Result
+) -> list[Result]:
     """What a user would write alone. Times are those of real evaluations at draws around the truth; effective samples per
     evaluation are those of `StretchMove` above, which is generous (see `by_hand`)."""
     # Of the solvers and tolerances tried, the fastest whose error is far below the noise.
     density = ByHand(campaign, "LSODA", 1e-8, 1e-10)
-    draws = IndependenceMove(truth, at.covariance).draw(np.random.RandomState(1), max(effort.by_hand, effort.by_hand_walkers))
+    draws = IndependenceMove(truth, at.covariance).draw(
+        np.random.RandomState(1), max(effort.by_hand, effort.by_hand_walkers)
+    )
     began = process_time()
     for theta in draws[: effort.by_hand]:
         density(theta)
@@ -229,10 +280,20 @@ def run_by_hand(at: Estimate, campaign: Campaign, truth: np.ndarray, effort: Eff
     began = process_time()
     density.batch(draws[: effort.by_hand_walkers])
     fast = (process_time() - began) / effort.by_hand_walkers
-    shared = "time measured on {} evaluations, effective samples per evaluation taken from StretchMove"
+    shared = (
+        "time measured on {} evaluations, effective samples per evaluation taken from StretchMove"
+    )
     counts = (effort.by_hand, effort.by_hand_walkers)
     return [
-        Result(name, stretch.ess, stretch.evaluations, stretch.warmup_evaluations, ms * stretch.evaluations, ms * stretch.warmup_evaluations, shared.format(n))
+        Result(
+            name,
+            stretch.ess,
+            stretch.evaluations,
+            stretch.warmup_evaluations,
+            ms * stretch.evaluations,
+            ms * stretch.warmup_evaluations,
+            shared.format(n),
+        )
         for name, ms, n in zip((LOOP, BATCH), (slow, fast), counts, strict=True)
     ]
 
@@ -260,7 +321,10 @@ def run(effort: Effort, seed: int) -> list[Result]:
         results = [run_ours(at, effort, seed)]
         _say(results[-1])
         log_density = log_density_of(at.model.structure, marginal(at), batch=WALKERS // 2)
-        for name, move, steps in ((STRETCH, emcee.moves.StretchMove(), effort.stretch), (DE, emcee.moves.DEMove(), effort.de)):
+        for name, move, steps in (
+            (STRETCH, emcee.moves.StretchMove(), effort.stretch),
+            (DE, emcee.moves.DEMove(), effort.de),
+        ):
             results.append(run_emcee(at, log_density, name, move, steps, seed))
             _say(results[-1])
         if find_spec("blackjax"):
@@ -271,7 +335,10 @@ def run(effort: Effort, seed: int) -> list[Result]:
 
 
 def _say(result: Result) -> None:
-    print(f"{result.name}: {result.milliseconds:.3f} ms, {result.per_second(warmup=False):.3g} effective samples a second", file=sys.stderr)
+    print(
+        f"{result.name}: {result.milliseconds:.3f} ms, {result.per_second(warmup=False):.3g} effective samples a second",
+        file=sys.stderr,
+    )
 
 
 def claims(results: Sequence[Result]) -> list[dict]:
@@ -280,22 +347,52 @@ def claims(results: Sequence[Result]) -> list[dict]:
     ours = by_name[OURS]
 
     def gain(name: str) -> float:
-        return min(ours.per_second(warmup=w) / by_name[name].per_second(warmup=w) for w in (False, True))
+        return min(
+            ours.per_second(warmup=w) / by_name[name].per_second(warmup=w) for w in (False, True)
+        )
 
-    rows = [("effective samples per evaluation", 0.5, min(ours.per_evaluation(warmup=w) for w in (False, True)))]
+    rows = [
+        (
+            "effective samples per evaluation",
+            0.5,
+            min(ours.per_evaluation(warmup=w) for w in (False, True)),
+        )
+    ]
     if NUTS in by_name:
         rows.append(("times the effective samples per second of NUTS", 10.0, gain(NUTS)))
     rows.append(("times those of the do-it-yourself baseline, slew by slew", 1000.0, gain(LOOP)))
-    rows.append(("times those of the do-it-yourself baseline, 32 walkers at once", 1000.0, gain(BATCH)))
-    return [{"claim": claim, "wanted": wanted, "measured": measured, "reached": bool(measured >= wanted)} for claim, wanted, measured in rows]
+    rows.append(
+        ("times those of the do-it-yourself baseline, 32 walkers at once", 1000.0, gain(BATCH))
+    )
+    return [
+        {
+            "claim": claim,
+            "wanted": wanted,
+            "measured": measured,
+            "reached": bool(measured >= wanted),
+        }
+        for claim, wanted, measured in rows
+    ]
 
 
 def report(results: Sequence[Result], seed: int, seconds: float) -> str:
     """The result as Markdown."""
     ours = results[0]
-    lines = ["# Effective samples per second", "", *(__doc__ or "").split("\n\n")[1:2], "", (__doc__ or "").split("\n\n")[-1].strip(), ""]
-    lines += [f"Made by `python analyses/benchmark.py` (seed {seed}) in {seconds:.0f} processor seconds, compiling included."]
-    lines += ["Ratios are to this package; the absolute times are those of one core of one machine.", ""]
+    lines = [
+        "# Effective samples per second",
+        "",
+        *(__doc__ or "").split("\n\n")[1:2],
+        "",
+        (__doc__ or "").split("\n\n")[-1].strip(),
+        "",
+    ]
+    lines += [
+        f"Made by `python analyses/benchmark.py` (seed {seed}) in {seconds:.0f} processor seconds, compiling included."
+    ]
+    lines += [
+        "Ratios are to this package; the absolute times are those of one core of one machine.",
+        "",
+    ]
     header = (
         "sampler",
         "ms per evaluation",
@@ -309,12 +406,25 @@ def report(results: Sequence[Result], seed: int, seconds: float) -> str:
     lines += [f"| {' | '.join(header)} |", "|---" * len(header) + "|"]
     for r in results:
         cells = [f"{r.milliseconds:.3g}"]
-        cells += [f"{r.per_evaluation(warmup=w):.3g}" for w in (False, True)] + [f"{r.per_second(warmup=w):.3g}" for w in (False, True)]
-        cells += [f"{ours.per_second(warmup=w) / r.per_second(warmup=w):,.3g}" for w in (False, True)]
+        cells += [f"{r.per_evaluation(warmup=w):.3g}" for w in (False, True)] + [
+            f"{r.per_second(warmup=w):.3g}" for w in (False, True)
+        ]
+        cells += [
+            f"{ours.per_second(warmup=w) / r.per_second(warmup=w):,.3g}" for w in (False, True)
+        ]
         lines.append(f"| {r.name} | {' | '.join(cells)} |")
-    lines += ["", "How each was run:", "", *(f"- {r.name}: {r.note}; {r.ess:.0f} effective samples." for r in results), ""]
+    lines += [
+        "",
+        "How each was run:",
+        "",
+        *(f"- {r.name}: {r.note}; {r.ess:.0f} effective samples." for r in results),
+        "",
+    ]
     lines += ["| promised | wanted | measured | reached |", "|---|---|---|---|"]
-    lines += [f"| {c['claim']} | {c['wanted']:g} | {c['measured']:,.3g} | {'yes' if c['reached'] else 'NO'} |" for c in claims(results)]
+    lines += [
+        f"| {c['claim']} | {c['wanted']:g} | {c['measured']:,.3g} | {'yes' if c['reached'] else 'NO'} |"
+        for c in claims(results)
+    ]
     lines += [
         "",
         "Measured figures are the smaller of those with and without warm-up. One evaluation is one posterior density, for NUTS one density with its",
@@ -337,9 +447,20 @@ def picture(results: Sequence[Result]) -> Figure:
     per_evaluation = np.array([r.per_evaluation(warmup=True) for r in results])
     gain = np.array([r.per_second(warmup=True) / ours.per_second(warmup=True) for r in results])
     texts = [f"{v:.2g}" for v in per_evaluation], ["1", *(f"1 / {1 / g:,.0f}" for g in gain[1:])]
-    for ax, values, text, title in zip((left, right), (per_evaluation, gain), texts, _TITLES, strict=True):
+    for ax, values, text, title in zip(
+        (left, right), (per_evaluation, gain), texts, _TITLES, strict=True
+    ):
         floor = 10.0 ** (np.floor(np.log10(values.min())) - 0.5)
-        ax.barh(y, values - floor, left=floor, color=colors, edgecolor=INK, lw=0.5, hatch=["", *["//"] * (len(results) - 1)], height=0.62)
+        ax.barh(
+            y,
+            values - floor,
+            left=floor,
+            color=colors,
+            edgecolor=INK,
+            lw=0.5,
+            hatch=["", *["//"] * (len(results) - 1)],
+            height=0.62,
+        )
         ax.set_xscale("log")
         ax.set_xlim(floor, values.max() * 12.0)
         ax.grid(axis="x", color=MUTED, alpha=0.25, lw=0.5)
@@ -352,15 +473,24 @@ def picture(results: Sequence[Result]) -> Figure:
     return figure
 
 
-_TITLES = ("effective samples per posterior evaluation", "effective samples per second, relative to this package")
+_TITLES = (
+    "effective samples per posterior evaluation",
+    "effective samples per second, relative to this package",
+)
 
 
 def main(arguments: Sequence[str] | None = None) -> list[Result]:
     """Run all samplers; write figure, report and numbers."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--seed", type=int, default=2026)
-    parser.add_argument("--quick", action="store_true", help="hardly any samples: whether it runs, not how fast")
-    parser.add_argument("--out", type=Path, default=ROOT, help="folder with figures/ and analyses/results/")
+    parser.add_argument(
+        "--quick", action="store_true", help="hardly any samples: whether it runs, not how fast"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=ROOT, help="folder with figures/ and analyses/results/"
+    )
     asked = parser.parse_args(arguments)
     began = process_time()
     found = run(QUICK if asked.quick else Effort(), asked.seed)
@@ -368,12 +498,24 @@ def main(arguments: Sequence[str] | None = None) -> list[Result]:
     folder, figures = asked.out / "analyses" / "results", asked.out / "figures"
     for path in (folder, figures):
         path.mkdir(parents=True, exist_ok=True)
-    versions = {name: metadata.version(name) for name in ("jax", "emcee", "blackjax", "scipy", "numpy", "arviz") if find_spec(name)}
-    content = {"seed": asked.seed, "processor_seconds": seconds, "versions": versions, "results": [asdict(r) for r in found], "claims": claims(found)}
+    versions = {
+        name: metadata.version(name)
+        for name in ("jax", "emcee", "blackjax", "scipy", "numpy", "arviz")
+        if find_spec(name)
+    }
+    content = {
+        "seed": asked.seed,
+        "processor_seconds": seconds,
+        "versions": versions,
+        "results": [asdict(r) for r in found],
+        "claims": claims(found),
+    }
     write_atomically(folder / "benchmark.json", json.dumps(content, indent=1) + "\n")
     text = report(found, asked.seed, seconds)
     write_atomically(folder / "benchmark.md", text)
-    write_atomically(figures / "benchmark.png", lambda temporary: picture(found).savefig(temporary, dpi=150))
+    write_atomically(
+        figures / "benchmark.png", lambda temporary: picture(found).savefig(temporary, dpi=150)
+    )
     print(text)
     return found
 

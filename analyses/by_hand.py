@@ -12,7 +12,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from bayes_inertia.campaign import Campaign, Slew
+from bayes_inertia.campaign.records import Campaign, Slew
 
 
 @dataclass(frozen=True)
@@ -55,12 +55,25 @@ class ByHand:
             torque = np.zeros_like(longest.wheel_torque)
             torque[: len(slew.time)] = slew.wheel_torque
             torques.append(np.broadcast_to(torque, (n, *torque.shape)))
-        paths = self.fly(longest.time, np.concatenate(torques), np.concatenate(starts), np.concatenate(wheels), np.tile(J, (len(slews), 1, 1)))
+        paths = self.fly(
+            longest.time,
+            np.concatenate(torques),
+            np.concatenate(starts),
+            np.concatenate(wheels),
+            np.tile(J, (len(slews), 1, 1)),
+        )
         found = np.array([self._log_prior(theta) for theta in thetas])
         for s, slew in enumerate(slews):
             for i in range(n):
-                found[i] -= 0.5 * self._chi2(slew, paths[s * n + i, : len(slew.time)], wheels[s][i], K[i])
-        physical = np.linalg.eigvalsh(0.5 * np.trace(J, axis1=1, axis2=2)[:, None, None] * np.eye(3) - J)[:, 0] > 0.0
+                found[i] -= 0.5 * self._chi2(
+                    slew, paths[s * n + i, : len(slew.time)], wheels[s][i], K[i]
+                )
+        physical = (
+            np.linalg.eigvalsh(0.5 * np.trace(J, axis1=1, axis2=2)[:, None, None] * np.eye(3) - J)[
+                :, 0
+            ]
+            > 0.0
+        )
         return np.where(physical, found, -np.inf)
 
     def start(self, slew: Slew, K: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -69,9 +82,18 @@ class ByHand:
         fixes = slew.attitude[resting & np.isfinite(slew.attitude).all(1)]
         attitude = Rotation.from_quat(fixes).mean().as_quat()
         rate = K * slew.rate[resting].mean(0)
-        return np.concatenate([np.broadcast_to(attitude, (len(K), 4)), rate], 1), np.broadcast_to(slew.wheel_momentum[0], (len(K), len(self.campaign.wheels)))
+        return np.concatenate([np.broadcast_to(attitude, (len(K), 4)), rate], 1), np.broadcast_to(
+            slew.wheel_momentum[0], (len(K), len(self.campaign.wheels))
+        )
 
-    def fly(self, time: np.ndarray, torque: np.ndarray, start: np.ndarray, wheel: np.ndarray, J: np.ndarray) -> np.ndarray:
+    def fly(
+        self,
+        time: np.ndarray,
+        torque: np.ndarray,
+        start: np.ndarray,
+        wheel: np.ndarray,
+        J: np.ndarray,
+    ) -> np.ndarray:
         """Attitude, rate and wheel momentum relative to the body (n, rows, 7 + wheels): commands (n, rows, wheels) are held until the next row."""
         axes, spin = self.campaign.wheel_axes_B, self.campaign.spin_inertias
         time = time - time[0]
@@ -86,10 +108,27 @@ class ByHand:
             H = momentum[:, k] + torque[:, k] * (t - time[k])
             e, eta, w = state[:, :3], state[:, 3:4], state[:, 4:]
             total = np.einsum("nij,nj->ni", J, w) + H @ axes.T
-            acceleration = np.einsum("nij,nj->ni", inverse, -torque[:, k] @ axes.T - _cross(w, total))
-            return np.concatenate([0.5 * (_cross(e, w) + eta * w), -0.5 * (e * w).sum(1, keepdims=True), acceleration], 1).ravel()
+            acceleration = np.einsum(
+                "nij,nj->ni", inverse, -torque[:, k] @ axes.T - _cross(w, total)
+            )
+            return np.concatenate(
+                [
+                    0.5 * (_cross(e, w) + eta * w),
+                    -0.5 * (e * w).sum(1, keepdims=True),
+                    acceleration,
+                ],
+                1,
+            ).ravel()
 
-        found = solve_ivp(slope, (0.0, time[-1]), start.ravel(), method=self.method, t_eval=time, rtol=self.rtol, atol=self.atol)
+        found = solve_ivp(
+            slope,
+            (0.0, time[-1]),
+            start.ravel(),
+            method=self.method,
+            t_eval=time,
+            rtol=self.rtol,
+            atol=self.atol,
+        )
         path = found.y.T.reshape(len(time), n, 7).transpose(1, 0, 2)
         return np.concatenate([path, momentum - spin * (path[..., 4:] @ axes)], -1)
 
@@ -97,15 +136,29 @@ class ByHand:
         sensor, tracker = self.campaign.rate_sensor, self.campaign.star_tracker
         rate = (slew.rate - path[:, 4:7] @ sensor.axes.T / K) / np.array(sensor.sigma)
         seen = np.isfinite(slew.attitude).all(1)
-        turn = (Rotation.from_quat(path[seen, :4]).inv() * Rotation.from_quat(slew.attitude[seen])).as_rotvec()
+        turn = (
+            Rotation.from_quat(path[seen, :4]).inv() * Rotation.from_quat(slew.attitude[seen])
+        ).as_rotvec()
         along = turn @ np.array(tracker.boresight_B)
         across = (turn**2).sum(1) - along**2
-        momentum = (slew.wheel_momentum - path[:, 7:]) / np.array([w.momentum_sigma for w in self.campaign.wheels])
-        return float(np.sum(rate**2) + np.sum(across) / tracker.sigma_cross**2 + np.sum(along**2) / tracker.sigma_roll**2 + np.sum(momentum**2))
+        momentum = (slew.wheel_momentum - path[:, 7:]) / np.array(
+            [w.momentum_sigma for w in self.campaign.wheels]
+        )
+        return float(
+            np.sum(rate**2)
+            + np.sum(across) / tracker.sigma_cross**2
+            + np.sum(along**2) / tracker.sigma_roll**2
+            + np.sum(momentum**2)
+        )
 
     def _log_prior(self, theta: np.ndarray) -> float:
         prior, sensor = self.campaign.inertia, self.campaign.rate_sensor
-        z = np.concatenate([(theta[:6] - prior.elements) / prior.sd, (theta[6:9] - sensor.scale_factor) / sensor.scale_factor_sigma])
+        z = np.concatenate(
+            [
+                (theta[:6] - prior.elements) / prior.sd,
+                (theta[6:9] - sensor.scale_factor) / sensor.scale_factor_sigma,
+            ]
+        )
         return -0.5 * float(z @ z)
 
 
@@ -116,4 +169,11 @@ def _tensor(theta: np.ndarray) -> np.ndarray:
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     # numpy.cross takes three times as long on arrays this small.
-    return np.stack([a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1], a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2], a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]], 1)
+    return np.stack(
+        [
+            a[:, 1] * b[:, 2] - a[:, 2] * b[:, 1],
+            a[:, 2] * b[:, 0] - a[:, 0] * b[:, 2],
+            a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0],
+        ],
+        1,
+    )

@@ -10,15 +10,28 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from common import DEG, NAMES, SIMULATION, Everything, Result, Table, controller_of, flown, prior_of, run, spacecraft_of, with_sensor
+from common import (
+    DEG,
+    NAMES,
+    SIMULATION,
+    Everything,
+    Result,
+    Table,
+    controller_of,
+    flown,
+    prior_of,
+    run,
+    spacecraft_of,
+    with_sensor,
+)
 from matplotlib.figure import Figure
 
-from bayes_inertia.effects import ConstantTorque, MagneticDipole
-from bayes_inertia.estimate import estimate
-from bayes_inertia.maneuver import fly
-from bayes_inertia.model import Model
-from bayes_inertia.plan import Orbit, Plan, paper_like_plan
-from bayes_inertia.plots import style
+from bayes_inertia.flight.plan import Orbit, Plan, paper_like_plan
+from bayes_inertia.flight.plan_flight import fly
+from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.physics.effects import ConstantTorque, MagneticDipole
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.report.pictures import style
 
 TRUTH = SIMULATION.truth
 DIPOLE = 0.1  # [A m^2], each component's sd: a microsatellite without magnetic cleanliness
@@ -35,9 +48,13 @@ def stale(offsets: np.ndarray, seeds: int) -> dict[str, np.ndarray]:
     found = {"trusted": [], "fitted": []}
     for offset in offsets:
         for seed in range(seeds):
-            campaign = flown(paper_like_plan(), spacecraft_of(TRUTH, bias=(offset,) * 3), seed=seed).campaign
+            campaign = flown(
+                paper_like_plan(), spacecraft_of(TRUTH, bias=(offset,) * 3), seed=seed
+            ).campaign
             for kind, sigma in (("trusted", 1e-9), ("fitted", 1e-3)):
-                at = estimate(Model(with_sensor(campaign, bias_sigma=(sigma,) * 3)), starts=1, discount=False)
+                at = estimate(
+                    Model(with_sensor(campaign, bias_sigma=(sigma,) * 3)), starts=1, discount=False
+                )
                 found[kind].append(at.theta - TRUTH)
     return {k: np.array(v).reshape(len(offsets), seeds, 9) for k, v in found.items()}
 
@@ -57,11 +74,20 @@ def dipole_errors(pause: float, arguments: np.ndarray) -> dict[str, np.ndarray]:
     """rms errors (arguments, 9) over dipoles of any direction, and the sd with the dipole fitted; to first order."""
     found = {"not modelled": [], "constant torque fitted": [], "dipole fitted (sd)": []}
     for argument in arguments:
-        campaign = flown(plan_of(pause, argument), spacecraft_of(TRUTH, bias=(0.0, 0.0, 0.0)), seed=None).campaign
-        at = estimate(Model(campaign, EFFECTS), starts=1, start=np.concatenate([TRUTH, np.zeros(6)]), free=BASE)
+        campaign = flown(
+            plan_of(pause, argument), spacecraft_of(TRUTH, bias=(0.0, 0.0, 0.0)), seed=None
+        ).campaign
+        at = estimate(
+            Model(campaign, EFFECTS),
+            starts=1,
+            start=np.concatenate([TRUTH, np.zeros(6)]),
+            free=BASE,
+        )
         every = Everything.of(at)
         found["not modelled"].append(DIPOLE * np.linalg.norm(every.unmodelled(BASE, FIELD), axis=1))
-        found["constant torque fitted"].append(DIPOLE * np.linalg.norm(every.unmodelled(np.arange(12), FIELD)[:9], axis=1))
+        found["constant torque fitted"].append(
+            DIPOLE * np.linalg.norm(every.unmodelled(np.arange(12), FIELD)[:9], axis=1)
+        )
         found["dipole fitted (sd)"].append(every.sd(np.concatenate([BASE, FIELD]))[:9])
     return {k: np.array(v) for k, v in found.items()}
 
@@ -71,8 +97,19 @@ def refitted(pause: float, arguments: np.ndarray) -> np.ndarray:
     rng, errors = np.random.default_rng(7), []
     effect = MagneticDipole()
     for argument in arguments:
-        craft = spacecraft_of(TRUTH, bias=(0.0, 0.0, 0.0), effects=(effect,), values={effect.name: {"dipole": DIPOLE * rng.normal(size=3)}})
-        flight = fly(plan_of(pause, argument), craft, controller_of(SIMULATION.initial), prior_of(SIMULATION.initial), None)
+        craft = spacecraft_of(
+            TRUTH,
+            bias=(0.0, 0.0, 0.0),
+            effects=(effect,),
+            values={effect.name: {"dipole": DIPOLE * rng.normal(size=3)}},
+        )
+        flight = fly(
+            plan_of(pause, argument),
+            craft,
+            controller_of(SIMULATION.initial),
+            prior_of(SIMULATION.initial),
+            None,
+        )
         errors.append(estimate(Model(flight.campaign), starts=1, discount=False).theta - TRUTH)
     return np.array(errors)
 
@@ -89,19 +126,26 @@ def stale_picture(offsets: np.ndarray, found: dict[str, np.ndarray]) -> Figure:
         (slice(6, 9), "Scale factors", 100.0, "rms error [%]"),
     )
     for ax, (index, title, scale, label) in zip(panels, groups, strict=True):
-        for kind, color, marker in (("trusted", style.VERMILLION, "o"), ("fitted", style.BLUE, "s")):
+        for kind, color, marker in (
+            ("trusted", style.VERMILLION, "o"),
+            ("fitted", style.BLUE, "s"),
+        ):
             each = np.sqrt(np.mean(np.square(found[kind][..., index] * scale), axis=2))
             ax.fill_between(hours, each.min(1), each.max(1), color=color, alpha=0.2, lw=0)
             rms = np.sqrt(np.mean(each**2, axis=1))
             name = {"trusted": "snapshot taken as exact", "fitted": "bias fitted along"}[kind]
             ax.plot(hours, rms, color=color, marker=marker, ms=5, lw=1.2, label=name)
-        ax.set(ylim=(0.0, None), xlabel="bias since the snapshot [deg/h]", ylabel=label, title=title)
+        ax.set(
+            ylim=(0.0, None), xlabel="bias since the snapshot [deg/h]", ylabel=label, title=title
+        )
     panels[0].legend()
     return figure
 
 
 @style.styled
-def dipole_picture(halves: np.ndarray, found: list[dict[str, np.ndarray]], checks: dict[float, np.ndarray]) -> Figure:
+def dipole_picture(
+    halves: np.ndarray, found: list[dict[str, np.ndarray]], checks: dict[float, np.ndarray]
+) -> Figure:
     """rms errors against the campaign's length in half orbits."""
     figure = Figure(figsize=(style.WIDTH, 3.9), layout="constrained")
     panels = figure.subplots(1, 2)
@@ -110,11 +154,23 @@ def dipole_picture(halves: np.ndarray, found: list[dict[str, np.ndarray]], check
         "constant torque fitted": (style.ORANGE, (0, (5, 2))),
         "dipole fitted (sd)": (style.BLUE, (0, (1.5, 1.2))),
     }
-    for ax, index, title in ((panels[0], slice(0, 3), "Diagonal elements"), (panels[1], slice(3, 6), "Cross terms")):
+    for ax, index, title in (
+        (panels[0], slice(0, 3), "Diagonal elements"),
+        (panels[1], slice(3, 6), "Cross terms"),
+    ):
         for kind, (color, dash) in looks.items():
-            values = np.array([np.sqrt(np.mean(np.square(f[kind][:, index]), axis=1)) for f in found])
+            values = np.array(
+                [np.sqrt(np.mean(np.square(f[kind][:, index]), axis=1)) for f in found]
+            )
             ax.fill_between(halves, values.min(1), values.max(1), color=color, alpha=0.18, lw=0)
-            ax.plot(halves, np.sqrt(np.mean(values**2, axis=1)), color=color, ls=dash, lw=1.8, label=kind)
+            ax.plot(
+                halves,
+                np.sqrt(np.mean(values**2, axis=1)),
+                color=color,
+                ls=dash,
+                lw=1.8,
+                label=kind,
+            )
         for at, errors in checks.items():
             # One draw of each dipole component where the lines have their rms: chi-square scatter of a handful.
             value = float(np.sqrt(np.mean(np.square(errors[:, index]))))
@@ -129,28 +185,38 @@ def dipole_picture(halves: np.ndarray, found: list[dict[str, np.ndarray]], check
                 label="not modelled, refitted (±1 sd)" if at == min(checks) else None,
             )
         ax.axvline(1.0, color=style.MUTED, lw=0.8, ls=(0, (4, 3)))
-        ax.set(yscale="log", xlabel="campaign [half orbits]", ylabel="rms error [kg m²]", title=title)
+        ax.set(
+            yscale="log", xlabel="campaign [half orbits]", ylabel="rms error [kg m²]", title=title
+        )
     panels[0].legend(fontsize=8)
     return figure
 
 
 def analysis(quick: bool = False):
     """Bias and magnetic dipole."""
-    offsets = (np.array([0.0, 20.0]) if quick else np.array([0.0, 2.0, 5.0, 10.0, 20.0])) * DEG / 3600.0
+    offsets = (
+        (np.array([0.0, 20.0]) if quick else np.array([0.0, 2.0, 5.0, 10.0, 20.0])) * DEG / 3600.0
+    )
     bias = stale(offsets, 1 if quick else 4)
     rms = {k: np.sqrt(np.mean(np.square(v), axis=1)) for k, v in bias.items()}
     pictures = {"claim_stale_bias.png": stale_picture(offsets, bias)}
     numbers = {f"Jxx {k}": float(v[-1, 0]) for k, v in rms.items()}
     if quick:
-        return Result("claim_disturbances", "Disturbances", [("", "", "")], (), (), (), numbers), pictures
+        return Result(
+            "claim_disturbances", "Disturbances", [("", "", "")], (), (), (), numbers
+        ), pictures
     pauses = np.array([5.0, 100.0, 300.0, 600.0, 1000.0, 1600.0, 2600.0])
     arguments = np.linspace(0.0, np.pi, 7)[:6]
     found = [dipole_errors(p, arguments) for p in pauses]
     halves = np.array([campaign_time(p) for p in pauses]) / HALF_ORBIT
-    checks = {float(halves[k]): refitted(pauses[k], np.linspace(0.0, np.pi, 17)[:16]) for k in (0, 3, 6)}
+    checks = {
+        float(halves[k]): refitted(pauses[k], np.linspace(0.0, np.pi, 17)[:16]) for k in (0, 3, 6)
+    }
     pictures["claim_magnetic.png"] = dipole_picture(halves, found, checks)
     size = {k: np.array([np.sqrt(np.mean(f[k] ** 2, axis=0)) for f in found]) for k in found[0]}
-    free, constant, fitted = (size[k] for k in ("not modelled", "constant torque fitted", "dipole fitted (sd)"))
+    free, constant, fitted = (
+        size[k] for k in ("not modelled", "constant torque fitted", "dipole fitted (sd)")
+    )
     worst = int(np.argmax(rms["trusted"][-1, 3:6])) + 3
     spread = np.sqrt(np.mean(free[:, :6] ** 2, axis=1))
     gain = np.sqrt(np.mean(constant[:, :6] ** 2, axis=1)) / spread
@@ -176,20 +242,40 @@ def analysis(quick: bool = False):
         ),
     ]
     rows = [
-        [f"{h:.2f}", *(f"{1e3 * np.sqrt(np.mean(size[k][i, part] ** 2)):.3f}" for part in (slice(0, 3), slice(3, 6)) for k in size)]
+        [
+            f"{h:.2f}",
+            *(
+                f"{1e3 * np.sqrt(np.mean(size[k][i, part] ** 2)):.3f}"
+                for part in (slice(0, 3), slice(3, 6))
+                for k in size
+            ),
+        ]
         for i, h in enumerate(halves)
     ]
     header = ("half orbits", *(f"{part}: {k}" for part in ("diagonal", "cross") for k in size))
-    tables = [Table(f"rms error [10⁻³ kg m²] from a dipole of {DIPOLE} A m² a component", header, rows)]
+    tables = [
+        Table(f"rms error [10⁻³ kg m²] from a dipole of {DIPOLE} A m² a component", header, rows)
+    ]
     figures = [
-        ("claim_stale_bias.png", "Errors when the bias has moved since the snapshot, on all axes (rms over 4 flights; bands: the flights)"),
+        (
+            "claim_stale_bias.png",
+            "Errors when the bias has moved since the snapshot, on all axes (rms over 4 flights; bands: the flights)",
+        ),
         (
             "claim_magnetic.png",
             f"Errors from a dipole of {DIPOLE} A m² a component against the campaign's length; bands: six places on the orbit to begin; dots: 16 refitted "
             "flights",
         ),
     ]
-    return Result("claim_disturbances", "Disturbances: stale bias, magnetic dipole", claims, tables, figures, (), numbers), pictures
+    return Result(
+        "claim_disturbances",
+        "Disturbances: stale bias, magnetic dipole",
+        claims,
+        tables,
+        figures,
+        (),
+        numbers,
+    ), pictures
 
 
 if __name__ == "__main__":

@@ -4,21 +4,34 @@ Run it with `python analyses/claim_misalignment.py` (about two minutes).
 """
 
 # Printed text has typographic signs on purpose.
-# ruff: noqa: RUF001
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
-from common import ARCSEC, DEG, NAMES, SIMULATION, Everything, Result, Table, controller_of, flown, prior_of, run, spacecraft_of, with_sensor
+from common import (
+    ARCSEC,
+    DEG,
+    NAMES,
+    SIMULATION,
+    Everything,
+    Result,
+    Table,
+    controller_of,
+    flown,
+    prior_of,
+    run,
+    spacecraft_of,
+    with_sensor,
+)
 from matplotlib.figure import Figure
 
-from bayes_inertia.effects import RateSensorMisalignment
-from bayes_inertia.estimate import estimate
-from bayes_inertia.maneuver import fly
-from bayes_inertia.model import Model
-from bayes_inertia.plan import Plan, PlannedSlew, paper_like_plan
-from bayes_inertia.plots import style
+from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
+from bayes_inertia.flight.plan_flight import fly
+from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.physics.effects import RateSensorMisalignment
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.report.pictures import style
 
 TURN = 0.2 * DEG  # of the rate sensor against the star tracker
 TRUTH = SIMULATION.truth
@@ -31,7 +44,9 @@ def by_angle(angles: np.ndarray, seeds: int) -> np.ndarray:
     effect = RateSensorMisalignment()
     found = []
     for seed in range(seeds):
-        craft = spacecraft_of(TRUTH, effects=(effect,), values={effect.name: {"angle": np.array([0.0, TURN, 0.0])}})
+        craft = spacecraft_of(
+            TRUTH, effects=(effect,), values={effect.name: {"angle": np.array([0.0, TURN, 0.0])}}
+        )
         found.append(fly(plan, craft, controller_of(TRUTH), prior_of(TRUTH), seed).final_error_B)
     return np.array(found)
 
@@ -49,8 +64,12 @@ def soaked(sizes: np.ndarray, direction: np.ndarray, seeds: int) -> tuple[np.nda
     for size in sizes:
         for seed in range(seeds):
             craft = spacecraft_of(TRUTH)
-            craft = replace(craft, rate_sensor=replace(craft.rate_sensor, axes=turned(size * direction)))
-            campaign = with_sensor(flown(paper_like_plan(), craft, seed=seed).campaign, axes=np.eye(3))
+            craft = replace(
+                craft, rate_sensor=replace(craft.rate_sensor, axes=turned(size * direction))
+            )
+            campaign = with_sensor(
+                flown(paper_like_plan(), craft, seed=seed).campaign, axes=np.eye(3)
+            )
             at = estimate(Model(campaign), starts=1, discount=False)
             errors.append(at.theta - TRUTH)
             chi2.append(at.tests["rate"].reduced_chi2)
@@ -67,38 +86,103 @@ def angle_picture(angles: np.ndarray, errors: np.ndarray) -> Figure:
     sign = np.sign(np.mean(errors[..., 2]))
     parts = (
         ("across, n × a", sign * errors[..., 2], np.sin(fine), style.BLUE),
-        ("along a", errors[..., 1] * np.sign(np.mean(errors[..., 1])), 1.0 - np.cos(fine), style.ORANGE),
+        (
+            "along a",
+            errors[..., 1] * np.sign(np.mean(errors[..., 1])),
+            1.0 - np.cos(fine),
+            style.ORANGE,
+        ),
     )
     for label, values, theory, color in parts:
         middle, spread = values.mean(0) / ARCSEC, values.std(0, ddof=1) / ARCSEC
-        left.fill_between(degrees, middle - 2 * spread, middle + 2 * spread, color=color, alpha=0.25, lw=0)
-        left.plot(degrees, middle, ls="", marker="o", ms=4, color=color, label=f"{label} (simulated, ±2 sd)")
+        left.fill_between(
+            degrees, middle - 2 * spread, middle + 2 * spread, color=color, alpha=0.25, lw=0
+        )
+        left.plot(
+            degrees,
+            middle,
+            ls="",
+            marker="o",
+            ms=4,
+            color=color,
+            label=f"{label} (simulated, ±2 sd)",
+        )
         left.plot(fine / DEG, TURN / ARCSEC * theory, color=color, lw=1.2)
     left.set(
-        xlabel="slew angle [deg]", ylabel="final error [arcsec]", title="Two components: sine, and one minus cosine", xlim=(0, 180), xticks=range(0, 181, 30)
+        xlabel="slew angle [deg]",
+        ylabel="final error [arcsec]",
+        title="Two components: sine, and one minus cosine",
+        xlim=(0, 180),
+        xticks=range(0, 181, 30),
     )
     left.legend(loc="upper left")
     size = np.linalg.norm(errors, axis=-1) / ARCSEC
-    right.fill_between(degrees, *np.quantile(size, (0.025, 0.975), axis=0), color=style.GREEN, alpha=0.25, lw=0)
-    right.plot(degrees, np.median(size, axis=0), ls="", marker="o", ms=4, color=style.GREEN, label="simulated (95 %)")
-    right.plot(fine / DEG, TURN / ARCSEC * 2.0 * np.sin(fine / 2), color=style.GREEN, lw=1.2, label="2 sin(angle/2) |n × a|")
-    right.plot(fine / DEG, TURN / ARCSEC * np.sin(fine), color=style.VERMILLION, lw=1.5, ls=(0, (5, 2)), label="the claim: sin(angle) |n × a|")
-    right.set(xlabel="slew angle [deg]", ylabel="correction slew [arcsec]", title="The whole error is largest at 180°", xlim=(0, 180), xticks=range(0, 181, 30))
+    right.fill_between(
+        degrees, *np.quantile(size, (0.025, 0.975), axis=0), color=style.GREEN, alpha=0.25, lw=0
+    )
+    right.plot(
+        degrees,
+        np.median(size, axis=0),
+        ls="",
+        marker="o",
+        ms=4,
+        color=style.GREEN,
+        label="simulated (95 %)",
+    )
+    right.plot(
+        fine / DEG,
+        TURN / ARCSEC * 2.0 * np.sin(fine / 2),
+        color=style.GREEN,
+        lw=1.2,
+        label="2 sin(angle/2) |n × a|",
+    )
+    right.plot(
+        fine / DEG,
+        TURN / ARCSEC * np.sin(fine),
+        color=style.VERMILLION,
+        lw=1.5,
+        ls=(0, (5, 2)),
+        label="the claim: sin(angle) |n × a|",
+    )
+    right.set(
+        xlabel="slew angle [deg]",
+        ylabel="correction slew [arcsec]",
+        title="The whole error is largest at 180°",
+        xlim=(0, 180),
+        xticks=range(0, 181, 30),
+    )
     right.legend(loc="upper left")
     return figure
 
 
 @style.styled
-def soak_picture(sizes: np.ndarray, errors: np.ndarray, slopes: np.ndarray, chi2: np.ndarray, sd: np.ndarray) -> Figure:
+def soak_picture(
+    sizes: np.ndarray, errors: np.ndarray, slopes: np.ndarray, chi2: np.ndarray, sd: np.ndarray
+) -> Figure:
     """What K and J make of an unmodelled misalignment, and what the residuals say."""
     figure = Figure(figsize=(style.WIDTH, 3.6), layout="constrained")
     panels = figure.subplots(1, 3)
     degrees = sizes / DEG
-    for ax, index, scale, unit in ((panels[0], (6, 7, 8), 100.0, "K [%]"), (panels[1], (3, 4, 5), 1e3, "products [10⁻³ kg m²]")):
+    for ax, index, scale, unit in (
+        (panels[0], (6, 7, 8), 100.0, "K [%]"),
+        (panels[1], (3, 4, 5), 1e3, "products [10⁻³ kg m²]"),
+    ):
         for j, i in enumerate(index):
             values = scale * errors[..., i]
-            ax.errorbar(degrees, values.mean(1), scale * 2 * sd[i], color=style.color(j), marker=style.MARKERS[j], ms=4, ls="", capsize=2, label=NAMES[i])
-            ax.plot(degrees, scale * slopes[i] * sizes, color=style.color(j), ls=style.DASHES[j], lw=1.0)
+            ax.errorbar(
+                degrees,
+                values.mean(1),
+                scale * 2 * sd[i],
+                color=style.color(j),
+                marker=style.MARKERS[j],
+                ms=4,
+                ls="",
+                capsize=2,
+                label=NAMES[i],
+            )
+            ax.plot(
+                degrees, scale * slopes[i] * sizes, color=style.color(j), ls=style.DASHES[j], lw=1.0
+            )
         ax.axhline(0.0, color=style.MUTED, lw=0.6, zorder=0)
         ax.set(xlabel="misalignment about (1, 1, 1) [deg]", ylabel=f"error of {unit}")
         ax.legend()
@@ -106,7 +190,12 @@ def soak_picture(sizes: np.ndarray, errors: np.ndarray, slopes: np.ndarray, chi2
     panels[1].set_title("Products of inertia")
     panels[2].plot(degrees, chi2.mean(1), color=style.BLUE, marker="o", ms=4)
     panels[2].axhline(1.0, color=style.MUTED, lw=0.8, ls=(0, (4, 3)))
-    panels[2].set(ylim=(0.0, None), xlabel="misalignment about (1, 1, 1) [deg]", ylabel="reduced χ² of the rates", title="The residuals do not let it pass")
+    panels[2].set(
+        ylim=(0.0, None),
+        xlabel="misalignment about (1, 1, 1) [deg]",
+        ylabel="reduced χ² of the rates",
+        title="The residuals do not let it pass",
+    )
     return figure
 
 
@@ -128,7 +217,11 @@ def analysis(quick: bool = False):
             "**no**: true of one component of two. The correction slew is LARGEST at 180 degrees, twice the misalignment",
         )
     ]
-    numbers = {"at_180_arcsec": at_180, "expected_180_arcsec": expected, "across_180_arcsec": float(abs(across[-1]))}
+    numbers = {
+        "at_180_arcsec": at_180,
+        "expected_180_arcsec": expected,
+        "across_180_arcsec": float(abs(across[-1])),
+    }
     figures = [
         (
             "claim_misalignment_angle.png",
@@ -136,10 +229,19 @@ def analysis(quick: bool = False):
         )
     ]
     if quick:
-        return Result("claim_misalignment", "Misalignment", claims, (), figures, (), numbers), pictures
+        return Result(
+            "claim_misalignment", "Misalignment", claims, (), figures, (), numbers
+        ), pictures
     more, table, picture, note = _soaking()
-    figures.append(("claim_misalignment_soaked.png", "What J and K make of a rate sensor turned about (1, 1, 1) that is not modelled; bars ±2 sd of the model"))
-    result = Result("claim_misalignment", "Misalignment", [*claims, more], [table], figures, [note], numbers)
+    figures.append(
+        (
+            "claim_misalignment_soaked.png",
+            "What J and K make of a rate sensor turned about (1, 1, 1) that is not modelled; bars ±2 sd of the model",
+        )
+    )
+    result = Result(
+        "claim_misalignment", "Misalignment", [*claims, more], [table], figures, [note], numbers
+    )
     return result, pictures | {"claim_misalignment_soaked.png": picture}
 
 
@@ -149,11 +251,18 @@ def _soaking():
     errors, chi2 = soaked(sizes, direction, 6)
     effect = RateSensorMisalignment(sigma=0.5 * DEG)
     craft = spacecraft_of(TRUTH)
-    craft = replace(craft, rate_sensor=replace(craft.rate_sensor, axes=turned(sizes[-1] * direction)))
+    craft = replace(
+        craft, rate_sensor=replace(craft.rate_sensor, axes=turned(sizes[-1] * direction))
+    )
     campaign = with_sensor(flown(paper_like_plan(), craft, seed=1).campaign, axes=np.eye(3))
     with_effect = estimate(Model(campaign, (effect,)), starts=1)
     quiet = flown(paper_like_plan(), spacecraft_of(TRUTH), seed=1).campaign
-    held = estimate(Model(quiet, (effect,)), starts=1, start=np.concatenate([TRUTH, np.zeros(3)]), free=np.arange(9))
+    held = estimate(
+        Model(quiet, (effect,)),
+        starts=1,
+        start=np.concatenate([TRUTH, np.zeros(3)]),
+        free=np.arange(9),
+    )
     every, axes = Everything.of(held), np.arange(9, 12)
     jacobian = every.unmodelled(np.arange(9), axes)
     sets = {"nuisances": np.arange(0), "K": np.arange(6, 9), "J": np.arange(6), "all": np.arange(9)}
@@ -168,7 +277,14 @@ def _soaking():
         scale = 100.0 / TRUTH[i] if unit == "%" else 1e3
         rest = with_effect.theta[i] - TRUTH[i]
         cells = [f"{scale * x * DEG:+.3f}" for x in jacobian[i]]
-        rows.append([f"{name} [{unit}]", *cells, f"{abs(scale) * sd[i]:.4f}", f"{scale * rest:+.4f} ± {abs(scale) * with_effect.sd[i]:.4f}"])
+        rows.append(
+            [
+                f"{name} [{unit}]",
+                *cells,
+                f"{abs(scale) * sd[i]:.4f}",
+                f"{scale * rest:+.4f} ± {abs(scale) * with_effect.sd[i]:.4f}",
+            ]
+        )
     table = Table(
         "Error for each degree of misalignment about x, y, z that is not modelled; sd; and what is left at 0.5 deg when it is fitted",
         ("", "x", "y", "z", "sd", "fitted along"),

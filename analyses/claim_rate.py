@@ -4,7 +4,6 @@ Run it with `python analyses/claim_rate.py` (about two minutes).
 """
 
 # Printed text has typographic signs on purpose.
-# ruff: noqa: RUF001
 from __future__ import annotations
 
 import json
@@ -17,14 +16,16 @@ import numpy as np
 from common import DEG, NAMES, ROOT, SIMULATION, Result, Table, flown, run, spacecraft_of
 from matplotlib.figure import Figure
 
-from bayes_inertia.effect import Effect
-from bayes_inertia.estimate import estimate
-from bayes_inertia.model import Model
-from bayes_inertia.plan import Plan, PlannedSlew, paper_like_plan
-from bayes_inertia.plots import style
+from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
+from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.report.pictures import style
 
 TRUTH = SIMULATION.truth
-COAST = 100.0  # [s] in every slew, whatever its rate, so that all campaigns have equally much telemetry
+COAST = (
+    100.0  # [s] in every slew, whatever its rate, so that all campaigns have equally much telemetry
+)
 DURATION = 246.0
 FAST, SLOW = 20.0, 60.0  # ramp times [s]
 
@@ -45,7 +46,9 @@ def plan_of(rate: float, ramp: float = FAST) -> Plan:
     base = paper_like_plan()
     settings = {"rate": rate, "acceleration": rate / ramp, "duration": DURATION}
     # The angle is a hair larger than the ramps need, so that the rate is reached.
-    slews = tuple(PlannedSlew(s.axis_B, rate * (COAST + FAST) * 1.0001, **settings) for s in base.slews)
+    slews = tuple(
+        PlannedSlew(s.axis_B, rate * (COAST + FAST) * 1.0001, **settings) for s in base.slews
+    )
     return Plan("rates", slews, base.start_attitude, base.wheel_momentum)
 
 
@@ -60,7 +63,13 @@ def sd_of(rate: float, effects: tuple[Effect, ...] = (), ramp: float = FAST) -> 
 def errors_of(rate: float, seeds: int) -> np.ndarray:
     """Errors (seeds, 9) of WLS in flights with noise."""
     plan = plan_of(rate)
-    return np.array([estimate(Model(flown(plan, spacecraft_of(TRUTH), seed=s).campaign), starts=1).theta - TRUTH for s in range(seeds)])
+    return np.array(
+        [
+            estimate(Model(flown(plan, spacecraft_of(TRUTH), seed=s).campaign), starts=1).theta
+            - TRUTH
+            for s in range(seeds)
+        ]
+    )
 
 
 def rms(values: np.ndarray) -> float:
@@ -74,7 +83,9 @@ def gyric_only(both: np.ndarray, without: np.ndarray) -> np.ndarray:
 
 
 @style.styled
-def picture(rates: np.ndarray, curves: dict[str, np.ndarray], dots: dict[float, np.ndarray]) -> Figure:
+def picture(
+    rates: np.ndarray, curves: dict[str, np.ndarray], dots: dict[float, np.ndarray]
+) -> Figure:
     """Accuracy of the cross terms against rate."""
     figure = Figure(figsize=(style.WIDTH, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
@@ -82,7 +93,12 @@ def picture(rates: np.ndarray, curves: dict[str, np.ndarray], dots: dict[float, 
         "both": (style.BLUE, "-", 2.0, "both"),
         "acceleration": (style.ORANGE, (0, (5, 2)), 1.6, "angular acceleration alone"),
         "gyric": (style.GREEN, (0, (1.5, 1.2)), 1.8, "gyroscopic part alone (difference)"),
-        "slow": (style.PURPLE, (0, (6, 2, 1.5, 2)), 1.4, f"both, ramps of {SLOW:.0f} s instead of {FAST:.0f} s"),
+        "slow": (
+            style.PURPLE,
+            (0, (6, 2, 1.5, 2)),
+            1.4,
+            f"both, ramps of {SLOW:.0f} s instead of {FAST:.0f} s",
+        ),
     }
     for key, values in curves.items():
         if key in looks:
@@ -105,7 +121,14 @@ def picture(rates: np.ndarray, curves: dict[str, np.ndarray], dots: dict[float, 
         )
     went_in = rms(SIMULATION.initial - TRUTH)
     left.axhline(went_in, color=style.VERMILLION, lw=1.0, ls=(0, (4, 3)))
-    left.text(rates[0], went_in * 0.93, "the paper's initial error", color=style.VERMILLION, fontsize=8, va="top")
+    left.text(
+        rates[0],
+        went_in * 0.93,
+        "the paper's initial error",
+        color=style.VERMILLION,
+        fontsize=8,
+        va="top",
+    )
     left.axvline(1.0, color=style.MUTED, lw=0.8, ls=(0, (4, 3)))
     left.set(
         xscale="log",
@@ -116,8 +139,16 @@ def picture(rates: np.ndarray, curves: dict[str, np.ndarray], dots: dict[float, 
     )
     left.legend(loc="upper right")
     for i, (name, values) in enumerate(curves["all"].items()):
-        right.plot(rates, values, color=style.color(i % 3), ls=style.DASHES[i // 3], lw=1.4, label=name)
-    right.set(xscale="log", yscale="log", xlabel="slew rate [deg/s]", ylabel="sd [kg m²; K: –]", title="All nine parameters")
+        right.plot(
+            rates, values, color=style.color(i % 3), ls=style.DASHES[i // 3], lw=1.4, label=name
+        )
+    right.set(
+        xscale="log",
+        yscale="log",
+        xlabel="slew rate [deg/s]",
+        ylabel="sd [kg m²; K: –]",
+        title="All nine parameters",
+    )
     right.legend(ncols=3, loc="upper right", fontsize=8)
     for ax in (left, right):
         ax.set_xticks([0.05, 0.1, 0.2, 0.5, 1.0, 2.0], ["0.05", "0.1", "0.2", "0.5", "1", "2"])
@@ -127,33 +158,69 @@ def picture(rates: np.ndarray, curves: dict[str, np.ndarray], dots: dict[float, 
 
 def analysis(quick: bool = False):
     """sd against rate, with and without gyroscopic torque."""
-    rates = np.array([0.05, 1.0]) if quick else np.array([0.05, 0.07, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0])
+    rates = (
+        np.array([0.05, 1.0])
+        if quick
+        else np.array([0.05, 0.07, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0])
+    )
     both = np.array([sd_of(r * DEG) for r in rates])
-    without = both * np.nan if quick else np.array([sd_of(r * DEG, (WithoutGyricTorque(),)) for r in rates])
+    without = (
+        both * np.nan
+        if quick
+        else np.array([sd_of(r * DEG, (WithoutGyricTorque(),)) for r in rates])
+    )
     slow = np.array([sd_of(r * DEG, ramp=SLOW) for r in rates])
     dots = {} if quick else {r: errors_of(r * DEG, 10) for r in (0.05, 0.2, 1.0, 2.0)}
-    of = {key: np.array([rms(row) for row in values]) for key, values in (("both", both), ("acceleration", without), ("slow", slow))}
+    of = {
+        key: np.array([rms(row) for row in values])
+        for key, values in (("both", both), ("acceleration", without), ("slow", slow))
+    }
     of["gyric"] = gyric_only(of["both"], of["acceleration"])
     curves = of | {"all": {name: both[:, i] for i, name in enumerate(NAMES)}}
     at_one, at_slow = of["both"][rates == 1.0][0], of["both"][0]
-    slopes = {k: float(np.polyfit(np.log(rates[-4:]), np.log(v[-4:]), 1)[0]) for k, v in of.items() if np.isfinite(v).all()}
+    slopes = {
+        k: float(np.polyfit(np.log(rates[-4:]), np.log(v[-4:]), 1)[0])
+        for k, v in of.items()
+        if np.isfinite(v).all()
+    }
     numbers = {"sd_at_0.05": float(at_slow), "sd_at_1": float(at_one)}
     if quick:
         return Result("claim_rate", "Slew rate", [("", "", "")], (), (), (), numbers), {}
     share = (of["both"] / of["gyric"]) ** 2
-    needed = float(np.exp(np.interp(0.0, np.log(rms(SIMULATION.initial - TRUTH) / of["both"]), np.log(rates))))
+    needed = float(
+        np.exp(np.interp(0.0, np.log(rms(SIMULATION.initial - TRUTH) / of["both"]), np.log(rates)))
+    )
     rows = [
-        [f"{r:g}", *(f"{of[k][i]:.1e}" if of[k][i] < 1.0 else "none" for k in ("both", "acceleration", "gyric", "slow")), f"{100 * share[i]:.0f} %"]
+        [
+            f"{r:g}",
+            *(
+                f"{of[k][i]:.1e}" if of[k][i] < 1.0 else "none"
+                for k in ("both", "acceleration", "gyric", "slow")
+            ),
+            f"{100 * share[i]:.0f} %",
+        ]
         for i, r in enumerate(rates)
     ]
     table = Table(
         "sd of a product of inertia [kg m²] (rms of three) from five slews at our noise",
-        ("rate [deg/s]", "both", "acceleration alone", "gyroscopic alone", f"both, ramps of {SLOW:.0f} s", "share of information that is gyroscopic"),
+        (
+            "rate [deg/s]",
+            "both",
+            "acceleration alone",
+            "gyroscopic alone",
+            f"both, ramps of {SLOW:.0f} s",
+            "share of information that is gyroscopic",
+        ),
         rows,
     )
-    worst = max(abs(rms(e) / np.interp(r, rates, of["both"]) - 1.0) * math.sqrt(2 * e[:, 3:6].size) for r, e in dots.items())
+    worst = max(
+        abs(rms(e) / np.interp(r, rates, of["both"]) - 1.0) * math.sqrt(2 * e[:, 3:6].size)
+        for r, e in dots.items()
+    )
     at = int(np.flatnonzero(rates == 1.0)[0])
-    noise = json.loads((ROOT / "analyses" / "results" / "paper_tables.json").read_text(encoding="utf-8"))["numbers"]["multiplier"]
+    noise = json.loads(
+        (ROOT / "analyses" / "results" / "paper_tables.json").read_text(encoding="utf-8")
+    )["numbers"]["multiplier"]
     half = 0.5 * np.max(np.abs(TRUTH[3:6]))
     loud = float(np.exp(np.interp(0.0, np.log(half / (noise * of["both"])), np.log(rates))))
     claims = [
@@ -190,7 +257,9 @@ def analysis(quick: bool = False):
         f"Errors of refitted campaigns agree with the curve: the largest deviation of their rms is {worst:.1f} times its own sd. Larger rates turn the "
         "spacecraft further (2 deg/s: 240 deg), as equal telemetry demands.",
     ]
-    return Result("claim_rate", "Cross terms and slew rate", claims, [table], figures, notes, numbers), {"claim_rate.png": picture(rates, curves, dots)}
+    return Result(
+        "claim_rate", "Cross terms and slew rate", claims, [table], figures, notes, numbers
+    ), {"claim_rate.png": picture(rates, curves, dots)}
 
 
 if __name__ == "__main__":

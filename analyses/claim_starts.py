@@ -14,12 +14,12 @@ from matplotlib.figure import Figure
 from scipy.linalg import sqrtm
 from scipy.stats import beta
 
-from bayes_inertia.campaign import Campaign, InertiaPrior
+from bayes_inertia.campaign.records import Campaign, InertiaPrior
 from bayes_inertia.errors import EstimateError
-from bayes_inertia.estimate import Estimate, estimate
-from bayes_inertia.model import Model
-from bayes_inertia.plan import paper_like_plan
-from bayes_inertia.plots import style
+from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.inference.optimizer import Estimate, estimate
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.report.pictures import style
 
 TRUTH = SIMULATION.truth
 LIMIT = 5.0  # of nine errors in sd, the largest exceeds this with probability 5e-6 where the optimum was found
@@ -38,12 +38,18 @@ def wrong_tensor(rng: np.random.Generator, size: float) -> np.ndarray:
     raise ValueError(f"no physical tensor is {size} wrong")
 
 
-def begun(campaign: Campaign, J: np.ndarray, K: np.ndarray, size: float, starts: int = 1) -> Estimate | None:
+def begun(
+    campaign: Campaign, J: np.ndarray, K: np.ndarray, size: float, starts: int = 1
+) -> Estimate | None:
     """The estimate from one start (or from several, the others drawn from the prior), which is also the prior; None if it fails."""
     prior = InertiaPrior(J, size, size * np.trace(J) / 3.0)
     sensor = replace(campaign.rate_sensor, scale_factor=tuple(K))
     try:
-        return estimate(Model(replace(campaign, inertia=prior, rate_sensor=sensor)), starts=starts, discount=False)
+        return estimate(
+            Model(replace(campaign, inertia=prior, rate_sensor=sensor)),
+            starts=starts,
+            discount=False,
+        )
     except EstimateError:
         return None
 
@@ -53,7 +59,9 @@ def distance(at: Estimate | None) -> float:
     return np.inf if at is None else float(np.max(np.abs(at.theta - TRUTH) / at.sd))
 
 
-def tried(campaign: Campaign, sizes: np.ndarray, counts: np.ndarray, rng: np.random.Generator) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
+def tried(
+    campaign: Campaign, sizes: np.ndarray, counts: np.ndarray, rng: np.random.Generator
+) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
     """For each size, distances (n, 2) of the result from truth with one start and with the default three; errors (n, 9) of the starts; reduced chi^2 (n,)."""
     distances, starts, misfits = [], [], []
     for size, count in zip(sizes, counts, strict=True):
@@ -64,7 +72,15 @@ def tried(campaign: Campaign, sizes: np.ndarray, counts: np.ndarray, rng: np.ran
             once = distance(at)
             own.append([once, once if once < LIMIT else distance(begun(campaign, J, K, size, 3))])
             chi2.append(np.inf if at is None else at.tests["total"].reduced_chi2)
-            begin.append(np.concatenate([np.diag(J) / TRUTH[:3] - 1.0, np.array([J[0, 1], J[0, 2], J[1, 2]]) - TRUTH[3:6], K - TRUTH[6:]]))
+            begin.append(
+                np.concatenate(
+                    [
+                        np.diag(J) / TRUTH[:3] - 1.0,
+                        np.array([J[0, 1], J[0, 2], J[1, 2]]) - TRUTH[3:6],
+                        K - TRUTH[6:],
+                    ]
+                )
+            )
         distances.append(np.array(own))
         starts.append(np.array(begin))
         misfits.append(np.array(chi2))
@@ -87,12 +103,33 @@ def picture(sizes: np.ndarray, distances: list[np.ndarray], limit: float, at: in
     n = np.array([len(d) for d in distances])
     low, high = np.array([interval(g, m) for g, m in zip(good, n, strict=True)]).T
     fraction = good / n
-    left.errorbar(100 * sizes, 100 * fraction, 100 * np.array([fraction - low, high - fraction]), color=style.BLUE, marker="o", ms=5, lw=1.2, capsize=3)
+    left.errorbar(
+        100 * sizes,
+        100 * fraction,
+        100 * np.array([fraction - low, high - fraction]),
+        color=style.BLUE,
+        marker="o",
+        ms=5,
+        lw=1.2,
+        capsize=3,
+    )
     left.axvline(30.0, color=style.MUTED, lw=0.8, ls=(0, (4, 3)))
-    left.set(xlabel="error of the initial estimate [%]", ylabel="starts that converge [%]", ylim=(0, 104), title="One start, Gauss-Newton (95 % intervals)")
+    left.set(
+        xlabel="error of the initial estimate [%]",
+        ylabel="starts that converge [%]",
+        ylim=(0, 104),
+        title="One start, Gauss-Newton (95 % intervals)",
+    )
     finite = distances[at][np.isfinite(distances[at])]
-    right.hist(finite, bins=np.geomspace(0.5 * min(finite.min(), limit), 2.0 * max(limit, finite.max()), 41), color=style.BLUE, alpha=0.7)
-    right.axvline(limit, color=style.VERMILLION, lw=1.2, ls=(0, (5, 2)), label="counted as converged below")
+    right.hist(
+        finite,
+        bins=np.geomspace(0.5 * min(finite.min(), limit), 2.0 * max(limit, finite.max()), 41),
+        color=style.BLUE,
+        alpha=0.7,
+    )
+    right.axvline(
+        limit, color=style.VERMILLION, lw=1.2, ls=(0, (5, 2)), label="counted as converged below"
+    )
     right.set(
         xscale="log",
         xlabel="largest of nine errors of the result [sd]",
@@ -115,7 +152,11 @@ def analysis(quick: bool = False):
     good, n = int(np.sum(distances[k] < limit)), len(distances[k])
     low, high = interval(good, n)
     lost = misfits[k][distances[k] >= limit]
-    alarm = f"; the {len(lost)} others stop at a reduced χ² of {lost.min():.0f} or more, which the fit reports" if len(lost) else ""
+    alarm = (
+        f"; the {len(lost)} others stop at a reduced χ² of {lost.min():.0f} or more, which the fit reports"
+        if len(lost)
+        else ""
+    )
     together = int(np.sum(rescued[k] < limit))
     spread = np.sqrt(np.mean(np.square(starts[k]), axis=0))
     claims = [
@@ -130,7 +171,14 @@ def analysis(quick: bool = False):
     for size, once, thrice in zip(sizes, distances, rescued, strict=True):
         n_once, m = int(np.sum(once < limit)), len(once)
         ends = interval(n_once, m)
-        rows.append([f"{100 * size:.0f} %", f"{n_once} of {m}", f"{100 * ends[0]:.0f} to {100 * ends[1]:.0f} %", f"{np.sum(thrice < limit)} of {m}"])
+        rows.append(
+            [
+                f"{100 * size:.0f} %",
+                f"{n_once} of {m}",
+                f"{100 * ends[0]:.0f} to {100 * ends[1]:.0f} %",
+                f"{np.sum(thrice < limit)} of {m}",
+            ]
+        )
     notes = [
         "A start J^1/2 (1 + E) J^1/2 with a random symmetric E of norm 0.3 is as wrong as 30 % in some direction; rms over starts "
         f"{100 * spread[:3].mean():.0f} % of the diagonal elements and "
@@ -139,10 +187,23 @@ def analysis(quick: bool = False):
         "All starts see the same telemetry, so that converged ones end in the same place: the spread of their results is "
         f"{np.ptp(distances[k][distances[k] < limit]):.2g} sd.",
     ]
-    tables = [Table("Starts that converge", ("error of the start", "one start", "95 % interval", "three starts (the default)"), rows)]
-    figures = [("claim_starts.png", "Fraction of starts from which one descent finds the optimum, and how far from the truth it ends")]
+    tables = [
+        Table(
+            "Starts that converge",
+            ("error of the start", "one start", "95 % interval", "three starts (the default)"),
+            rows,
+        )
+    ]
+    figures = [
+        (
+            "claim_starts.png",
+            "Fraction of starts from which one descent finds the optimum, and how far from the truth it ends",
+        )
+    ]
     numbers = {"fraction": good / n, "low": low}
-    return Result("claim_starts", "Starts", claims, tables, figures, notes, numbers), {"claim_starts.png": picture(sizes, distances, limit, k)}
+    return Result("claim_starts", "Starts", claims, tables, figures, notes, numbers), {
+        "claim_starts.png": picture(sizes, distances, limit, k)
+    }
 
 
 if __name__ == "__main__":

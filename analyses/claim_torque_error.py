@@ -9,17 +9,29 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from common import ARCSEC, DEG, NAMES, SIMULATION, Result, Table, controller_of, prior_of, run, spacecraft_of, with_wheels
+from common import (
+    ARCSEC,
+    DEG,
+    NAMES,
+    SIMULATION,
+    Result,
+    Table,
+    controller_of,
+    prior_of,
+    run,
+    spacecraft_of,
+    with_wheels,
+)
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
-from bayes_inertia.campaign import Campaign
-from bayes_inertia.effects import WheelCommandLag, WheelTorqueGain
-from bayes_inertia.estimate import Estimate, estimate
-from bayes_inertia.maneuver import Flight, fly
-from bayes_inertia.model import Model
-from bayes_inertia.plan import PlannedSlew, paper_like_plan
-from bayes_inertia.plots import style
+from bayes_inertia.campaign.records import Campaign
+from bayes_inertia.flight.plan import PlannedSlew, paper_like_plan
+from bayes_inertia.flight.plan_flight import Flight, fly
+from bayes_inertia.inference.optimizer import Estimate, estimate
+from bayes_inertia.physics.effects import WheelCommandLag, WheelTorqueGain
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.report.pictures import style
 
 TRUTH = SIMULATION.truth
 AT_REST = replace(paper_like_plan(), wheel_momentum=())
@@ -30,7 +42,13 @@ def flight_with(effect, values: dict, seed: int, plan=None, believed=None) -> Fl
     """The five slews (or another plan) flown with an effect that the controller does not know."""
     craft = spacecraft_of(TRUTH, effects=(effect,), values={effect.name: values})
     plan = plan or paper_like_plan()
-    return fly(plan, craft, controller_of(SIMULATION.initial if believed is None else believed), prior_of(SIMULATION.initial), seed)
+    return fly(
+        plan,
+        craft,
+        controller_of(SIMULATION.initial if believed is None else believed),
+        prior_of(SIMULATION.initial),
+        seed,
+    )
 
 
 def gain_of(x: float) -> dict:
@@ -46,19 +64,34 @@ def wls(campaign: Campaign, drive: str = "commanded") -> Estimate:
 def known(campaign: Campaign, effect, values: np.ndarray) -> Estimate:
     """J and K with the effect's parameters held at known values."""
     model = Model(campaign, (effect,))
-    return estimate(model, starts=1, start=np.concatenate([model.space.mean[:9], values]), free=np.arange(9), discount=False)
+    return estimate(
+        model,
+        starts=1,
+        start=np.concatenate([model.space.mean[:9], values]),
+        free=np.arange(9),
+        discount=False,
+    )
 
 
 def gain_errors(gains: np.ndarray, seeds: int, quick: bool) -> dict[str, np.ndarray]:
     """Relative errors of J and K (gains, seeds, 9) by how the telemetry is used."""
-    kinds = ["no tachometers, wheels start at rest", "without tachometers", "with tachometers"] + ([] if quick else ["tachometers as input", "gain fitted"])
+    kinds = ["no tachometers, wheels start at rest", "without tachometers", "with tachometers"] + (
+        [] if quick else ["tachometers as input", "gain fitted"]
+    )
     found = {kind: [] for kind in kinds}
     for g in gains:
         for seed in range(seeds):
             campaign = flight_with(GAIN, gain_of(g), seed).campaign
             rest = flight_with(GAIN, gain_of(g), seed, AT_REST).campaign
-            estimates = {"no tachometers, wheels start at rest": lambda c=rest: wls(with_wheels(c, momentum_sigma=None))}
-            estimates |= {"without tachometers": lambda c=campaign: wls(with_wheels(c, momentum_sigma=None)), "with tachometers": lambda c=campaign: wls(c)}
+            estimates = {
+                "no tachometers, wheels start at rest": lambda c=rest: wls(
+                    with_wheels(c, momentum_sigma=None)
+                )
+            }
+            estimates |= {
+                "without tachometers": lambda c=campaign: wls(with_wheels(c, momentum_sigma=None)),
+                "with tachometers": lambda c=campaign: wls(c),
+            }
             estimates |= {
                 "tachometers as input": lambda c=campaign: wls(c, "measured"),
                 "gain fitted": lambda c=campaign: estimate(Model(c, (GAIN,)), starts=1),
@@ -85,18 +118,26 @@ def lag_errors(lags: np.ndarray, seeds: int) -> dict[str, np.ndarray]:
 def tracking(flight: Flight) -> tuple[float, float]:
     """Largest deviation from the planned attitude during the slew and the final one [arcsec]."""
     plan, truth = flight.plan, flight.truth[0]
-    from bayes_inertia.plan import angle_and_rate
+    from bayes_inertia.flight.plan import angle_and_rate
 
     slew = plan.slews[0]
-    angle = np.asarray(angle_and_rate(slew.angle, slew.rate, slew.acceleration, False, truth.time - plan.rest_before)[0])
-    planned = Rotation.from_quat(plan.attitudes[0]) * Rotation.from_rotvec(angle[:, None] * np.array(slew.axis_B))
+    angle = np.asarray(
+        angle_and_rate(
+            slew.angle, slew.rate, slew.acceleration, False, truth.time - plan.rest_before
+        )[0]
+    )
+    planned = Rotation.from_quat(plan.attitudes[0]) * Rotation.from_rotvec(
+        angle[:, None] * np.array(slew.axis_B)
+    )
     off = (planned.inv() * Rotation.from_quat(truth.attitude)).magnitude()
     return float(off.max()) / ARCSEC, float(np.linalg.norm(flight.final_error_B[0])) / ARCSEC
 
 
 def backup(error: float, seeds: int) -> list[list[str]]:
     """A 30 deg slew about x with the wheel whose gain the estimate absorbed, and with a right one in its place."""
-    absorbed = wls(with_wheels(flight_with(GAIN, gain_of(error), 0, AT_REST).campaign, momentum_sigma=None)).theta
+    absorbed = wls(
+        with_wheels(flight_with(GAIN, gain_of(error), 0, AT_REST).campaign, momentum_sigma=None)
+    ).theta
     plan = replace(AT_REST, slews=(PlannedSlew((1.0, 0.0, 0.0), 30.0 * DEG),))
     cases = (
         ("initial estimate, the same wheel", SIMULATION.initial, error),
@@ -106,9 +147,21 @@ def backup(error: float, seeds: int) -> list[list[str]]:
     )
     rows = []
     for label, believed, gain in cases:
-        found = np.array([tracking(flight_with(GAIN, gain_of(gain), 100 + s, plan, believed)) for s in range(seeds)])
+        found = np.array(
+            [
+                tracking(flight_with(GAIN, gain_of(gain), 100 + s, plan, believed))
+                for s in range(seeds)
+            ]
+        )
         rows.append(
-            [label, f"{100 * (believed[0] / TRUTH[0] - 1):+.2f} %", *(f"{m:.0f} ± {s:.0f}" for m, s in zip(found.mean(0), found.std(0, ddof=1), strict=True))]
+            [
+                label,
+                f"{100 * (believed[0] / TRUTH[0] - 1):+.2f} %",
+                *(
+                    f"{m:.0f} ± {s:.0f}"
+                    for m, s in zip(found.mean(0), found.std(0, ddof=1), strict=True)
+                ),
+            ]
         )
     return rows
 
@@ -132,11 +185,36 @@ def gain_picture(gains: np.ndarray, found: dict[str, np.ndarray]) -> Figure:
         for ax, i in ((left, 0), (right, 6)):
             values = 100.0 * errors[..., i]
             spread = 2 * values.std(1, ddof=1) if values.shape[1] > 1 else np.zeros(len(gains))
-            ax.errorbar(100 * gains, values.mean(1), spread, color=color, marker=marker, ms=5, lw=1.2, capsize=2, label=kind)
+            ax.errorbar(
+                100 * gains,
+                values.mean(1),
+                spread,
+                color=color,
+                marker=marker,
+                ms=5,
+                lw=1.2,
+                capsize=2,
+                label=kind,
+            )
     slope = 100 * gains
-    left.plot(slope, 100 * (1 / (1 + gains) - 1), color=style.INK, lw=0.9, ls=(0, (4, 3)), label="J / (1 + torque error)")
-    left.set(xlabel="torque error of wheel x [%]", ylabel="error of Jxx [%]", title="Inertia about the wheel's axis")
-    right.set(xlabel="torque error of wheel x [%]", ylabel="error of K1 [%]", title="Scale factor about the same axis")
+    left.plot(
+        slope,
+        100 * (1 / (1 + gains) - 1),
+        color=style.INK,
+        lw=0.9,
+        ls=(0, (4, 3)),
+        label="J / (1 + torque error)",
+    )
+    left.set(
+        xlabel="torque error of wheel x [%]",
+        ylabel="error of Jxx [%]",
+        title="Inertia about the wheel's axis",
+    )
+    right.set(
+        xlabel="torque error of wheel x [%]",
+        ylabel="error of K1 [%]",
+        title="Scale factor about the same axis",
+    )
     for ax in (left, right):
         ax.axhline(0.0, color=style.MUTED, lw=0.6, zorder=0)
     left.legend(loc="best", fontsize=8)
@@ -148,7 +226,11 @@ def lag_picture(lags: np.ndarray, found: dict[str, np.ndarray]) -> Figure:
     """Errors against the lag: not modelled, known and fitted."""
     figure = Figure(figsize=(style.WIDTH, 3.7), layout="constrained")
     panels = figure.subplots(1, 3)
-    looks = {"not modelled": (style.VERMILLION, "o"), "known": (style.GREEN, "^"), "fitted": (style.BLUE, "s")}
+    looks = {
+        "not modelled": (style.VERMILLION, "o"),
+        "known": (style.GREEN, "^"),
+        "fitted": (style.BLUE, "s"),
+    }
     for kind, (color, marker) in looks.items():
         errors = found[kind]
         dot = {"ms": 10, "mfc": "none", "mew": 1.4} if kind == "known" else {"ms": 5}
@@ -160,9 +242,13 @@ def lag_picture(lags: np.ndarray, found: dict[str, np.ndarray]) -> Figure:
     for ax, title in ((panels[0], "Diagonal elements"), (panels[1], "Cross terms")):
         ax.set(yscale="log", xlabel="command lag [s]", ylabel="rms error [kg m²]", title=title)
     panels[0].legend()
-    panels[2].plot(lags, found["chi2"][..., 0].mean(1), color=style.VERMILLION, marker="o", ms=5, lw=1.2)
+    panels[2].plot(
+        lags, found["chi2"][..., 0].mean(1), color=style.VERMILLION, marker="o", ms=5, lw=1.2
+    )
     panels[2].axhline(1.0, color=style.MUTED, lw=0.8, ls=(0, (4, 3)))
-    panels[2].set(yscale="log", xlabel="command lag [s]", ylabel="reduced χ²", title="Fit without the lag")
+    panels[2].set(
+        yscale="log", xlabel="command lag [s]", ylabel="reduced χ²", title="Fit without the lag"
+    )
     return figure
 
 
@@ -171,16 +257,23 @@ def analysis(quick: bool = False):
     gains = np.array([0.0, 0.03]) if quick else np.array([-0.05, -0.025, 0.0, 0.025, 0.05])
     errors = gain_errors(gains, 1 if quick else 3, quick)
     small = np.abs(gains) < 0.04  # a tangent, not a chord
-    slope = {k: float(np.polyfit(gains[small], v[small, :, 0].mean(1), 1)[0]) for k, v in errors.items()}
+    slope = {
+        k: float(np.polyfit(gains[small], v[small, :, 0].mean(1), 1)[0]) for k, v in errors.items()
+    }
     numbers = {f"slope {k}": s for k, s in slope.items()}
     pictures = {"claim_torque_gain.png": gain_picture(gains, errors)}
     if quick:
-        return Result("claim_torque_error", "Torque errors", [("", "", "")], (), (), (), numbers), pictures
+        return Result(
+            "claim_torque_error", "Torque errors", [("", "", "")], (), (), (), numbers
+        ), pictures
     lags = np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.4])
     lagged = lag_errors(lags, 3)
     pictures["claim_torque_lag.png"] = lag_picture(lags, lagged)
     rows = backup(0.03, 12)
-    rms = {k: np.sqrt(np.mean(np.square(lagged[k]), axis=1)) for k in ("not modelled", "known", "fitted")}
+    rms = {
+        k: np.sqrt(np.mean(np.square(lagged[k]), axis=1))
+        for k in ("not modelled", "known", "fitted")
+    }
     at = int(np.flatnonzero(lags == 0.1)[0])
     ratio = np.sqrt(np.mean(rms["known"][1:, :6] ** 2) / np.mean(rms["known"][0, :6] ** 2))
     claims = [
@@ -218,20 +311,39 @@ def analysis(quick: bool = False):
         ),
         Table(
             "A 30 degree slew about x; wheel x delivers 3 % too much, its backup what it should (mean ± sd of 12 flights)",
-            ("controller believes", "error of its Jxx", "largest tracking error [arcsec]", "final error [arcsec]"),
+            (
+                "controller believes",
+                "error of its Jxx",
+                "largest tracking error [arcsec]",
+                "final error [arcsec]",
+            ),
             rows,
         ),
     ]
     figures = [
-        ("claim_torque_gain.png", "Error of J and K about the axis of a wheel that delivers more or less than commanded (mean and ±2 sd over 3 flights)"),
-        ("claim_torque_lag.png", "A first-order lag of all wheel commands: errors (rms over 3 flights; bands: the flights) and misfit"),
+        (
+            "claim_torque_gain.png",
+            "Error of J and K about the axis of a wheel that delivers more or less than commanded (mean and ±2 sd over 3 flights)",
+        ),
+        (
+            "claim_torque_lag.png",
+            "A first-order lag of all wheel commands: errors (rms over 3 flights; bands: the flights) and misfit",
+        ),
     ]
     notes = [
         "Without tachometers the wheels' momentum is known only from the slews, and a fit that must imitate a torque error larger than about 3 % "
         "finds it cheaper to change the momenta, K and J together: at -5 % the error of Jxx jumps to about three times the torque error. The slopes are taken "
         "within 3 %.",
     ]
-    return Result("claim_torque_error", "Torque errors: gain, lag, backup wheel", claims, tables, figures, notes, numbers), pictures
+    return Result(
+        "claim_torque_error",
+        "Torque errors: gain, lag, backup wheel",
+        claims,
+        tables,
+        figures,
+        notes,
+        numbers,
+    ), pictures
 
 
 if __name__ == "__main__":

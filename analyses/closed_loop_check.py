@@ -9,16 +9,19 @@ import numpy as np
 from common import ARCSEC, DEG, ROOT, Table, spacecraft_of
 from scipy.spatial.transform import Rotation
 
-from bayes_inertia.campaign import Campaign
-from bayes_inertia.io import read_campaign
-from bayes_inertia.maneuver import fly
-from bayes_inertia.plan import paper_like_plan
-from bayes_inertia.spacecraft import Controller
+from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.campaign.records import Campaign
+from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.flight.plan_flight import fly
+from bayes_inertia.flight.spacecraft import Controller
 
 
 def independent_campaign() -> Campaign | None:
     """Five slews of the same spacecraft from Basilisk, None where they are not at hand."""
-    places = [ROOT / "bayes_inertia" / "example", *(p / "data" / "basilisk" / "clean" for p in (ROOT / "shared", ROOT.parent / "shared"))]
+    places = [
+        ROOT / "bayes_inertia" / "example",
+        *(p / "data" / "basilisk" / "clean" for p in (ROOT / "shared", ROOT.parent / "shared")),
+    ]
     found: list[Path] = [p for p in places if (p / "campaign.toml").is_file()]
     return read_campaign(found[0]) if found else None
 
@@ -29,7 +32,10 @@ def measures(campaign: Campaign) -> np.ndarray:
     for slew in campaign.slews:
         fixed = np.flatnonzero(np.isfinite(slew.attitude).all(axis=1))
         middle = 0.5 * (slew.time[0] + slew.time[-1])
-        before, after = (Rotation.from_quat(slew.attitude[fixed[part]]).mean() for part in (slew.time[fixed] < middle, slew.time[fixed] > middle))
+        before, after = (
+            Rotation.from_quat(slew.attitude[fixed[part]]).mean()
+            for part in (slew.time[fixed] < middle, slew.time[fixed] > middle)
+        )
         wanted = before * Rotation.from_rotvec(slew.angle * np.array(slew.axis_B))
         left = (wanted.inv() * after).magnitude() / ARCSEC
         peaks = [1e3 * np.abs(x).max() for x in (slew.wheel_torque, slew.wheel_momentum)]
@@ -43,13 +49,34 @@ def closed_loop_check(truth: np.ndarray, seed: int) -> tuple[Table, float] | Non
     if other is None:
         return None
     craft = spacecraft_of(truth)
-    ours = fly(paper_like_plan(), craft, Controller.from_prior(other.inertia, craft.rate_sensor, craft.wheels), other.inertia, seed).campaign
+    ours = fly(
+        paper_like_plan(),
+        craft,
+        Controller.from_prior(other.inertia, craft.rate_sensor, craft.wheels),
+        other.inertia,
+        seed,
+    ).campaign
     a, b = measures(other), measures(ours)
     rows = [
-        [s.name, *(f"{x:.3g} / {y:.3g}" if k != 4 else f"{x:.0f} / {y:.0f}" for k, (x, y) in enumerate(zip(a[i], b[i], strict=True)))]
+        [
+            s.name,
+            *(
+                f"{x:.3g} / {y:.3g}" if k != 4 else f"{x:.0f} / {y:.0f}"
+                for k, (x, y) in enumerate(zip(a[i], b[i], strict=True))
+            ),
+        ]
         for i, s in enumerate(other.slews)
     ]
-    header = ("slew", "duration [s]", "largest rate [deg/s]", "largest torque [10⁻³ N m]", "largest momentum [10⁻³ N m s]", "correction slew [arcsec]")
-    return Table("The same slews by Basilisk / here, from telemetry alone (controller believes the same wrong initial estimate)", header, rows), float(
-        np.max(np.abs(b[:, 4] / a[:, 4] - 1))
+    header = (
+        "slew",
+        "duration [s]",
+        "largest rate [deg/s]",
+        "largest torque [10⁻³ N m]",
+        "largest momentum [10⁻³ N m s]",
+        "correction slew [arcsec]",
     )
+    return Table(
+        "The same slews by Basilisk / here, from telemetry alone (controller believes the same wrong initial estimate)",
+        header,
+        rows,
+    ), float(np.max(np.abs(b[:, 4] / a[:, 4] - 1)))

@@ -19,22 +19,29 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from bayes_inertia.campaign import Campaign, InertiaPrior, RateSensor, StarTracker, Wheel
-from bayes_inertia.estimate import Estimate
-from bayes_inertia.inertia import ELEMENTS
-from bayes_inertia.io import write_atomically
-from bayes_inertia.likelihood import information
-from bayes_inertia.maneuver import Flight, fly
-from bayes_inertia.objective import normal_equations, prior_rows
-from bayes_inertia.plan import Plan
-from bayes_inertia.spacecraft import Controller, Spacecraft, most_like_spacecraft
+from bayes_inertia.campaign.records import Campaign, InertiaPrior, RateSensor, StarTracker, Wheel
+from bayes_inertia.files import write_atomically
+from bayes_inertia.flight.plan import Plan
+from bayes_inertia.flight.plan_flight import Flight, fly
+from bayes_inertia.flight.spacecraft import Controller, Spacecraft, most_like_spacecraft
+from bayes_inertia.inference.likelihood import information
+from bayes_inertia.inference.objective import normal_equations, prior_rows
+from bayes_inertia.inference.optimizer import Estimate
+from bayes_inertia.maths.inertia_tensor import ELEMENTS
 
 ROOT = Path(__file__).resolve().parent.parent
 NAMES = (*ELEMENTS, "K1", "K2", "K3")
 ARCSEC = math.pi / (180.0 * 3600.0)  # [rad]
 DEG = math.pi / 180.0  # [rad]
 # The order of the page.
-ANALYSES = ("paper_tables", "claim_misalignment", "claim_rate", "claim_torque_error", "claim_disturbances", "claim_starts")
+ANALYSES = (
+    "paper_tables",
+    "claim_misalignment",
+    "claim_rate",
+    "claim_torque_error",
+    "claim_disturbances",
+    "claim_starts",
+)
 
 
 @dataclass(frozen=True)
@@ -55,7 +62,11 @@ FLIGHT = PaperTable(  # Table 3
     np.array([3.4084, 2.1836, 1.6808, -0.0407, -0.0958, 0.0208, 1.0, 1.0, 1.0]),
     np.array([3.3853, 2.2168, 1.7868, -0.0273, -0.0033, 0.0052, 1.0072, 1.0028, 1.0037]),
 )
-SIMULATED_SLEW = (5.0 * DEG, 349.0, 140.0)  # Table 2: angle [rad], correction slew before and after [arcsec]
+SIMULATED_SLEW = (
+    5.0 * DEG,
+    349.0,
+    140.0,
+)  # Table 2: angle [rad], correction slew before and after [arcsec]
 FLOWN_SLEW = (38.0 * DEG, 1641.0, 1020.0)  # Table 4
 
 
@@ -76,12 +87,21 @@ def spacecraft_of(theta: Sequence[float], noise: float = 1.0, **changes) -> Spac
     noisy = {
         "wheels": tuple(replace(w, momentum_sigma=noise * w.momentum_sigma) for w in craft.wheels),
         "rate_sensor": replace(sensor, sigma=tuple(noise * s for s in sensor.sigma)),
-        "star_tracker": StarTracker(tracker.boresight_B, noise * tracker.sigma_cross, noise * tracker.sigma_roll),
+        "star_tracker": StarTracker(
+            tracker.boresight_B, noise * tracker.sigma_cross, noise * tracker.sigma_roll
+        ),
     }
-    return replace(craft, inertia_B=tensor(theta), scale_factor=tuple(float(k) for k in theta[6:9]), **(noisy | changes))
+    return replace(
+        craft,
+        inertia_B=tensor(theta),
+        scale_factor=tuple(float(k) for k in theta[6:9]),
+        **(noisy | changes),
+    )
 
 
-def prior_of(theta: Sequence[float], relative_sigma: float = 0.04, product_sigma: float = 0.03) -> InertiaPrior:
+def prior_of(
+    theta: Sequence[float], relative_sigma: float = 0.04, product_sigma: float = 0.03
+) -> InertiaPrior:
     """Pre-flight knowledge centred on an initial estimate."""
     return InertiaPrior(tensor(theta), relative_sigma, product_sigma)
 
@@ -91,7 +111,13 @@ def controller_of(theta: Sequence[float], **settings: float) -> Controller:
     return Controller(tensor(theta), tuple(float(k) for k in theta[6:9]), **settings)
 
 
-def flown(plan: Plan, craft: Spacecraft, initial: Sequence[float] = SIMULATION.initial, seed: int | None = 1, **prior: float) -> Flight:
+def flown(
+    plan: Plan,
+    craft: Spacecraft,
+    initial: Sequence[float] = SIMULATION.initial,
+    seed: int | None = 1,
+    **prior: float,
+) -> Flight:
     """A plan flown by a controller that believes an initial estimate, which is also the campaign's prior."""
     return fly(plan, craft, controller_of(initial), prior_of(initial, **prior), seed)
 
@@ -119,7 +145,13 @@ class Scatter:
     covariance: np.ndarray
 
 
-def scatter(at: Estimate, offset: np.ndarray, noise: Sequence[float] = (1.0, 1.0, 1.0), *, prior: bool = True) -> Scatter:
+def scatter(
+    at: Estimate,
+    offset: np.ndarray,
+    noise: Sequence[float] = (1.0, 1.0, 1.0),
+    *,
+    prior: bool = True,
+) -> Scatter:
     """Error of the estimate over repetitions of the campaign, were the noise of each channel `noise` times what `at` has.
 
     Parameters
@@ -140,7 +172,9 @@ def scatter(at: Estimate, offset: np.ndarray, noise: Sequence[float] = (1.0, 1.0
     if not prior:
         H, P = H - P, np.zeros_like(P)
     inverse = np.linalg.inv(H)
-    return Scatter(inverse[:d, :d] @ P[:d, :d] @ np.asarray(offset), (inverse @ (H - P) @ inverse)[:d, :d])
+    return Scatter(
+        inverse[:d, :d] @ P[:d, :d] @ np.asarray(offset), (inverse @ (H - P) @ inverse)[:d, :d]
+    )
 
 
 @dataclass(frozen=True)
@@ -169,7 +203,10 @@ class Everything:
         """Sum of squared residuals [sigma^2] that `held` parameters of this `value` leave after `free` and all nuisances are fitted to imitate them."""
         fitted = self._fitted(free)
         across = self.hessian[np.ix_(fitted, held)] @ value
-        return float(value @ self.hessian[np.ix_(held, held)] @ value - across @ np.linalg.solve(self.hessian[np.ix_(fitted, fitted)], across))
+        return float(
+            value @ self.hessian[np.ix_(held, held)] @ value
+            - across @ np.linalg.solve(self.hessian[np.ix_(fitted, fitted)], across)
+        )
 
     def unmodelled(self, free: np.ndarray, held: np.ndarray) -> np.ndarray:
         """Error of `free` (f, h) for each unit of what is in the data but not in the fit, to first order.
@@ -177,7 +214,9 @@ class Everything:
         The fitted columns move until they imitate the held ones as well as the noise asks.
         """
         fitted = self._fitted(free)
-        return np.linalg.solve(self.hessian[np.ix_(fitted, fitted)], self.hessian[np.ix_(fitted, held)])[: len(free)]
+        return np.linalg.solve(
+            self.hessian[np.ix_(fitted, fitted)], self.hessian[np.ix_(fitted, held)]
+        )[: len(free)]
 
 
 @dataclass(frozen=True)
@@ -210,7 +249,9 @@ class Result:
 def save_picture(figure: Figure, path: Path) -> Path:
     """Write a PNG that depends on nothing but the picture: no date, no version."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    return write_atomically(path, lambda temporary: figure.savefig(temporary, dpi=150, metadata={"Software": None}))
+    return write_atomically(
+        path, lambda temporary: figure.savefig(temporary, dpi=150, metadata={"Software": None})
+    )
 
 
 def write_result(result: Result, pictures: dict[str, Figure], out: Path) -> None:
@@ -219,18 +260,30 @@ def write_result(result: Result, pictures: dict[str, Figure], out: Path) -> None
         save_picture(figure, out / "figures" / name)
     folder = out / "analyses" / "results"
     folder.mkdir(parents=True, exist_ok=True)
-    write_atomically(folder / f"{result.name}.json", json.dumps(asdict(result), indent=1, ensure_ascii=False) + "\n")
+    write_atomically(
+        folder / f"{result.name}.json",
+        json.dumps(asdict(result), indent=1, ensure_ascii=False) + "\n",
+    )
     write_page(out)
 
 
 def write_page(out: Path) -> Path:
     """`analyses/PAPER.md` from all results under `out`."""
-    found = [json.loads(p.read_text(encoding="utf-8")) for n in ANALYSES if (p := out / "analyses" / "results" / f"{n}.json").is_file()]
-    return write_atomically(out / "analyses" / "PAPER.md", "\n".join([_INTRODUCTION, _overview(found), *map(_section, found)]))
+    found = [
+        json.loads(p.read_text(encoding="utf-8"))
+        for n in ANALYSES
+        if (p := out / "analyses" / "results" / f"{n}.json").is_file()
+    ]
+    return write_atomically(
+        out / "analyses" / "PAPER.md",
+        "\n".join([_INTRODUCTION, _overview(found), *map(_section, found)]),
+    )
 
 
 def _overview(found: list[dict]) -> str:
-    rows = [f"| {paper} | {verdict} |" for result in found for paper, _, verdict in result["claims"]]
+    rows = [
+        f"| {paper} | {verdict} |" for result in found for paper, _, verdict in result["claims"]
+    ]
     return "\n".join(["## In one table", "", "| the paper says | agree? |", "|---|---|", *rows, ""])
 
 
@@ -248,23 +301,42 @@ that correspond to its figures 3 to 6. "WLS" is the weighted-least-squares point
 
 
 def _section(result: dict) -> str:
-    lines = [f"## {result['title']}", "", f"`python analyses/{result['name']}.py`", "", "| paper | here | agree? |", "|---|---|---|"]
+    lines = [
+        f"## {result['title']}",
+        "",
+        f"`python analyses/{result['name']}.py`",
+        "",
+        "| paper | here | agree? |",
+        "|---|---|---|",
+    ]
     lines += [f"| {' | '.join(row)} |" for row in result["claims"]]
     for note in result["notes"]:
         lines += ["", note]
     for table in result["tables"]:
-        lines += ["", f"**{table['caption']}**", "", f"| {' | '.join(table['header'])} |", "|" + "---|" * len(table["header"])]
+        lines += [
+            "",
+            f"**{table['caption']}**",
+            "",
+            f"| {' | '.join(table['header'])} |",
+            "|" + "---|" * len(table["header"]),
+        ]
         lines += [f"| {' | '.join(row)} |" for row in table["rows"]]
     for file, caption in result["figures"]:
         lines += ["", f"![{caption}](../figures/{file})", "", f"*{caption}*"]
     return "\n".join([*lines, ""])
 
 
-def run(description: str, analysis: Callable[[bool], tuple[Result, dict[str, Figure]]], arguments: Sequence[str] | None = None) -> Result:
+def run(
+    description: str,
+    analysis: Callable[[bool], tuple[Result, dict[str, Figure]]],
+    arguments: Sequence[str] | None = None,
+) -> Result:
     """The command line of an analysis: `--quick` is a coarse variant, written to a temporary folder unless `--out` says where."""
     parser = argparse.ArgumentParser(description=description.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="a coarse variant, for tests")
-    parser.add_argument("--out", type=Path, help="folder for figures/ and analyses/ (default: this project)")
+    parser.add_argument(
+        "--out", type=Path, help="folder for figures/ and analyses/ (default: this project)"
+    )
     given = parser.parse_args(arguments)
     out = given.out or (Path(tempfile.mkdtemp()) if given.quick else ROOT)
     result, pictures = analysis(given.quick)

@@ -27,29 +27,34 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy import linalg
 
-from bayes_inertia.compare import NAMES, Achieved, Contender, achieve, compare
-from bayes_inertia.constraints import Limits, flown_margins
-from bayes_inertia.criterion import goal
-from bayes_inertia.design import design, problem_for
-from bayes_inertia.diagnose import diagnose
-from bayes_inertia.effect import Effect
-from bayes_inertia.effects import by_name
-from bayes_inertia.estimate import estimate, move_to
-from bayes_inertia.expectation import expected_sd, rehearse
-from bayes_inertia.fingerprint import Fingerprints, fingerprints
-from bayes_inertia.io import write_atomically
-from bayes_inertia.maneuver import fly, planned_campaign
-from bayes_inertia.model import Model
-from bayes_inertia.motion import slews_of
-from bayes_inertia.parameters import ParameterSpace
-from bayes_inertia.plan import Plan, paper_like_plan
-from bayes_inertia.planfile import read_plan, write_plan
-from bayes_inertia.plots import style
-from bayes_inertia.plots.design import comparison
-from bayes_inertia.search import random_plans
-from bayes_inertia.separation import separating_slew
-from bayes_inertia.simulation import draw_flight
-from bayes_inertia.spacecraft import Controller, Spacecraft, most_like_prior, most_like_spacecraft
+from bayes_inertia.design.comparison import NAMES, Achieved, Contender, achieve, compare_plans
+from bayes_inertia.design.designer import design_plan, problem_for
+from bayes_inertia.design.goals import goal
+from bayes_inertia.design.limits import Limits, flown_margins
+from bayes_inertia.design.plan_search import random_plans
+from bayes_inertia.design.planned_motion import slews_of
+from bayes_inertia.design.rehearsal import expected_sd, rehearse
+from bayes_inertia.design.separating_slew import separating_slew
+from bayes_inertia.diagnosis.score_test import Fingerprints, fingerprints
+from bayes_inertia.diagnosis.search import diagnose
+from bayes_inertia.files import write_atomically
+from bayes_inertia.flight.plan import Plan, paper_like_plan
+from bayes_inertia.flight.plan_file import read_plan, write_plan
+from bayes_inertia.flight.plan_flight import fly, planned_campaign
+from bayes_inertia.flight.simulated_campaigns import draw_flight
+from bayes_inertia.flight.spacecraft import (
+    Controller,
+    Spacecraft,
+    most_like_prior,
+    most_like_spacecraft,
+)
+from bayes_inertia.inference.optimizer import estimate, move_to
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effects import by_name
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.parameters import ParameterSpace
+from bayes_inertia.report.pictures import style
+from bayes_inertia.report.pictures.design import comparison
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS, FIGURES = ROOT / "analyses" / "results", ROOT / "figures"
@@ -75,11 +80,13 @@ def kept(name: str, make: Callable[[], dict]) -> dict:
     return json.loads(path.read_text())
 
 
-def plan_for(wanted: str, craft: Spacecraft = CRAFT, limits: Limits = LIMITS, tag: str = "") -> Plan:
+def plan_for(
+    wanted: str, craft: Spacecraft = CRAFT, limits: Limits = LIMITS, tag: str = ""
+) -> Plan:
     """The plan designed for a goal, from its file or designed now."""
     path = RESULTS / f"plan_{wanted.replace(':', '_').replace(',', '_')}{tag}.toml"
     if not path.exists():
-        write_plan(design(craft, PRIOR, wanted, limits).plan, path)
+        write_plan(design_plan(craft, PRIOR, wanted, limits).plan, path)
     return read_plan(path)
 
 
@@ -91,23 +98,35 @@ def gains() -> dict:
     out = {}
     for wanted in GOALS:
         plan = plan_for(wanted)
-        problem, _, reference, _ = problem_for(CRAFT, PRIOR, goal(wanted), LIMITS, paper_like_plan(), 5, 0, 1)
+        problem, _, reference, _ = problem_for(
+            CRAFT, PRIOR, goal(wanted), LIMITS, paper_like_plan(), 5, 0, 1
+        )
         values, tried, seed = [], 0, 1000
         while len(values) < RANDOM:
             _, logs, least = random_plans(problem, 5, 2000, seed)
             values += np.exp(logs[least >= 0.0]).tolist()
             tried, seed = tried + 2000, seed + 1
-        number = {"designed": problem.value(problem.numbers(slews_of(plan))), "paper": problem.value(problem.numbers(slews_of(reference)))}
+        number = {
+            "designed": problem.value(problem.numbers(slews_of(plan))),
+            "paper": problem.value(problem.numbers(slews_of(reference))),
+        }
         exact = [rehearse(p, CRAFT, PRIOR).sd for p in (plan, reference)]
         out[wanted] = {
             "unit": goal(wanted).unit,
             **number,
             "gain": number["paper"] / number["designed"],
-            "random": {"feasible": RANDOM, "tried": tried, "best": min(values[:RANDOM]), "median": float(np.median(values[:RANDOM]))},
+            "random": {
+                "feasible": RANDOM,
+                "tried": tried,
+                "best": min(values[:RANDOM]),
+                "median": float(np.median(values[:RANDOM])),
+            },
             "values": np.quantile(values[:RANDOM], np.linspace(0.0, 1.0, 201)).tolist(),
             "sd": dict(zip(NAMES, exact[0].tolist(), strict=True)),
             "sd_paper": dict(zip(NAMES, exact[1].tolist(), strict=True)),
-            "seeds": [design(CRAFT, PRIOR, wanted, LIMITS, seed=seed).gain for seed in (1, 2)] if wanted == "cross_terms" else [],
+            "seeds": [design_plan(CRAFT, PRIOR, wanted, LIMITS, seed=seed).gain for seed in (1, 2)]
+            if wanted == "cross_terms"
+            else [],
         }
     return out
 
@@ -123,10 +142,19 @@ def flown() -> dict:
         template = planned_campaign(plan, CRAFT, PRIOR)
         found: dict[str, list[float]] = {}
         for i in range(FLIGHTS):
-            flight = draw_flight(template, plan, np.random.SeedSequence(77, spawn_key=(i,)), vary=False)
+            flight = draw_flight(
+                template, plan, np.random.SeedSequence(77, spawn_key=(i,)), vary=False
+            )
             for margin in flown_margins(flight, LIMITS):
                 found.setdefault(margin.limit, []).append(margin.left)
-        out[wanted] = {limit: {"smallest": min(left), "median": float(np.median(left)), "broken": sum(x < 0 for x in left)} for limit, left in found.items()}
+        out[wanted] = {
+            limit: {
+                "smallest": min(left),
+                "median": float(np.median(left)),
+                "broken": sum(x < 0 for x in left),
+            }
+            for limit, left in found.items()
+        }
     return out
 
 
@@ -135,12 +163,20 @@ def flown() -> dict:
 
 def plans() -> dict[str, Plan]:
     """The three plans whose sds are checked."""
-    return {PAPER: paper_like_plan(), "for the cross terms": plan_for("cross_terms"), "for the scale factors": plan_for("scale_factors")}
+    return {
+        PAPER: paper_like_plan(),
+        "for the cross terms": plan_for("cross_terms"),
+        "for the scale factors": plan_for("scale_factors"),
+    }
 
 
 def _do_shard(path: Path, plan: Plan, seed: int, n: int) -> None:
     found = achieve(plan, CRAFT, PRIOR, n, seed)
-    write_atomically(path, json.dumps({key: getattr(found, key).tolist() for key in Achieved.__dataclass_fields__}) + "\n")
+    write_atomically(
+        path,
+        json.dumps({key: getattr(found, key).tolist() for key in Achieved.__dataclass_fields__})
+        + "\n",
+    )
 
 
 def achieved(campaigns: int, jobs: int) -> dict[str, Achieved]:
@@ -155,12 +191,21 @@ def achieved(campaigns: int, jobs: int) -> dict[str, Achieved]:
             if not path.exists():
                 tasks.append((path, plan, 10_000 + shard, SHARD))
     with joblib.parallel_config("loky" if jobs > 1 else "sequential", n_jobs=jobs):
-        for done, _ in enumerate(joblib.Parallel(return_as="generator_unordered")(joblib.delayed(_do_shard)(*task) for task in tasks)):
+        for done, _ in enumerate(
+            joblib.Parallel(return_as="generator_unordered")(
+                joblib.delayed(_do_shard)(*task) for task in tasks
+            )
+        ):
             print(f"{done + 1} of {len(tasks)} shards", end="\r", file=sys.stderr)
     out = {}
     for name, paths in files.items():
         parts = [json.loads(path.read_text()) for path in paths]
-        out[name] = Achieved(*(np.concatenate([np.array(p[key]) for p in parts]) for key in Achieved.__dataclass_fields__))
+        out[name] = Achieved(
+            *(
+                np.concatenate([np.array(p[key]) for p in parts])
+                for key in Achieved.__dataclass_fields__
+            )
+        )
     return out
 
 
@@ -203,9 +248,20 @@ def _hidden(effect: Effect, marks: Fingerprints, seed: int) -> dict:
     k = marks.names.index(effect.name)
     own, other = marks.groups[k], marks.groups[1 - k]
     matrix, cross = marks.matrix[np.ix_(own, own)], marks.matrix[np.ix_(own, other)]
-    taken = cross @ np.linalg.pinv(marks.matrix[np.ix_(other, other)], rcond=1e-9, hermitian=True) @ cross.T
+    taken = (
+        cross
+        @ np.linalg.pinv(marks.matrix[np.ix_(other, other)], rcond=1e-9, hermitian=True)
+        @ cross.T
+    )
     along = linalg.eigh(taken, matrix)[1][:, -1] * (-1.0) ** seed
-    space = ParameterSpace(tuple((effect.name, p) for p in effect.parameters(planned_campaign(replace(paper_like_plan(), telemetry_period=0.5), CRAFT, PRIOR))))
+    space = ParameterSpace(
+        tuple(
+            (effect.name, p)
+            for p in effect.parameters(
+                planned_campaign(replace(paper_like_plan(), telemetry_period=0.5), CRAFT, PRIOR)
+            )
+        )
+    )
     along = along * np.sqrt(STRENGTH / (along @ matrix @ along)) * space.sd
     return {effect.name: {k: np.asarray(v) for k, v in space.split(along)[effect.name].items()}}
 
@@ -218,39 +274,68 @@ def told_apart(seeds: int) -> dict:
         shown, marks = _plans_and_marks(pair, CRAFT)
         rows = out["pairs"].setdefault(",".join(pair), {"plans": {}, "verdicts": []})
         for label, plan in shown.items():
-            rows["plans"][label] = {"canonical_correlation": marks[label].canonical_correlation(0, 1)}
+            rows["plans"][label] = {
+                "canonical_correlation": marks[label].canonical_correlation(0, 1)
+            }
             for effect in by_name(pair):
                 for seed in range(seeds):
-                    acting = replace(CRAFT, effects=(effect,), values=_hidden(effect, marks["paper"], seed))
+                    acting = replace(
+                        CRAFT, effects=(effect,), values=_hidden(effect, marks["paper"], seed)
+                    )
                     rows["verdicts"].append(_verdict(label, plan, acting, effect.name, seed))
     _, marks = _plans_and_marks(HOPELESS, deaf_craft())
     out["hopeless"] = {label: found.canonical_correlation(0, 1) for label, found in marks.items()}
     return out
 
 
-def _plans_and_marks(pair: tuple[str, str], craft: Spacecraft) -> tuple[dict[str, Plan], dict[str, Fingerprints]]:
+def _plans_and_marks(
+    pair: tuple[str, str], craft: Spacecraft
+) -> tuple[dict[str, Plan], dict[str, Fingerprints]]:
     """Slews like the paper's, alone, twice, and with those designed to separate a pair; the pair's fingerprints in each."""
     tag = "" if craft is CRAFT else "_deaf"
     paper, designed = paper_like_plan(), plan_for(f"separate:{','.join(pair)}", craft, tag=tag)
-    shown = {"paper": paper.slews, "paper twice": paper.slews + paper.slews, "paper and designed": paper.slews + designed.slews}
-    shown = {label: replace(paper, slews=slews, telemetry_period=0.5) for label, slews in shown.items()}
+    shown = {
+        "paper": paper.slews,
+        "paper twice": paper.slews + paper.slews,
+        "paper and designed": paper.slews + designed.slews,
+    }
+    shown = {
+        label: replace(paper, slews=slews, telemetry_period=0.5) for label, slews in shown.items()
+    }
     return shown, {label: _marks(plan, craft, pair) for label, plan in shown.items()}
 
 
 def _marks(plan: Plan, craft: Spacecraft, pair: tuple[str, str]) -> Fingerprints:
     """Fingerprints of two effects in a flight without them."""
-    at = rehearse(plan, craft, PRIOR, controller=Controller.from_prior(PRIOR, CRAFT.rate_sensor, CRAFT.wheels))
+    at = rehearse(
+        plan, craft, PRIOR, controller=Controller.from_prior(PRIOR, CRAFT.rate_sensor, CRAFT.wheels)
+    )
     return fingerprints(move_to(at, Model(at.model.campaign, by_name(pair))), pair)
 
 
 def _verdict(label: str, plan: Plan, acting: Spacecraft, hidden: str, seed: int) -> dict:
     """What `diagnose` says of one campaign; kept in a file of its own."""
-    other = hashlib.sha256(repr((plan.slews, hidden, str(acting.values[hidden]))).encode()).hexdigest()[:8]
+    other = hashlib.sha256(
+        repr((plan.slews, hidden, str(acting.values[hidden]))).encode()
+    ).hexdigest()[:8]
     path = ROOT / "run_design" / f"verdict_{label.replace(' ', '_')}_{hidden}_{other}_{seed}.json"
     if not path.exists():
-        campaign = fly(plan, acting, Controller.from_prior(PRIOR, CRAFT.rate_sensor, CRAFT.wheels), PRIOR, 500 + seed).campaign
+        campaign = fly(
+            plan,
+            acting,
+            Controller.from_prior(PRIOR, CRAFT.rate_sensor, CRAFT.wheels),
+            PRIOR,
+            500 + seed,
+        ).campaign
         found = diagnose(campaign, seed=seed)
-        row = {"plan": label, "hidden": hidden, "seed": seed, "verdict": found.verdict, "named": found.named, "ambiguous": found.ambiguous_with}
+        row = {
+            "plan": label,
+            "hidden": hidden,
+            "seed": seed,
+            "verdict": found.verdict,
+            "named": found.named,
+            "ambiguous": found.ambiguous_with,
+        }
         row["evidence"] = [(s.added, s.log_bayes_factor) for s in found.steps]
         path.parent.mkdir(exist_ok=True)
         write_atomically(path, json.dumps(row) + "\n")
@@ -263,9 +348,9 @@ def _verdict(label: str, plan: Plan, acting: Spacecraft, hidden: str, seed: int)
 _COLD = """
 import time; t0 = time.perf_counter()
 import resource, json
-from bayes_inertia.design import design
-from bayes_inertia.spacecraft import most_like_prior, most_like_spacecraft
-found = design(most_like_spacecraft(), most_like_prior())
+from bayes_inertia.design.designer import design_plan
+from bayes_inertia.flight.spacecraft import most_like_prior, most_like_spacecraft
+found = design_plan(most_like_spacecraft(), most_like_prior())
 used = resource.getrusage(resource.RUSAGE_SELF)
 print(json.dumps({"wall": time.perf_counter() - t0, "cpu": used.ru_utime + used.ru_stime, "gain": found.gain, "memory_GB": used.ru_maxrss / 1e6}))
 """
@@ -273,8 +358,14 @@ print(json.dumps({"wall": time.perf_counter() - t0, "cpu": used.ru_utime + used.
 
 def times() -> dict:
     """Wall and processor time of a cold five-slew design, imports and compilation included, and of one gradient."""
-    cold = json.loads(subprocess.run([sys.executable, "-c", _COLD], check=True, capture_output=True, text=True).stdout.splitlines()[-1])
-    problem, _, reference, _ = problem_for(CRAFT, PRIOR, goal("cross_terms"), LIMITS, paper_like_plan(), 5, 0, 3)
+    cold = json.loads(
+        subprocess.run(
+            [sys.executable, "-c", _COLD], check=True, capture_output=True, text=True
+        ).stdout.splitlines()[-1]
+    )
+    problem, _, reference, _ = problem_for(
+        CRAFT, PRIOR, goal("cross_terms"), LIMITS, paper_like_plan(), 5, 0, 3
+    )
     x = problem.numbers(slews_of(reference))
     began = time.perf_counter()
     problem.slope(x, 3)
@@ -283,11 +374,28 @@ def times() -> dict:
     for _ in range(20):
         problem.slope(x, 1)
     gradient = (time.perf_counter() - began) / 20
-    at = estimate(Model(fly(replace(paper_like_plan(), telemetry_period=0.5), CRAFT, Controller(CRAFT.inertia_B), PRIOR, 1).campaign), starts=1)
+    at = estimate(
+        Model(
+            fly(
+                replace(paper_like_plan(), telemetry_period=0.5),
+                CRAFT,
+                Controller(CRAFT.inertia_B),
+                PRIOR,
+                1,
+            ).campaign
+        ),
+        starts=1,
+    )
     began = time.perf_counter()
     separating_slew(at, *by_name(PAIRS[0]))
     used = resource.getrusage(resource.RUSAGE_SELF)
-    return {"cold_design": cold, "gradient": gradient, "first_gradient": first, "separating_slew": time.perf_counter() - began, "cpu": used.ru_utime}
+    return {
+        "cold_design": cold,
+        "gradient": gradient,
+        "first_gradient": first,
+        "separating_slew": time.perf_counter() - began,
+        "cpu": used.ru_utime,
+    }
 
 
 # --- pictures and page ---------------------------------------------------------------------------------------------------------
@@ -297,11 +405,18 @@ def times() -> dict:
 def gains_picture(found: dict) -> Figure:
     """Distribution of the goal's number over random feasible plans, with the paper-like and the designed plan."""
     figure = Figure(figsize=(style.WIDTH, 3.2), layout="constrained")
-    titles = {"cross_terms": "worst cross term", "inertia": "all of J", "scale_factors": "worst scale factor", "correction_slew": "correction slew"}
+    titles = {
+        "cross_terms": "worst cross term",
+        "inertia": "all of J",
+        "scale_factors": "worst scale factor",
+        "correction_slew": "correction slew",
+    }
     for axes, (wanted, row) in zip(figure.subplots(1, len(found)), found.items(), strict=True):
         paper = row["paper"]
         grid = np.linspace(0.0, 1.0, len(row["values"]))
-        axes.plot(np.array(row["values"]) / paper, grid, color=style.BLUE, label="10,000 random plans")
+        axes.plot(
+            np.array(row["values"]) / paper, grid, color=style.BLUE, label="10,000 random plans"
+        )
         axes.axvline(1.0, color=style.MUTED, ls=(0, (4, 2)), label="like the paper's")
         axes.axvline(row["designed"] / paper, color=style.VERMILLION, lw=1.8, label="designed")
         axes.set(xlim=(0.0, 2.0), ylim=(0.0, 1.0), xlabel="sd, over that of paper-like slews")
@@ -321,12 +436,32 @@ def ratio_picture(found: dict) -> Figure:
     axes.axhline(1.0, color=style.MUTED, lw=0.8)
     for k, (name, row) in enumerate(found.items()):
         x = np.arange(9) + 0.18 * (k - 1)
-        axes.errorbar(x, row["ratio"], 2.0 * np.array(row["ratio_error"]), fmt=style.MARKERS[k], ms=4.5, capsize=2, color=style.color(k), label=name)
+        axes.errorbar(
+            x,
+            row["ratio"],
+            2.0 * np.array(row["ratio_error"]),
+            fmt=style.MARKERS[k],
+            ms=4.5,
+            capsize=2,
+            color=style.color(k),
+            label=name,
+        )
         stated = np.array(row["expected"]) / np.array(row["stated"])
-        axes.plot(x, stated, "_", color=style.INK, ms=9, label="over the sd that fits state (rms)" if k == 0 else None)
-    axes.set(xticks=range(9), xticklabels=NAMES, ylabel="predicted sd / achieved sd", ylim=(0.85, 1.2))
+        axes.plot(
+            x,
+            stated,
+            "_",
+            color=style.INK,
+            ms=9,
+            label="over the sd that fits state (rms)" if k == 0 else None,
+        )
+    axes.set(
+        xticks=range(9), xticklabels=NAMES, ylabel="predicted sd / achieved sd", ylim=(0.85, 1.2)
+    )
     number = next(iter(found.values()))["campaigns"]
-    axes.set_title(f"{number} simulated campaigns of each plan, J, K and bias drawn from the prior (bars: 2 standard errors)")
+    axes.set_title(
+        f"{number} simulated campaigns of each plan, J, K and bias drawn from the prior (bars: 2 standard errors)"
+    )
     axes.legend(ncols=3, loc="upper left")
     return figure
 
@@ -334,7 +469,10 @@ def ratio_picture(found: dict) -> Figure:
 def save(figure: Figure, name: str) -> None:
     """Write a picture without date or version."""
     FIGURES.mkdir(exist_ok=True)
-    write_atomically(FIGURES / name, lambda temporary: figure.savefig(temporary, dpi=150, metadata={"Software": None}))
+    write_atomically(
+        FIGURES / name,
+        lambda temporary: figure.savefig(temporary, dpi=150, metadata={"Software": None}),
+    )
 
 
 def page() -> str:
@@ -344,32 +482,69 @@ def page() -> str:
         "",
         "Made by `python analyses/design_study.py`. MOST-like spacecraft; planned rate 1 deg/s, 1855 s from first to last telemetry:",
     ]
-    lines += ["the rate and the time of five slews like the paper's (30 to 60 deg about x, y, z and two diagonals). Wheel limits with 20 % reserve.", ""]
-    read = {key: json.loads(p.read_text()) for key in ("gains", "flown", "achieved", "separate", "times") if (p := RESULTS / f"design_{key}.json").exists()}
+    lines += [
+        "the rate and the time of five slews like the paper's (30 to 60 deg about x, y, z and two diagonals). Wheel limits with 20 % reserve.",
+        "",
+    ]
+    read = {
+        key: json.loads(p.read_text())
+        for key in ("gains", "flown", "achieved", "separate", "times")
+        if (p := RESULTS / f"design_{key}.json").exists()
+    }
     if "gains" in read:
-        lines += ["## Gains", "", "| goal | paper-like | best of 10,000 random | designed | gain |", "|---|---|---|---|---|"]
+        lines += [
+            "## Gains",
+            "",
+            "| goal | paper-like | best of 10,000 random | designed | gain |",
+            "|---|---|---|---|---|",
+        ]
         for wanted, row in read["gains"].items():
             unit = f" {row['unit']}" if row["unit"] else ""
             best = row["random"]["best"]
-            lines.append(f"| {wanted} | {row['paper']:.3g}{unit} | {best:.3g} | {row['designed']:.3g} | **{row['gain']:.2f}** |")
+            lines.append(
+                f"| {wanted} | {row['paper']:.3g}{unit} | {best:.3g} | {row['designed']:.3g} | **{row['gain']:.2f}** |"
+            )
         seeds = ", ".join(f"{g:.2f}" for g in read["gains"]["cross_terms"]["seeds"])
-        lines += ["", f"Other seeds of the search for the cross terms: gain {seeds}. Smaller is better; each number is an sd as `criterion` defines it.", ""]
+        lines += [
+            "",
+            f"Other seeds of the search for the cross terms: gain {seeds}. Smaller is better; each number is an sd as `criterion` defines it.",
+            "",
+        ]
     if "achieved" in read:
-        lines += ["## Predicted over achieved", "", "| plan | campaigns | " + " | ".join(NAMES) + " |", "|---" * 11 + "|"]
+        lines += [
+            "## Predicted over achieved",
+            "",
+            "| plan | campaigns | " + " | ".join(NAMES) + " |",
+            "|---" * 11 + "|",
+        ]
         for name, row in read["achieved"].items():
-            cells = [f"{r:.3f} ± {e:.3f}" for r, e in zip(row["ratio"], row["ratio_error"], strict=True)]
+            cells = [
+                f"{r:.3f} ± {e:.3f}" for r, e in zip(row["ratio"], row["ratio_error"], strict=True)
+            ]
             lines.append(f"| {name} | {row['campaigns']} | " + " | ".join(cells) + " |")
         paper, better = read["achieved"][PAPER], read["achieved"]["for the cross terms"]
         worst = [max(row["achieved"][3:6]) for row in (paper, better)]
         said = f"Worst cross term, achieved: {worst[0]:.3g} kg m² with slews like the paper's, {worst[1]:.3g} designed: "
         lines += ["", f"{said}**{worst[0] / worst[1]:.2f}** times smaller.", ""]
     if "flown" in read:
-        lines += ["## Margins in flight", "", f"Smallest margin over {FLIGHTS} closed-loop flights a plan, truths from the prior, noise on.", ""]
+        lines += [
+            "## Margins in flight",
+            "",
+            f"Smallest margin over {FLIGHTS} closed-loop flights a plan, truths from the prior, noise on.",
+            "",
+        ]
         limits = list(next(iter(read["flown"].values())))
-        lines += ["| goal | " + " | ".join(limits) + " | broken |", "|---" * (len(limits) + 2) + "|"]
+        lines += [
+            "| goal | " + " | ".join(limits) + " | broken |",
+            "|---" * (len(limits) + 2) + "|",
+        ]
         for wanted, row in read["flown"].items():
             cells = [f"{100 * row[limit]['smallest']:.1f} %" for limit in limits]
-            lines.append(f"| {wanted} | " + " | ".join(cells) + f" | {sum(row[limit]['broken'] for limit in limits)} |")
+            lines.append(
+                f"| {wanted} | "
+                + " | ".join(cells)
+                + f" | {sum(row[limit]['broken'] for limit in limits)} |"
+            )
         lines.append("")
     if "separate" in read:
         lines += [
@@ -385,11 +560,20 @@ def page() -> str:
             for hidden in pair.split(","):
                 other = next(e for e in pair.split(",") if e != hidden)
                 for label in row["plans"]:
-                    own = [v for v in row["verdicts"] if v["hidden"] == hidden and v["plan"] == label]
+                    own = [
+                        v for v in row["verdicts"] if v["hidden"] == hidden and v["plan"] == label
+                    ]
                     right = sum(v["verdict"] == "named" and v["named"] == [hidden] for v in own)
-                    counts = ", ".join(f"{sum(v['verdict'] == k for v in own)} {k}" for k in dict.fromkeys(v["verdict"] for v in own))
-                    lines.append(f"| {hidden} | {other} | {label} | {row['plans'][label]['canonical_correlation']:.3f} | {right} of {len(own)} | {counts} |")
-        apart = " and ".join(f"{1.0 - c:.0e} ({label})" for label, c in read["separate"]["hopeless"].items())
+                    counts = ", ".join(
+                        f"{sum(v['verdict'] == k for v in own)} {k}"
+                        for k in dict.fromkeys(v["verdict"] for v in own)
+                    )
+                    lines.append(
+                        f"| {hidden} | {other} | {label} | {row['plans'][label]['canonical_correlation']:.3f} | {right} of {len(own)} | {counts} |"
+                    )
+        apart = " and ".join(
+            f"{1.0 - c:.0e} ({label})" for label, c in read["separate"]["hopeless"].items()
+        )
         said = f"No slew tells {HOPELESS[0]} from {HOPELESS[1]} without tachometers: their canonical correlation is 1 but for"
         lines += ["", f"{said} {apart}, although the last plan was designed for it.", ""]
     if "times" in read:
@@ -400,17 +584,23 @@ def page() -> str:
             "",
             f"A cold design of five slews, imports and compilation included: {cold['wall']:.0f} s ({cold['cpu']:.0f} s of processor time).",
         ]
-        lines += [f"One exact gradient: {1e3 * t['gradient']:.0f} ms (the first one, with compilation: {t['first_gradient']:.0f} s)."]
+        lines += [
+            f"One exact gradient: {1e3 * t['gradient']:.0f} ms (the first one, with compilation: {t['first_gradient']:.0f} s)."
+        ]
         lines += [f"`separating_slew`: {t['separating_slew']:.0f} s.", ""]
     return "\n".join(lines)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Do the parts asked for and renew page and pictures."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("--parts", default="gains,flown,achieved,separate,times")
     parser.add_argument("--campaigns", type=int, default=400, help="for each of three plans")
-    parser.add_argument("--seeds", type=int, default=4, help="campaigns for each hidden effect and plan")
+    parser.add_argument(
+        "--seeds", type=int, default=4, help="campaigns for each hidden effect and plan"
+    )
     parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args(arguments)
     parts = given.parts.split(",")
@@ -424,7 +614,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         found = against_achieved(given.campaigns, given.jobs)
         write_atomically(path, json.dumps(found, indent=1) + "\n")
         save(ratio_picture(found), "design_ratio.png")
-        contenders = list(compare({k: v for k, v in plans().items() if k != "for the scale factors"}, CRAFT, PRIOR, limits=LIMITS))
+        contenders = list(
+            compare_plans(
+                {k: v for k, v in plans().items() if k != "for the scale factors"},
+                CRAFT,
+                PRIOR,
+                limits=LIMITS,
+            )
+        )
         done = achieved(given.campaigns, given.jobs)
         shown: list[Contender] = [replace(c, achieved=done[c.name]) for c in contenders]
         save(comparison(shown), "design_compare.png")

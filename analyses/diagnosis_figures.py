@@ -15,8 +15,8 @@ from diagnosis_study import FOLDER, NAMES, OUTSIDE
 from matplotlib.figure import Figure
 from scipy import stats
 
-from bayes_inertia.io import write_atomically
-from bayes_inertia.plots import style
+from bayes_inertia.files import write_atomically
+from bayes_inertia.report.pictures import style
 
 FIGURES = Path(__file__).parents[1] / "figures"
 PROMISED = 0.99
@@ -30,7 +30,11 @@ def read(folder: Path = FOLDER) -> pd.DataFrame:
     tables = []
     for path in sorted(folder.glob("diagnosis_*.jsonl")):
         table = pd.read_json(path, lines=True)
-        tables.append(table.assign(power=float(path.stem.split("_")[2]), tachometers=path.stem.endswith("_tacho")))
+        tables.append(
+            table.assign(
+                power=float(path.stem.split("_")[2]), tachometers=path.stem.endswith("_tacho")
+            )
+        )
     rows = pd.concat(tables, ignore_index=True)
     return rows[rows["error"].isna()] if "error" in rows else rows
 
@@ -75,12 +79,17 @@ def share(hits: int, n: int) -> str:
 def promised(rows: pd.DataFrame) -> list[str]:
     """The lines of the table: what was wanted, what was measured."""
     lines = ["| | wanted | measured |", "|---|---|---|"]
-    both = [(WHERE[tachometers], rows[rows["tachometers"] == tachometers]) for tachometers in (True, False)]
+    both = [
+        (WHERE[tachometers], rows[rows["tachometers"] == tachometers])
+        for tachometers in (True, False)
+    ]
     for build in (clean_lines, strong_lines, weaker_lines, pair_lines):
         for where, some in both:
             lines += build(some, where)
     sets = [len(group) for _, r in rows.iterrows() for group in r["ambiguous_with"]]
-    lines.append(f"| sets reported as ambiguous, in all campaigns: of more than three | none | {sum(n > 3 for n in sets)} of {len(sets)} |")
+    lines.append(
+        f"| sets reported as ambiguous, in all campaigns: of more than three | none | {sum(n > 3 for n in sets)} of {len(sets)} |"
+    )
     for where, some in both:
         lines += outside_lines(some, where)
     return lines
@@ -90,7 +99,9 @@ def clean_lines(rows: pd.DataFrame, where: str) -> list[str]:
     """False alarms."""
     clean = rows[rows["kind"] == "clean"]
     named = sum(bool(candidates_of(r)[0] | candidates_of(r)[1]) for _, r in clean.iterrows())
-    return [f"| clean campaigns {where} in which an effect is named | at most 5 % | {share(named, len(clean))} |"]
+    return [
+        f"| clean campaigns {where} in which an effect is named | at most 5 % | {share(named, len(clean))} |"
+    ]
 
 
 def strong_lines(rows: pd.DataFrame, where: str) -> list[str]:
@@ -101,7 +112,10 @@ def strong_lines(rows: pd.DataFrame, where: str) -> list[str]:
     beside = sum(bool(candidates_of(r)[0] - {r["label"]}) for _, r in good.iterrows())
     inside = sum(all(r["chi2_inside"].values()) for _, r in good.iterrows())
     better = sum(b > a for b, a in good["held_out"])
-    sets, z = good["verdict"] == "ambiguous", good["max_abs_z_averaged"].fillna(good["max_abs_z"])  # the same where there is no set
+    sets, z = (
+        good["verdict"] == "ambiguous",
+        good["max_abs_z_averaged"].fillna(good["max_abs_z"]),
+    )  # the same where there is no set
     return [
         f"| one effect at ideal power 0.99, {where}: truth named or in the set | at least 95 % | {share(len(good), len(single))} |",
         f"| ... named alone | - | {share(alone, len(single))} |",
@@ -148,10 +162,14 @@ def outside_lines(rows: pd.DataFrame, where: str) -> list[str]:
     """Effects outside the library."""
     outside = rows[rows["kind"] == "outside"]
     unknown = outside["verdict"] == "unknown"
-    lines = [f"| effects outside the library, {where}: unknown | at least 90 % | {share(unknown.sum(), len(outside))} |"]
+    lines = [
+        f"| effects outside the library, {where}: unknown | at least 90 % | {share(unknown.sum(), len(outside))} |"
+    ]
     for name in OUTSIDE:
         some = unknown[outside["label"] == name]
-        lines.append(f"| ... {name.removeprefix('outside_').replace('_', ' ')} | | {share(some.sum(), len(some))} |")
+        lines.append(
+            f"| ... {name.removeprefix('outside_').replace('_', ' ')} | | {share(some.sum(), len(some))} |"
+        )
     return lines
 
 
@@ -168,15 +186,36 @@ def confusion(rows: pd.DataFrame) -> Figure:
         table[NAMES.index(row["label"]), columns.index(outcome(row))] += 1.0 / counts[row["label"]]
     axes.imshow(table, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
     for i, j in zip(*np.nonzero(table), strict=True):
-        axes.text(j, i, f"{100 * table[i, j]:.0f}", ha="center", va="center", color="white" if table[i, j] > 0.55 else style.INK, fontsize=8)
+        axes.text(
+            j,
+            i,
+            f"{100 * table[i, j]:.0f}",
+            ha="center",
+            va="center",
+            color="white" if table[i, j] > 0.55 else style.INK,
+            fontsize=8,
+        )
     axes.axvline(len(NAMES) - 0.5, color=style.MUTED, lw=1.0)
-    axes.set_xticks(range(len(columns)), [c.replace("_", " ") for c in columns], rotation=55, ha="left", rotation_mode="anchor")
+    axes.set_xticks(
+        range(len(columns)),
+        [c.replace("_", " ") for c in columns],
+        rotation=55,
+        ha="left",
+        rotation_mode="anchor",
+    )
     axes.xaxis.tick_top()
-    axes.set_yticks(range(len(NAMES)), [f"{n.replace('_', ' ')} ({counts.get(n, 0)})" for n in NAMES])
+    axes.set_yticks(
+        range(len(NAMES)), [f"{n.replace('_', ' ')} ({counts.get(n, 0)})" for n in NAMES]
+    )
     axes.tick_params(length=0)
     for spine in axes.spines.values():
         spine.set_visible(False)
-    figure.text(0.02, 0.965, "What is named, where an ideal test would find the hidden effect in 99 % of campaigns", fontsize=11)
+    figure.text(
+        0.02,
+        0.965,
+        "What is named, where an ideal test would find the hidden effect in 99 % of campaigns",
+        fontsize=11,
+    )
     figure.text(
         0.02,
         0.94,
@@ -197,11 +236,30 @@ def power(rows: pd.DataFrame) -> Figure:
     for k, (tachometers, group) in enumerate(single.groupby("tachometers", sort=False)):
         found = group.groupby("power")["right"].agg(["sum", "count"])
         middle = found["sum"] / found["count"]
-        ends_of = [stats.binomtest(int(h), int(n)).proportion_ci(0.95) for h, n in zip(found["sum"], found["count"], strict=True)]
-        error = np.abs(np.array([[m - e.low, e.high - m] for m, e in zip(middle, ends_of, strict=True)]).T)
+        ends_of = [
+            stats.binomtest(int(h), int(n)).proportion_ci(0.95)
+            for h, n in zip(found["sum"], found["count"], strict=True)
+        ]
+        error = np.abs(
+            np.array([[m - e.low, e.high - m] for m, e in zip(middle, ends_of, strict=True)]).T
+        )
         label = f"{'with' if tachometers else 'without'} tachometers ({len(group)} campaigns)"
-        axes.errorbar(found.index, middle, error, color=style.color(k), marker=style.MARKERS[k], ls=style.DASHES[k], capsize=3, label=label)
-    axes.set(xlabel="power of the ideal test that knows where to look", ylabel="share of campaigns", xlim=(0, 1.03), ylim=(0, 1.03))
+        axes.errorbar(
+            found.index,
+            middle,
+            error,
+            color=style.color(k),
+            marker=style.MARKERS[k],
+            ls=style.DASHES[k],
+            capsize=3,
+            label=label,
+        )
+    axes.set(
+        xlabel="power of the ideal test that knows where to look",
+        ylabel="share of campaigns",
+        xlim=(0, 1.03),
+        ylim=(0, 1.03),
+    )
     axes.set_title("Truth named or in the reported set, with 95 % intervals")
     axes.legend(loc="upper left")
     _by_effect(figure.add_axes([0.74, 0.13, 0.24, 0.75]), single)
@@ -213,9 +271,22 @@ def _by_effect(axes, single: pd.DataFrame) -> None:
     shares = single.groupby(["label", "power"])["right"].mean().unstack().reindex(NAMES).iloc[::-1]
     for k, power in enumerate(shares.columns):
         axes.axvline(power, color=style.color(k), lw=0.8, ls=(0, (4, 3)))
-        axes.plot(shares[power], range(len(shares)), color=style.color(k), marker=style.MARKERS[k], ls="none", ms=5, label=f"{power:g}", clip_on=False)
+        axes.plot(
+            shares[power],
+            range(len(shares)),
+            color=style.color(k),
+            marker=style.MARKERS[k],
+            ls="none",
+            ms=5,
+            label=f"{power:g}",
+            clip_on=False,
+        )
     axes.set_yticks(range(len(shares)), [n.replace("_", " ") for n in shares.index])
-    axes.set(xlim=(0, 1), ylim=(-0.7, len(shares) - 0.3), xlabel="share found, with and without tachometers")
+    axes.set(
+        xlim=(0, 1),
+        ylim=(-0.7, len(shares) - 0.3),
+        xlabel="share found, with and without tachometers",
+    )
     axes.set_title("By effect; dashed: the ideal test")
     axes.legend(loc="upper left", title="ideal power")
 

@@ -20,22 +20,22 @@ import numpy as np
 from independent import Deadband, Disturbance, Leak, RateSquared, Ripple, Swirl, Wander, replayed
 from scipy import optimize, stats
 
-from bayes_inertia.averaging import alternatives
-from bayes_inertia.campaign import Campaign
-from bayes_inertia.diagnose import Rules, diagnose
-from bayes_inertia.diagnosis import Diagnosis
-from bayes_inertia.effect import Effect
-from bayes_inertia.effects import LIBRARY
+from bayes_inertia.campaign.records import Campaign
+from bayes_inertia.diagnosis.cross_validation import held_out
+from bayes_inertia.diagnosis.model_averaging import alternatives
+from bayes_inertia.diagnosis.result import Diagnosis
+from bayes_inertia.diagnosis.score_test import fingerprints
+from bayes_inertia.diagnosis.search import Rules, diagnose
 from bayes_inertia.errors import BayesInertiaError
-from bayes_inertia.estimate import Estimate, estimate, move_to
-from bayes_inertia.fingerprint import fingerprints
-from bayes_inertia.held_out import held_out
-from bayes_inertia.io import write_atomically
-from bayes_inertia.maneuver import planned_campaign
-from bayes_inertia.model import Model
-from bayes_inertia.plan import Plan, paper_like_plan
-from bayes_inertia.simulation import draw_flight
-from bayes_inertia.spacecraft import most_like_prior, most_like_spacecraft
+from bayes_inertia.files import write_atomically
+from bayes_inertia.flight.plan import Plan, paper_like_plan
+from bayes_inertia.flight.plan_flight import planned_campaign
+from bayes_inertia.flight.simulated_campaigns import draw_flight
+from bayes_inertia.flight.spacecraft import most_like_prior, most_like_spacecraft
+from bayes_inertia.inference.optimizer import Estimate, estimate, move_to
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effects import LIBRARY
+from bayes_inertia.physics.forward_model import Model
 
 HERE = Path(__file__).parent
 FOLDER = HERE / "results"
@@ -66,7 +66,9 @@ def template_campaign():
     return planned_campaign(plan(), most_like_spacecraft(), most_like_prior())
 
 
-def draw(seed: np.random.SeedSequence, effects: tuple[Effect, ...], values: dict, tachometers: bool):
+def draw(
+    seed: np.random.SeedSequence, effects: tuple[Effect, ...], values: dict, tachometers: bool
+):
     """One campaign and its truth."""
     flight = draw_flight(template_campaign(), plan(), seed, effects=effects, values=values)
     return flight.campaign if tachometers else deaf(flight.campaign), flight
@@ -75,7 +77,11 @@ def draw(seed: np.random.SeedSequence, effects: tuple[Effect, ...], values: dict
 def deaf(campaign: Campaign) -> Campaign:
     """The campaign without tachometers."""
     wheels = tuple(replace(w, momentum_sigma=None) for w in campaign.wheels)
-    return replace(campaign, wheels=wheels, slews=tuple(replace(s, wheel_momentum=None) for s in campaign.slews))
+    return replace(
+        campaign,
+        wheels=wheels,
+        slews=tuple(replace(s, wheel_momentum=None) for s in campaign.slews),
+    )
 
 
 def noncentrality(power: float, dof: int, level: float) -> float:
@@ -90,7 +96,9 @@ def noncentrality(power: float, dof: int, level: float) -> float:
 
 def degrees_of_freedom(effect: Effect) -> int:
     """Of the ideal test of an effect: its parameters but those that only give it its shape."""
-    return sum(len(p.names) for p in effect.parameters(template_campaign()) if not p.priors[0].logarithmic)
+    return sum(
+        len(p.names) for p in effect.parameters(template_campaign()) if not p.priors[0].logarithmic
+    )
 
 
 def direction(effect: Effect, rng: np.random.Generator) -> dict:
@@ -108,7 +116,10 @@ def direction(effect: Effect, rng: np.random.Generator) -> dict:
 
 
 def scaled(values: dict, size: float) -> dict:
-    return {k: null + size * step if components else float(null + size * step[0]) for k, (null, step, components) in values.items()}
+    return {
+        k: null + size * step if components else float(null + size * step[0])
+        for k, (null, step, components) in values.items()
+    }
 
 
 def plain_fit(campaign: Campaign) -> Estimate:
@@ -122,8 +133,13 @@ def amplitude_for(effect: Effect, values: dict, wanted: float, seed, tachometers
     first = plain_fit(without)
     if effect.name == "flexible_mode":
         return mode_amplitude(effect, values, wanted, seed, first, tachometers)
-    marks, step = fingerprints(move_to(first, Model(without, (effect,))), (effect.name,)), unit_step(effect, values, without)
-    return float(np.clip(np.sqrt(wanted / max(float(step @ marks.matrix @ step), 1e-12)), 1e-9, 30.0))
+    marks, step = (
+        fingerprints(move_to(first, Model(without, (effect,))), (effect.name,)),
+        unit_step(effect, values, without),
+    )
+    return float(
+        np.clip(np.sqrt(wanted / max(float(step @ marks.matrix @ step), 1e-12)), 1e-9, 30.0)
+    )
 
 
 def unit_step(effect: Effect, values: dict, campaign: Campaign) -> np.ndarray:
@@ -132,7 +148,9 @@ def unit_step(effect: Effect, values: dict, campaign: Campaign) -> np.ndarray:
     return np.concatenate([step for _, step, _ in values.values()]) / sd
 
 
-def mode_amplitude(effect: Effect, values: dict, wanted: float, seed, first: Estimate, tachometers: bool) -> float:
+def mode_amplitude(
+    effect: Effect, values: dict, wanted: float, seed, first: Estimate, tachometers: bool
+) -> float:
     """As `amplitude_for`, for a flexible mode, whose signal is of second order in its coupling: by simulation."""
     size = 0.5
     for _ in range(3):
@@ -142,14 +160,24 @@ def mode_amplitude(effect: Effect, values: dict, wanted: float, seed, first: Est
     return size
 
 
-def ideal_powers(effects: tuple[Effect, ...], values: dict, wanted: list[float], seed, tachometers: bool, level: float) -> list[float]:
+def ideal_powers(
+    effects: tuple[Effect, ...],
+    values: dict,
+    wanted: list[float],
+    seed,
+    tachometers: bool,
+    level: float,
+) -> list[float]:
     """Power of an ideal test for each of two effects once the other is fitted too, if alone each has the wanted non-centrality.
 
     Of a flexible mode, whose signal is of second order, nothing is taken off: its power is an upper bound.
     """
     without, _ = draw(seed, (), {}, tachometers)
     first = plain_fit(without)
-    marks = fingerprints(move_to(first, Model(without, effects)), tuple(e.name for e in effects if e.name != "flexible_mode"))
+    marks = fingerprints(
+        move_to(first, Model(without, effects)),
+        tuple(e.name for e in effects if e.name != "flexible_mode"),
+    )
     steps, kept = [], []
     for effect, nc in zip(effects, wanted, strict=True):
         steps.append(unit_step(effect, values[effect.name], without))
@@ -159,46 +187,78 @@ def ideal_powers(effects: tuple[Effect, ...], values: dict, wanted: list[float],
             own, other = marks.groups[i], marks.groups[j]
             alone = marks.matrix[np.ix_(own, own)]
             cross = marks.matrix[np.ix_(own, other)]
-            apart = alone - cross @ np.linalg.pinv(marks.matrix[np.ix_(other, other)], rcond=1e-9, hermitian=True) @ cross.T
-            kept[i] = wanted[i] * float(steps[i] @ apart @ steps[i]) / float(steps[i] @ alone @ steps[i])
+            apart = (
+                alone
+                - cross
+                @ np.linalg.pinv(marks.matrix[np.ix_(other, other)], rcond=1e-9, hermitian=True)
+                @ cross.T
+            )
+            kept[i] = (
+                wanted[i] * float(steps[i] @ apart @ steps[i]) / float(steps[i] @ alone @ steps[i])
+            )
     dofs = [degrees_of_freedom(e) for e in effects]
-    return [float(stats.ncx2.sf(stats.chi2.isf(level, dof), dof, max(nc, 0.0))) for dof, nc in zip(dofs, kept, strict=True)]
+    return [
+        float(stats.ncx2.sf(stats.chi2.isf(level, dof), dof, max(nc, 0.0)))
+        for dof, nc in zip(dofs, kept, strict=True)
+    ]
 
 
 def projected_difference(with_it, first: Estimate) -> float:
     """|P (y1 - y0)|^2 for two campaigns with equal noise: what is left of their difference after fitting J, K, bias and starts."""
     second = plain_fit(with_it)
     # Both hold the same noise e: their residuals are P e and P (e + s).
-    gaps = [np.concatenate([np.nan_to_num(x).ravel() for slews in at.residual_series.values() for x in slews]) for at in (first, second)]
+    gaps = [
+        np.concatenate(
+            [np.nan_to_num(x).ravel() for slews in at.residual_series.values() for x in slews]
+        )
+        for at in (first, second)
+    ]
     return float(np.sum((gaps[1] - gaps[0]) ** 2))
 
 
 def _truth(flight) -> np.ndarray:
     J = flight.spacecraft.inertia_B
-    return np.array([J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2], *flight.spacecraft.scale_factor])
+    return np.array(
+        [J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2], *flight.spacecraft.scale_factor]
+    )
 
 
 def averaged_z(found: Diagnosis, truth: np.ndarray) -> np.ndarray:
     """Distance of J and K from the truth [sd], averaged over the effects of an ambiguous set."""
     others = alternatives(found)
-    weights = np.array([1.0 - sum(o.probability for o in others), *(o.probability for o in others)])[:, None]
+    weights = np.array(
+        [1.0 - sum(o.probability for o in others), *(o.probability for o in others)]
+    )[:, None]
     means = np.array([found.final.theta[:9], *(o.mean for o in others)])
     variances = np.array([found.final.sd[:9] ** 2, *(o.sd**2 for o in others)])
     mean = (weights * means).sum(0)
     return (mean - truth) / np.sqrt((weights * (variances + (means - mean) ** 2)).sum(0))
 
 
-def run_one(kind: str, label: str, index: int, effects: tuple[Effect, ...], tachometers: bool, power: float, level: float) -> dict:
+def run_one(
+    kind: str,
+    label: str,
+    index: int,
+    effects: tuple[Effect, ...],
+    tachometers: bool,
+    power: float,
+    level: float,
+) -> dict:
     """Simulate and diagnose one campaign."""
     seed = np.random.SeedSequence(20260, spawn_key=(hash_of(kind + label), index, int(tachometers)))
     # Not a child of `seed`: the flight draws from those, and the effect's direction must not follow its noise.
     rng = np.random.default_rng(np.random.SeedSequence(20261, spawn_key=seed.spawn_key))
     values, sizes, wanted, drawn = {}, {}, [], {}
-    fresh = lambda: np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key)  # noqa: E731
+
+    def fresh() -> np.random.SeedSequence:
+        return np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key)
+
     for effect in effects:
         drawn[effect.name] = direction(effect, rng)
         wanted.append(noncentrality(power, degrees_of_freedom(effect), level))
-        sizes[effect.name] = amplitude_for(effect, drawn[effect.name], wanted[-1], fresh(), tachometers)
+        sizes[effect.name] = amplitude_for(
+            effect, drawn[effect.name], wanted[-1], fresh(), tachometers
+        )
         values[effect.name] = scaled(drawn[effect.name], sizes[effect.name])
     campaign, flight = draw(fresh(), effects, values, tachometers)
     if label in OUTSIDE:
@@ -215,7 +275,9 @@ def run_one(kind: str, label: str, index: int, effects: tuple[Effect, ...], tach
         "tachometers": tachometers,
         "hidden": [label] if label in OUTSIDE else [e.name for e in effects],
         "sizes": sizes,
-        "ideal_powers": ideal_powers(effects, drawn, wanted, fresh(), tachometers, level) if kind == "pair" else None,
+        "ideal_powers": ideal_powers(effects, drawn, wanted, fresh(), tachometers, level)
+        if kind == "pair"
+        else None,
         "verdict": found.verdict,
         "why_unknown": found.why_unknown,
         "nameless_lead": found.nameless_lead if found.steps else None,
@@ -227,7 +289,11 @@ def run_one(kind: str, label: str, index: int, effects: tuple[Effect, ...], tach
         "limit": found.threshold,
         "max_abs_z": float(np.abs(z).max()),
         "max_abs_z_averaged": float(np.abs(averaged_z(found, _truth(flight))).max()),
-        "chi2_inside": {c: bool(t.interval[0] <= t.reduced_chi2 <= t.interval[1]) for c, t in found.tests.items() if t.reduced_chi2 is not None},
+        "chi2_inside": {
+            c: bool(t.interval[0] <= t.reduced_chi2 <= t.interval[1])
+            for c, t in found.tests.items()
+            if t.reduced_chi2 is not None
+        },
         "held_out": [held_out(found.base), held_out(found.final)],
         "seconds": seconds,
     }
@@ -259,14 +325,27 @@ def tasks(kind: str, count: int):
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--kind", choices=["clean", "single", "outside", "pair"], required=True)
-    parser.add_argument("--count", type=int, required=True, help="campaigns (clean, pair) or campaigns of each effect (single, outside)")
+    parser.add_argument(
+        "--count",
+        type=int,
+        required=True,
+        help="campaigns (clean, pair) or campaigns of each effect (single, outside)",
+    )
     parser.add_argument("--power", type=float, default=0.99)
-    parser.add_argument("--level", type=float, default=RULES.false_alarms / len(NAMES), help="level of the ideal test")
+    parser.add_argument(
+        "--level",
+        type=float,
+        default=RULES.false_alarms / len(NAMES),
+        help="level of the ideal test",
+    )
     parser.add_argument("--without-tachometers", action="store_true")
     parser.add_argument("--minutes", type=float, default=60.0, help="stop after this time")
     arguments = parser.parse_args()
     tachometers = not arguments.without_tachometers
-    path = FOLDER / f"diagnosis_{arguments.kind}_{arguments.power:g}_{'tacho' if tachometers else 'notacho'}.jsonl"
+    path = (
+        FOLDER
+        / f"diagnosis_{arguments.kind}_{arguments.power:g}_{'tacho' if tachometers else 'notacho'}.jsonl"
+    )
     rows = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     done = {(row["label"], row["index"]) for row in rows}
     end = time.time() + 60.0 * arguments.minutes
@@ -277,12 +356,28 @@ def main() -> None:
             print("time is up; run again to go on")
             break
         try:
-            row = run_one(arguments.kind, label, index, effects, tachometers, arguments.power, arguments.level)
+            row = run_one(
+                arguments.kind, label, index, effects, tachometers, arguments.power, arguments.level
+            )
         except BayesInertiaError as error:
-            row = {"kind": arguments.kind, "label": label, "index": index, "hidden": [e.name for e in effects], "error": str(error)}
+            row = {
+                "kind": arguments.kind,
+                "label": label,
+                "index": index,
+                "hidden": [e.name for e in effects],
+                "error": str(error),
+            }
         rows.append(row)
         write_atomically(path, "".join(json.dumps(r) + "\n" for r in rows))
-        print(label, index, row.get("verdict"), row.get("named"), row.get("ambiguous_with"), f"{row.get('seconds', 0):.1f} s", flush=True)
+        print(
+            label,
+            index,
+            row.get("verdict"),
+            row.get("named"),
+            row.get("ambiguous_with"),
+            f"{row.get('seconds', 0):.1f} s",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from bayes_inertia.campaign import Campaign
-from bayes_inertia.maneuver import Flight
+from bayes_inertia.campaign.records import Campaign
+from bayes_inertia.flight.plan_flight import Flight
 
 
 @dataclass(frozen=True)
@@ -98,20 +98,36 @@ def _replayed_slew(flight: Flight, i: int, disturbance: Disturbance, rng: np.ran
     start = Rotation.from_quat(np.asarray(truth.attitude[0]))
     attitude = start * Rotation.from_quat(turned)
     sensor, tracker, n = craft.rate_sensor, craft.star_tracker, len(slew.time)
-    readings = (rate @ np.asarray(sensor.axes).T + np.asarray(craft.bias)) / np.asarray(craft.scale_factor)
-    readings = readings + disturbance.rate_error(slew.start + slew.time, rng) + np.asarray(sensor.sigma) * rng.normal(size=(n, 3))
+    readings = (rate @ np.asarray(sensor.axes).T + np.asarray(craft.bias)) / np.asarray(
+        craft.scale_factor
+    )
+    readings = (
+        readings
+        + disturbance.rate_error(slew.start + slew.time, rng)
+        + np.asarray(sensor.sigma) * rng.normal(size=(n, 3))
+    )
     late = slew.time > 0.5 * slew.time[-1]
-    sigma = np.where(np.abs(tracker.boresight_B) > 0.5, tracker.sigma_roll, tracker.sigma_cross)  # boresight along a body axis
-    error = Rotation.from_rotvec(disturbance.tracker_error(late, rng)) * Rotation.from_rotvec(sigma * rng.normal(size=(n, 3)))
+    sigma = np.where(
+        np.abs(tracker.boresight_B) > 0.5, tracker.sigma_roll, tracker.sigma_cross
+    )  # boresight along a body axis
+    error = Rotation.from_rotvec(disturbance.tracker_error(late, rng)) * Rotation.from_rotvec(
+        sigma * rng.normal(size=(n, 3))
+    )
     fixes = np.where(np.isfinite(slew.attitude), (attitude * error).as_quat(), np.nan)
-    momentum = H - spin * (rate @ G) + np.array([w.momentum_sigma for w in craft.wheels]) * rng.normal(size=H.shape)
+    momentum = (
+        H
+        - spin * (rate @ G)
+        + np.array([w.momentum_sigma for w in craft.wheels]) * rng.normal(size=H.shape)
+    )
     return replace(slew, rate=readings, attitude=fixes, wheel_momentum=momentum)
 
 
 def _motion(J, G, torque, slew, truth, spin, disturbance):
     """Rate (n, 3), wheels' total spin momentum (n, wheels), and the rotation since the start (n, 4; scalar last)."""
     w0 = np.asarray(truth.rate_B[0])
-    x = np.concatenate([w0, np.asarray(truth.wheel_momentum[0]) + spin * (w0 @ G), [0.0, 0.0, 0.0, 1.0]])
+    x = np.concatenate(
+        [w0, np.asarray(truth.wheel_momentum[0]) + spin * (w0 @ G), [0.0, 0.0, 0.0, 1.0]]
+    )
     wheels, solve, rows = G.shape[1], np.linalg.inv(J), []
     for k, t in enumerate(slew.time):
         rows.append(x)
@@ -124,6 +140,8 @@ def _motion(J, G, torque, slew, truth, spin, disturbance):
             dw = solve @ (-np.cross(w, J @ w + G @ H) - G @ u + tau)
             return np.concatenate([dw, u, 0.5 * (np.cross(eps, w) + eta * w), [-0.5 * (eps @ w)]])
 
-        x = solve_ivp(slope, (t, slew.time[k + 1]), x, method="DOP853", rtol=1e-8, atol=1e-10).y[:, -1]
+        x = solve_ivp(slope, (t, slew.time[k + 1]), x, method="DOP853", rtol=1e-8, atol=1e-10).y[
+            :, -1
+        ]
     rows = np.array(rows)
     return rows[:, :3], rows[:, 3 : 3 + wheels], rows[:, -4:]

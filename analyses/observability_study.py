@@ -3,12 +3,11 @@
     python analyses/observability_study.py
 
 writes `figures/cross_terms.png`, `analyses/results/cross_terms.json` and the page `analyses/CROSS_TERMS.md` (about ten minutes).
-Every sd is that of the full model, linearised at the truth of closed-loop flights with noise (`bayes_inertia.expectation`),
+Every sd is that of the full model, linearised at the truth of closed-loop flights with noise (`bayes_inertia.design.rehearsal`),
 root mean square over a few truths drawn from the prior.
 """
 
 # Printed text has typographic signs on purpose.
-# ruff: noqa: RUF001, E501
 from __future__ import annotations
 
 import json
@@ -20,16 +19,21 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from bayes_inertia.compare import NAMES
-from bayes_inertia.effects import by_name
-from bayes_inertia.estimate import Estimate
-from bayes_inertia.expectation import likely_truths, rehearse, theta_of
-from bayes_inertia.io import write_atomically
-from bayes_inertia.maneuver import Flight, fly
-from bayes_inertia.observability import observability
-from bayes_inertia.plan import Plan, paper_like_plan
-from bayes_inertia.plots import style
-from bayes_inertia.spacecraft import Controller, Spacecraft, most_like_prior, most_like_spacecraft
+from bayes_inertia.design.comparison import NAMES
+from bayes_inertia.design.rehearsal import likely_truths, rehearse, theta_of
+from bayes_inertia.files import write_atomically
+from bayes_inertia.flight.plan import Plan, paper_like_plan
+from bayes_inertia.flight.plan_flight import Flight, fly
+from bayes_inertia.flight.spacecraft import (
+    Controller,
+    Spacecraft,
+    most_like_prior,
+    most_like_spacecraft,
+)
+from bayes_inertia.inference.optimizer import Estimate
+from bayes_inertia.observability.analysis import observe
+from bayes_inertia.physics.effects import by_name
+from bayes_inertia.report.pictures import style
 
 ROOT = Path(__file__).resolve().parent.parent
 DEGREE = math.pi / 180.0
@@ -53,16 +57,24 @@ def craft_with(tachometers: bool = True, noise: float = 1.0) -> Spacecraft:
     sensor, tracker = CRAFT.rate_sensor, CRAFT.star_tracker
     return replace(
         CRAFT,
-        wheels=tuple(replace(w, momentum_sigma=noise * w.momentum_sigma if tachometers else None) for w in CRAFT.wheels),
+        wheels=tuple(
+            replace(w, momentum_sigma=noise * w.momentum_sigma if tachometers else None)
+            for w in CRAFT.wheels
+        ),
         rate_sensor=replace(sensor, sigma=tuple(noise * s for s in sensor.sigma)),
-        star_tracker=replace(tracker, sigma_cross=noise * tracker.sigma_cross, sigma_roll=noise * tracker.sigma_roll),
+        star_tracker=replace(
+            tracker, sigma_cross=noise * tracker.sigma_cross, sigma_roll=noise * tracker.sigma_roll
+        ),
     )
 
 
 def plan_at(rate: float = 1.0, slews: int = 5) -> Plan:
     """The paper-like slews at another rate [deg/s], the whole motion stretched in time, or another number of them (in turn)."""
     base = paper_like_plan()
-    chosen = tuple(replace(base.slews[i % 5], rate=rate * DEGREE, acceleration=0.05 * rate**2 * DEGREE) for i in range(slews))
+    chosen = tuple(
+        replace(base.slews[i % 5], rate=rate * DEGREE, acceleration=0.05 * rate**2 * DEGREE)
+        for i in range(slews)
+    )
     return replace(base, slews=chosen, orbit=None)
 
 
@@ -71,7 +83,10 @@ def expected(plan: Plan, craft: Spacecraft, fitted: bool) -> list[float]:
     effects = by_name((MISALIGNMENT,)) if fitted else ()
     controller = Controller.from_prior(PRIOR, craft.rate_sensor, craft.wheels)
     truths = likely_truths(plan, craft, PRIOR, TRUTHS + 1, 1)[1:]
-    sds = [rehearse(plan, truth, PRIOR, effects, controller=controller, seed=i).sd[:9] for i, truth in enumerate(truths)]
+    sds = [
+        rehearse(plan, truth, PRIOR, effects, controller=controller, seed=i).sd[:9]
+        for i, truth in enumerate(truths)
+    ]
     return np.sqrt(np.mean(np.square(sds), axis=0)).tolist()
 
 
@@ -90,7 +105,7 @@ def curves() -> dict:
 
 def causes(at: Estimate) -> dict:
     """What limits each parameter at the paper-like slews: signal of its own size, inflation by group."""
-    found = observability(at)
+    found = observe(at)
     return {
         p.name: {
             "value": p.value,
@@ -99,7 +114,9 @@ def causes(at: Estimate) -> dict:
             "conditional_sd": p.conditional_sd,
             "lost": math.sqrt(p.variance_inflation),
             "inflation": {group: math.sqrt(factor) for group, factor in p.inflation.items()},
-            "channels": dict(zip(("rate", "attitude", "momentum"), p.share.sum(0).tolist(), strict=True)),
+            "channels": dict(
+                zip(("rate", "attitude", "momentum"), p.share.sum(0).tolist(), strict=True)
+            ),
         }
         for p in found.parameters
     }
@@ -107,8 +124,15 @@ def causes(at: Estimate) -> dict:
 
 def _telemetry(flight: Flight) -> dict[str, np.ndarray]:
     """All telemetry in units of its noise, and the commands [N m]."""
-    sigma = {"rate": CRAFT.rate_sensor.sigma[0], "wheel_momentum": CRAFT.wheels[0].momentum_sigma, "wheel_torque": 1.0}
-    return {key: np.concatenate([getattr(slew, key).ravel() for slew in flight.campaign.slews]) / s for key, s in sigma.items()}
+    sigma = {
+        "rate": CRAFT.rate_sensor.sigma[0],
+        "wheel_momentum": CRAFT.wheels[0].momentum_sigma,
+        "wheel_torque": 1.0,
+    }
+    return {
+        key: np.concatenate([getattr(slew, key).ravel() for slew in flight.campaign.slews]) / s
+        for key, s in sigma.items()
+    }
 
 
 def hidden_by_control(at: Estimate) -> dict:
@@ -116,20 +140,39 @@ def hidden_by_control(at: Estimate) -> dict:
     sees it), and of the closed loop, where the controller answers with other commands."""
     theta, sd, out = theta_of(CRAFT, PRIOR), at.model.space.sd, {}
     controller = Controller(CRAFT.inertia_B, CRAFT.scale_factor)
-    found = observability(at)
+    found = observe(at)
     for i, name in enumerate(NAMES):
         ends = []
         for sign in (1.0, -1.0):
             moved = theta.copy()
             moved[i] += sign * 0.05 * sd[i]
-            J = np.array([[moved[0], moved[3], moved[4]], [moved[3], moved[1], moved[5]], [moved[4], moved[5], moved[2]]])
-            ends.append(_telemetry(fly(plan_at(), replace(CRAFT, inertia_B=J, scale_factor=tuple(moved[6:9])), controller, PRIOR, None)))
-        response = {key: float(np.linalg.norm((ends[0][key] - ends[1][key]) / 0.1)) for key in ends[0]}
+            J = np.array(
+                [
+                    [moved[0], moved[3], moved[4]],
+                    [moved[3], moved[1], moved[5]],
+                    [moved[4], moved[5], moved[2]],
+                ]
+            )
+            ends.append(
+                _telemetry(
+                    fly(
+                        plan_at(),
+                        replace(CRAFT, inertia_B=J, scale_factor=tuple(moved[6:9])),
+                        controller,
+                        PRIOR,
+                        None,
+                    )
+                )
+            )
+        response = {
+            key: float(np.linalg.norm((ends[0][key] - ends[1][key]) / 0.1)) for key in ends[0]
+        }
         share = found[name].signal_by
         out[name] = {
             "rate_with_given_commands": float(np.sqrt(np.sum(share[:, 0] ** 2))),
             "rate_in_closed_loop": response["rate"],
-            "commands_rms": response["wheel_torque"] / math.sqrt(sum(s.wheel_torque.size for s in at.model.campaign.slews)),
+            "commands_rms": response["wheel_torque"]
+            / math.sqrt(sum(s.wheel_torque.size for s in at.model.campaign.slews)),
         }
     return out
 
@@ -145,16 +188,50 @@ def picture(found: dict) -> Figure:
     figure = Figure(figsize=(style.WIDTH, 6.6), layout="constrained")
     panels = figure.subplots(2, 2)
     x = {"rate": RATES, "number": NUMBERS, "noise": NOISES}
-    labels = {"rate": "slew rate [deg/s], same slews stretched in time", "number": "number of slews", "noise": "noise of all sensors, times nominal"}
+    labels = {
+        "rate": "slew rate [deg/s], same slews stretched in time",
+        "number": "number of slews",
+        "noise": "noise of all sensors, times nominal",
+    }
     for axes, key in zip(panels.ravel(), x, strict=False):
         for k, (name, curve) in enumerate(found["curves"].items()):
-            axes.plot(x[key], worst(curve[key]), color=style.color(k), ls=style.DASHES[k], marker=style.MARKERS[k], ms=3.5, lw=1.3, label=name)
+            axes.plot(
+                x[key],
+                worst(curve[key]),
+                color=style.color(k),
+                ls=style.DASHES[k],
+                marker=style.MARKERS[k],
+                ms=3.5,
+                lw=1.3,
+                label=name,
+            )
         size = max(abs(v) for v in theta_of(CRAFT, PRIOR)[3:6])
         axes.axhline(size, color=style.MUTED, lw=0.8, ls=(0, (4, 3)))
         axes.axhline(PRIOR.product_sigma, color=style.MUTED, lw=0.8)
-        axes.text(x[key][-1], size * 0.93, "the largest cross term itself", fontsize=7.5, color=style.MUTED, va="top", ha="right")
-        axes.text(x[key][-1], PRIOR.product_sigma * 1.05, "prior", fontsize=7.5, color=style.MUTED, va="bottom", ha="right")
-        axes.set(yscale="log", xscale="linear" if key == "number" else "log", xlabel=labels[key], ylabel="sd of the worst cross term [kg m²]")
+        axes.text(
+            x[key][-1],
+            size * 0.93,
+            "the largest cross term itself",
+            fontsize=7.5,
+            color=style.MUTED,
+            va="top",
+            ha="right",
+        )
+        axes.text(
+            x[key][-1],
+            PRIOR.product_sigma * 1.05,
+            "prior",
+            fontsize=7.5,
+            color=style.MUTED,
+            va="bottom",
+            ha="right",
+        )
+        axes.set(
+            yscale="log",
+            xscale="linear" if key == "number" else "log",
+            xlabel=labels[key],
+            ylabel="sd of the worst cross term [kg m²]",
+        )
     panels[0, 1].legend(loc="upper right", bbox_to_anchor=(1.0, 0.82))
     _losses(panels[1, 1], found["causes"])
     return figure
@@ -167,10 +244,25 @@ def _losses(axes, causes: dict) -> None:
         for k, group in enumerate(groups):
             length = max(0.0, math.log10(row["inflation"][group]))
             label = group if y == 0 else None
-            axes.barh(y, length, left=start, height=0.6, color=style.color(k), hatch="///" if k % 2 else None, ec="white", lw=0, label=label)
+            axes.barh(
+                y,
+                length,
+                left=start,
+                height=0.6,
+                color=style.color(k),
+                hatch="///" if k % 2 else None,
+                ec="white",
+                lw=0,
+                label=label,
+            )
             start += length
         axes.text(start, y, f"  ×{row['lost']:.2g}", va="center", fontsize=7.5, color=style.MUTED)
-    axes.set(yticks=range(len(causes)), yticklabels=causes, ylim=(len(causes) - 0.4, -1.6), xlabel="decades of sd lost to not knowing …")
+    axes.set(
+        yticks=range(len(causes)),
+        yticklabels=causes,
+        ylim=(len(causes) - 0.4, -1.6),
+        xlabel="decades of sd lost to not knowing …",
+    )
     axes.set_xlim(0.0, 1.25 * max(math.log10(row["lost"]) for row in causes.values()))
     axes.legend(ncols=4, loc="upper left", fontsize=7.5, columnspacing=1.0)
 
@@ -179,7 +271,10 @@ def page(found: dict) -> str:
     """The answer, with numbers."""
     c, curve, hidden = found["causes"], found["curves"], found["hidden"]
     base = curve["tachometers, misalignment known"]
-    at = {key: {name: worst(rows[key]) for name, rows in curve.items()} for key in ("rate", "number", "noise")}
+    at = {
+        key: {name: worst(rows[key]) for name, rows in curve.items()}
+        for key in ("rate", "number", "noise")
+    }
     one, tenth = int(np.flatnonzero(RATES == 1.0)[0]), int(np.flatnonzero(RATES == 0.1)[0])
     half = worst(base["rate"])[int(np.flatnonzero(RATES == 0.5)[0])]
     value, sd = abs(c["Jxy"]["value"]), c["Jxy"]["sd"]
@@ -209,14 +304,38 @@ def page(found: dict) -> str:
     for name, row in c.items():
         most = max(row["inflation"], key=lambda g, r=row: r["inflation"][g])
         own = row["value"] - (1.0 if name.startswith("K") else 0.0)
-        lines.append(f"| {name} | {own:.4g} | {row['sd']:.2g} | {row['signal_of_size']:,.0f} | ×{row['lost']:.1f} | {most} (×{row['inflation'][most]:.1f}) |")
-    lines += ["", "(K as its distance from 1.) Each slew's own start state is what costs most: its rate, attitude and wheel momentum are fitted, too.", ""]
-    lines += ["## Against rate, number of slews, noise, sensors", "", "![Cross terms](../figures/cross_terms.png)", ""]
-    lines += ["| | 0.1 deg/s | 1 deg/s | 1 slew | 5 slews | 10 slews | noise ×10 |", "|---|---|---|---|---|---|---|"]
+        lines.append(
+            f"| {name} | {own:.4g} | {row['sd']:.2g} | {row['signal_of_size']:,.0f} | ×{row['lost']:.1f} | {most} (×{row['inflation'][most]:.1f}) |"
+        )
+    lines += [
+        "",
+        "(K as its distance from 1.) Each slew's own start state is what costs most: its rate, attitude and wheel momentum are fitted, too.",
+        "",
+    ]
+    lines += [
+        "## Against rate, number of slews, noise, sensors",
+        "",
+        "![Cross terms](../figures/cross_terms.png)",
+        "",
+    ]
+    lines += [
+        "| | 0.1 deg/s | 1 deg/s | 1 slew | 5 slews | 10 slews | noise ×10 |",
+        "|---|---|---|---|---|---|---|",
+    ]
     for name in CASES:
-        cells = [at["rate"][name][tenth], at["rate"][name][one], at["number"][name][0], at["number"][name][4], at["number"][name][6], at["noise"][name][4]]
+        cells = [
+            at["rate"][name][tenth],
+            at["rate"][name][one],
+            at["number"][name][0],
+            at["number"][name][4],
+            at["number"][name][6],
+            at["noise"][name][4],
+        ]
         lines.append(f"| {name} | " + " | ".join(f"{v:.2g}" for v in cells) + " |")
-    known, fitted = at["rate"]["tachometers, misalignment known"][one], at["rate"]["misalignment fitted"][one]
+    known, fitted = (
+        at["rate"]["tachometers, misalignment known"][one],
+        at["rate"]["misalignment fitted"][one],
+    )
     deaf = at["rate"]["no tachometers"][one]
     both = at["rate"]["no tachometers, misalignment fitted"][one]
     ten = [at["noise"]["tachometers, misalignment known"][k] for k in (2, 4)]
@@ -247,8 +366,12 @@ def page(found: dict) -> str:
     ]
     for name, row in hidden.items():
         given, closed = row["rate_with_given_commands"], row["rate_in_closed_loop"]
-        lines.append(f"| {name} | {given:,.0f} | {closed:,.0f} | ×{given / max(closed, 1e-9):,.1f} | {row['commands_rms']:.1e} |")
-    products = [hidden[n]["rate_with_given_commands"] / hidden[n]["rate_in_closed_loop"] for n in NAMES[3:6]]
+        lines.append(
+            f"| {name} | {given:,.0f} | {closed:,.0f} | ×{given / max(closed, 1e-9):,.1f} | {row['commands_rms']:.1e} |"
+        )
+    products = [
+        hidden[n]["rate_with_given_commands"] / hidden[n]["rate_in_closed_loop"] for n in NAMES[3:6]
+    ]
     lines += [
         "",
         f"From the motion alone a controller hides the cross terms by factors of {min(products):.0f} to {max(products):.0f}: whoever fits rates without the recorded commands",
@@ -264,7 +387,11 @@ def computed() -> dict:
     """All numbers."""
     at = rehearse(plan_at(), CRAFT, PRIOR)
     misaligned = rehearse(plan_at(), CRAFT, PRIOR, by_name((MISALIGNMENT,))).sd[9:]
-    losses = {str(r): observability(rehearse(plan_at(r), CRAFT, PRIOR))["Jxy"].inflation["initial conditions"] ** 0.5 for r in (0.2, 0.5, 1.0, 2.0)}
+    losses = {
+        str(r): observe(rehearse(plan_at(r), CRAFT, PRIOR))["Jxy"].inflation["initial conditions"]
+        ** 0.5
+        for r in (0.2, 0.5, 1.0, 2.0)
+    }
     h = np.linalg.norm(plan_at().wheel_momentum)
     period = 2.0 * math.pi * np.trace(CRAFT.inertia_B) / 3.0 / h
     numbers = {"misalignment_sd": float(misaligned.max()), "lost": losses, "period": float(period)}
@@ -277,7 +404,12 @@ def main() -> None:
     if not numbers.exists():
         write_atomically(numbers, json.dumps(computed(), indent=1) + "\n")
     found = json.loads(numbers.read_text())
-    write_atomically(ROOT / "figures" / "cross_terms.png", lambda path: picture(found).savefig(path, format="png", dpi=150, metadata={"Software": None}))
+    write_atomically(
+        ROOT / "figures" / "cross_terms.png",
+        lambda path: picture(found).savefig(
+            path, format="png", dpi=150, metadata={"Software": None}
+        ),
+    )
     text = page(found)
     write_atomically(ROOT / "analyses" / "CROSS_TERMS.md", text)
     print(text)

@@ -13,13 +13,13 @@ from typing import ClassVar
 import jax.numpy as jnp
 import numpy as np
 
-from bayes_inertia import rotation
-from bayes_inertia.campaign import Campaign
-from bayes_inertia.effect import Effect
-from bayes_inertia.estimate import Estimate, estimate
-from bayes_inertia.model import Model, predict_all
-from bayes_inertia.parameters import Normal, vector
-from bayes_inertia.testing import check_effect, small_campaign
+from bayes_inertia.campaign.records import Campaign
+from bayes_inertia.inference.optimizer import Estimate, estimate
+from bayes_inertia.maths import quaternion
+from bayes_inertia.physics.check_effect import check_effect, small_campaign
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.forward_model import Model, predict_all
+from bayes_inertia.physics.parameters import Normal, vector
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class SolarPressure(Effect):
         return (vector("arm", "xyz", unit="m", prior=Normal(0.0, self.sigma)),)
 
     def body_torque(self, p, slew, t, state):
-        sun_B = rotation.to_body(state.attitude, jnp.array(self.sun_N))
+        sun_B = quaternion.to_body(state.attitude, jnp.array(self.sun_N))
         return jnp.cross(p["arm"], -self.force * sun_B)
 
 
@@ -48,25 +48,44 @@ def simulated(model: Model, theta: np.ndarray, seed: int) -> Campaign:
     nuisances = jnp.zeros((model.n_slews, model.structure.n_local))
     flown = predict_all(model.structure, jnp.asarray(theta), nuisances, jnp.zeros(3), model.data)
     tracker, wheels = campaign.star_tracker, np.array([w.momentum_sigma for w in campaign.wheels])
-    sigma = np.where(np.array(tracker.boresight_B) > 0.5, tracker.sigma_roll, tracker.sigma_cross)  # boresight along a body axis
+    sigma = np.where(
+        np.array(tracker.boresight_B) > 0.5, tracker.sigma_roll, tracker.sigma_cross
+    )  # boresight along a body axis
     slews = []
     for i, slew in enumerate(campaign.slews):
         rows = len(slew.time)
-        error = rotation.exp(jnp.asarray(sigma * rng.normal(size=(rows, 3))))
-        rate = np.array(flown.rate[i, :rows]) + np.array(campaign.rate_sensor.sigma) * rng.normal(size=(rows, 3))
-        momentum = np.array(flown.momentum[i, :rows]) + wheels * rng.normal(size=(rows, len(wheels)))
-        slews.append(replace(slew, rate=rate, attitude=np.array(rotation.multiply(flown.attitude[i, :rows], error)), wheel_momentum=momentum))
+        error = quaternion.exp(jnp.asarray(sigma * rng.normal(size=(rows, 3))))
+        rate = np.array(flown.rate[i, :rows]) + np.array(campaign.rate_sensor.sigma) * rng.normal(
+            size=(rows, 3)
+        )
+        momentum = np.array(flown.momentum[i, :rows]) + wheels * rng.normal(
+            size=(rows, len(wheels))
+        )
+        slews.append(
+            replace(
+                slew,
+                rate=rate,
+                attitude=np.array(quaternion.multiply(flown.attitude[i, :rows], error)),
+                wheel_momentum=momentum,
+            )
+        )
     return replace(campaign, slews=tuple(slews))
 
 
 def main(seed: int = 1) -> tuple[Estimate, np.ndarray]:
     """Check the effect, hide it, fit it; the estimate and the truth (d,)."""
     effect = SolarPressure()
-    print(f"{effect.name}: the contract holds; fingerprint {dict(check_effect(effect).fingerprint['commanded'])}")
+    print(
+        f"{effect.name}: the contract holds; fingerprint {dict(check_effect(effect).fingerprint['commanded'])}"
+    )
     quiet = Model(small_campaign(), (effect,))
-    truth = quiet.space.mean + np.concatenate([quiet.space.sd[:6] * 0.5, np.zeros(3), [0.25, -0.15, 0.1]])
+    truth = quiet.space.mean + np.concatenate(
+        [quiet.space.sd[:6] * 0.5, np.zeros(3), [0.25, -0.15, 0.1]]
+    )
     fitted = estimate(Model(simulated(quiet, truth, seed), (effect,)), starts=1)
-    for name, value, sd, true in zip(fitted.model.space.names, fitted.theta, fitted.sd, truth, strict=True):
+    for name, value, sd, true in zip(
+        fitted.model.space.names, fitted.theta, fitted.sd, truth, strict=True
+    ):
         print(f"{name:24s} {value:10.5f} +- {sd:.5f}   truth {true:10.5f}")
     return fitted, truth
 

@@ -4,7 +4,6 @@ Run it with `python analyses/paper_tables.py` (about three minutes).
 """
 
 # Printed text has typographic signs on purpose.
-# ruff: noqa: RUF001
 from __future__ import annotations
 
 from dataclasses import replace
@@ -12,29 +11,50 @@ from dataclasses import replace
 import numpy as np
 import table_pictures as pictures
 from closed_loop_check import closed_loop_check
-from common import ARCSEC, DEG, FLIGHT, FLOWN_SLEW, NAMES, SIMULATED_SLEW, SIMULATION, Result, Table, controller_of, flown, run, scatter, spacecraft_of
+from common import (
+    ARCSEC,
+    DEG,
+    FLIGHT,
+    FLOWN_SLEW,
+    NAMES,
+    SIMULATED_SLEW,
+    SIMULATION,
+    Result,
+    Table,
+    controller_of,
+    flown,
+    run,
+    scatter,
+    spacecraft_of,
+)
 from scipy import stats
 from single_effects import single_effects
 
-from bayes_inertia.estimate import Estimate, estimate
-from bayes_inertia.fit import fit
-from bayes_inertia.maneuver import predict_final_errors
-from bayes_inertia.model import Model
-from bayes_inertia.plan import Plan, PlannedSlew, paper_like_plan
-from bayes_inertia.posterior import Posterior
-from bayes_inertia.sample import Settings
+from bayes_inertia.app.fit_campaign import fit
+from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
+from bayes_inertia.flight.plan_flight import predict_final_errors
+from bayes_inertia.inference.optimizer import Estimate, estimate
+from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.inference.sampler import Settings
+from bayes_inertia.physics.forward_model import Model
 
 SEED = 20070701
 MULTIPLIERS = np.geomspace(10.0, 1000.0, 241)
 
 
-def noise_likelihood(at: Estimate, index: np.ndarray, prior: bool = True) -> dict[str, np.ndarray | float]:
+def noise_likelihood(
+    at: Estimate, index: np.ndarray, prior: bool = True
+) -> dict[str, np.ndarray | float]:
     """Likelihood of the paper's errors (those at `index`) over a multiplier of all noise; mode, 90 % interval (flat prior in its logarithm)."""
     offset, error = SIMULATION.initial - SIMULATION.truth, SIMULATION.new - SIMULATION.truth
     log_likelihood = []
     for m in MULTIPLIERS:
         s = scatter(at, offset, (m, m, m), prior=prior)
-        log_likelihood.append(stats.multivariate_normal.logpdf(error[index], s.mean[index], s.covariance[np.ix_(index, index)]))
+        log_likelihood.append(
+            stats.multivariate_normal.logpdf(
+                error[index], s.mean[index], s.covariance[np.ix_(index, index)]
+            )
+        )
     density = np.exp(np.array(log_likelihood) - np.max(log_likelihood))
     cumulative = np.cumsum(density) / np.sum(density)
     low, high = (float(np.interp(q, cumulative, MULTIPLIERS)) for q in (0.05, 0.95))
@@ -50,10 +70,22 @@ def slew_plan(axis: np.ndarray, angle: float, duration: float) -> Plan:
     return replace(plan, slews=(PlannedSlew(tuple(axis), angle, duration=duration),))
 
 
-def correction_slews(thetas: np.ndarray, believed: np.ndarray, angle: float, axes: np.ndarray, seed: int, noise: float = 1.0) -> np.ndarray:
+def correction_slews(
+    thetas: np.ndarray,
+    believed: np.ndarray,
+    angle: float,
+    axes: np.ndarray,
+    seed: int,
+    noise: float = 1.0,
+) -> np.ndarray:
     """Correction slews (axes, n) [arcsec] if each of thetas (n, 9) were the truth, for a controller that believes (9,)."""
     craft, duration = spacecraft_of(thetas[0], noise), 145.0 if angle > 0.5 else 95.0
-    found = [predict_final_errors(thetas, slew_plan(a, angle, duration), craft, controller_of(believed), seed=seed + k) for k, a in enumerate(axes)]
+    found = [
+        predict_final_errors(
+            thetas, slew_plan(a, angle, duration), craft, controller_of(believed), seed=seed + k
+        )
+        for k, a in enumerate(axes)
+    ]
     return np.linalg.norm(found, axis=-1) / ARCSEC
 
 
@@ -73,12 +105,20 @@ def flight_geometry(axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     angle, before, after = FLOWN_SLEW
     craft = spacecraft_of(FLIGHT.new, bias=(0.0, 0.0, 0.0))
-    change = [predict_final_errors(FLIGHT.new, slew_plan(a, angle, 145.0), craft, controller_of(FLIGHT.initial))[0] / ARCSEC for a in axes]
+    change = [
+        predict_final_errors(
+            FLIGHT.new, slew_plan(a, angle, 145.0), craft, controller_of(FLIGHT.initial)
+        )[0]
+        / ARCSEC
+        for a in axes
+    ]
     size = np.linalg.norm(change, axis=1)
     return size, (before**2 - after**2 - size**2) / (2.0 * size * after)
 
 
-def table_rows(theta: np.ndarray, wls: np.ndarray, sd: np.ndarray, draws: np.ndarray, paper) -> list[list[str]]:
+def table_rows(
+    theta: np.ndarray, wls: np.ndarray, sd: np.ndarray, draws: np.ndarray, paper
+) -> list[list[str]]:
     """Rows: initial, truth, the paper's new estimate, WLS and posterior here, and where the paper's value falls."""
     rows = []
     for i, name in enumerate(NAMES):
@@ -86,7 +126,16 @@ def table_rows(theta: np.ndarray, wls: np.ndarray, sd: np.ndarray, draws: np.nda
         numbers = [paper.initial[i], theta[i], paper.new[i], wls[i]]
         posterior = f"{draws[:, i].mean():.4f} ± {draws[:, i].std():.4f}"
         error = f"{100 * abs(paper.new[i] / theta[i] - 1):.2f} %, {100 * abs(wls[i] / theta[i] - 1):.2f} %"
-        rows.append([name, *(f"{x:.4f}" for x in numbers), f"{sd[i]:.4f}", posterior, error, f"{inside:.0f} %"])
+        rows.append(
+            [
+                name,
+                *(f"{x:.4f}" for x in numbers),
+                f"{sd[i]:.4f}",
+                posterior,
+                error,
+                f"{inside:.0f} %",
+            ]
+        )
     return rows
 
 
@@ -96,17 +145,47 @@ def flight_rows(at: Estimate, draws: np.ndarray) -> list[list[str]]:
     for i, name in enumerate(NAMES):
         change = (FLIGHT.new[i] - FLIGHT.initial[i]) / at.sd[i]
         numbers = (FLIGHT.initial[i], FLIGHT.new[i], at.theta[i])
-        rows.append([name, *(f"{x:.4f}" for x in numbers), f"{at.sd[i]:.4f}", f"{draws[:, i].mean():.4f} ± {draws[:, i].std():.4f}", f"{change:+.1f} sd"])
+        rows.append(
+            [
+                name,
+                *(f"{x:.4f}" for x in numbers),
+                f"{at.sd[i]:.4f}",
+                f"{draws[:, i].mean():.4f} ± {draws[:, i].std():.4f}",
+                f"{change:+.1f} sd",
+            ]
+        )
     return rows
 
 
-_FLIGHT_HEADER = ("parameter", "initial", "paper's new = truth here", "WLS here", "sd", "posterior here", "the paper's change")
-_HEADER = ("parameter", "initial", "truth", "paper's new", "WLS here", "sd", "posterior here", "error paper, WLS", "paper's value in the posterior")
+_FLIGHT_HEADER = (
+    "parameter",
+    "initial",
+    "paper's new = truth here",
+    "WLS here",
+    "sd",
+    "posterior here",
+    "the paper's change",
+)
+_HEADER = (
+    "parameter",
+    "initial",
+    "truth",
+    "paper's new",
+    "WLS here",
+    "sd",
+    "posterior here",
+    "error paper, WLS",
+    "paper's value in the posterior",
+)
 
 
 def sampled(campaign, quick: bool) -> Posterior:
     """One full fit."""
-    settings = Settings(threads=1, ensembles=4, walkers=32, steps=24, max_steps=24, target_ess=100.0) if quick else Settings(threads=1)
+    settings = (
+        Settings(threads=1, ensembles=4, walkers=32, steps=24, max_steps=24, target_ess=100.0)
+        if quick
+        else Settings(threads=1)
+    )
     return fit(campaign, seed=SEED, settings=settings)
 
 
@@ -131,30 +210,50 @@ def analysis(quick: bool = False):
     # Table 2: the simulated slew, truth known.
     same = np.tile(truth, (n, 1))
     angle2 = SIMULATED_SLEW[0]
-    table2 = {"before": correction_slews(same, SIMULATION.initial, angle2, axes, 10), "after": correction_slews(same, SIMULATION.new, angle2, axes, 20)}
+    table2 = {
+        "before": correction_slews(same, SIMULATION.initial, angle2, axes, 10),
+        "after": correction_slews(same, SIMULATION.new, angle2, axes, 20),
+    }
     table2["WLS here"] = correction_slews(same, at.theta, angle2, axes, 30)
     # Table 4: what the paper's tables leave open about the flight is drawn from the estimator's scatter at the inferred noise.
     spread = noise["scatter"].covariance
     flights = rng.multivariate_normal(FLIGHT.new, spread, n)
     angle4, _, after4 = FLOWN_SLEW
-    table4 = {"before": correction_slews(flights, FLIGHT.initial, angle4, axes, 40), "after": correction_slews(flights, FLIGHT.new, angle4, axes, 50)}
+    table4 = {
+        "before": correction_slews(flights, FLIGHT.initial, angle4, axes, 40),
+        "after": correction_slews(flights, FLIGHT.new, angle4, axes, 50),
+    }
     exact = correction_slews(np.tile(FLIGHT.new, (n, 1)), FLIGHT.new, angle4, axes, 60)
     change, cosine = flight_geometry(axes)
     loud_slews = correction_slews(same, SIMULATION.new, angle2, axes[:3], 70, noise["best"])
-    parts = {"J": noise_likelihood(at, np.arange(6)), "K": noise_likelihood(at, np.arange(6, 9)), "flat": noise_likelihood(at, np.arange(9), prior=False)}
+    parts = {
+        "J": noise_likelihood(at, np.arange(6)),
+        "K": noise_likelihood(at, np.arange(6, 9)),
+        "flat": noise_likelihood(at, np.arange(9), prior=False),
+    }
     check = closed_loop_check(truth, SEED)
     flight = flown(plan, spacecraft_of(FLIGHT.new, noise["best"]), FLIGHT.initial, seed=SEED + 3)
     flight_at = estimate(Model(flight.campaign), starts=1)
     effects = single_effects(slew_plan(np.array([1.0, 0.0, 0.0]), angle4, 145.0), after4, quick)
 
-    found = {"noise": noise, "table2": table2, "table4": table4, "exact": exact, "cosine": cosine, "change": change, "axes": axes}
+    found = {
+        "noise": noise,
+        "table2": table2,
+        "table4": table4,
+        "exact": exact,
+        "cosine": cosine,
+        "change": change,
+        "axes": axes,
+    }
     found |= {"loud": loud_slews, "parts": parts, "check": check}
     tables = _tables(at, loud_at, draws, flight_at, found, effects, rng)
     drawn = {
         "paper_table1_posterior.png": pictures.posterior(draws, SIMULATION, loud_at.theta),
         "paper_noise.png": pictures.noise(MULTIPLIERS, noise),
         "paper_cross_terms.png": pictures.cross_terms(SIMULATION, np.sqrt(np.diag(spread)), at.sd),
-        "paper_correction_slews.png": pictures.corrections(table2, table4, SIMULATED_SLEW, FLOWN_SLEW),
+        "paper_correction_slews.png": pictures.corrections(
+            table2, table4, SIMULATED_SLEW, FLOWN_SLEW
+        ),
         "paper_figure3_rates.png": pictures.rates(quiet),
         "paper_figure4_wheels.png": pictures.wheels(quiet),
         "paper_figure5_rate_residuals.png": pictures.rate_residuals(at, SIMULATION.initial),
@@ -206,7 +305,11 @@ def _tables(at, loud_at, draws, flight_at, found, effects, rng) -> list[Table]:
             [
                 ["before (initial estimate, K = 1)", '1641"', *rows(table4, "before")],
                 ["after, K as uncertain as Table 1 says", '1020"', *rows(table4, "after")],
-                ["after, were the new estimate exact", '1020"', *rows({"exact": found["exact"]}, "exact")],
+                [
+                    "after, were the new estimate exact",
+                    '1020"',
+                    *rows({"exact": found["exact"]}, "exact"),
+                ],
             ],
         ),
         Table(
@@ -223,7 +326,9 @@ def _result(found: dict, tables: list[Table], at: Estimate) -> Result:
     sd, parts = np.sqrt(np.diag(noise["scatter"].covariance)), found["parts"]
     products, change = sd[3:6], found["change"]
     went_in = np.abs(SIMULATION.initial - SIMULATION.truth)[3:6]
-    better = (np.abs(SIMULATION.initial - SIMULATION.truth) / np.abs(SIMULATION.new - SIMULATION.truth))[:3]
+    better = (
+        np.abs(SIMULATION.initial - SIMULATION.truth) / np.abs(SIMULATION.new - SIMULATION.truth)
+    )[:3]
     possible = np.abs(cosine) <= 1.0
     after2 = found["table2"]["after"]
     share = 100.0 * np.mean(after2 >= SIMULATED_SLEW[2])
@@ -278,16 +383,28 @@ def _result(found: dict, tables: list[Table], at: Estimate) -> Result:
             "paper_table1_posterior.png",
             f"Table 1: posterior of a simulated campaign at {m:.0f} times our noise, with the truth, the initial estimate, the paper's new one and WLS",
         ),
-        ("paper_noise.png", "The noise at which the paper's nine errors are typical, and the nine errors in standard deviations there"),
+        (
+            "paper_noise.png",
+            "The noise at which the paper's nine errors are typical, and the nine errors in standard deviations there",
+        ),
         (
             "paper_cross_terms.png",
             "Why cross terms come out worse than they went in: all six elements are determined about equally well in kg m², but not in per cent",
         ),
-        ("paper_correction_slews.png", "Tables 2 and 4: predicted correction slews over all slew axes, and the paper's numbers"),
+        (
+            "paper_correction_slews.png",
+            "Tables 2 and 4: predicted correction slews over all slew axes, and the paper's numbers",
+        ),
         ("paper_figure3_rates.png", "For the paper's figure 3: measured rates of the five slews"),
         ("paper_figure4_wheels.png", "For the paper's figure 4: wheel momenta and motor torques"),
-        ("paper_figure5_rate_residuals.png", "For the paper's figure 5: measured minus simulated rates, before and after"),
-        ("paper_figure6_attitude.png", "For the paper's figure 6: star tracker minus simulated attitude at the fixes, before and after"),
+        (
+            "paper_figure5_rate_residuals.png",
+            "For the paper's figure 5: measured minus simulated rates, before and after",
+        ),
+        (
+            "paper_figure6_attitude.png",
+            "For the paper's figure 6: star tracker minus simulated attitude at the fixes, before and after",
+        ),
     ]
     notes = [
         "The flight telemetry of July 2007 is not public. Table 3 is therefore the anchor of a simulated flight, whose truth is the paper's new estimate: "
@@ -316,7 +433,9 @@ def _result(found: dict, tables: list[Table], at: Estimate) -> Result:
         "cosine_x": float(cosine[0]),
         "before_y_arcsec": float(np.median(found["table2"]["before"][1])),
     }
-    return Result("paper_tables", "Tables 1 to 4, figures 3 to 6", claims, tables, figures, notes, numbers)
+    return Result(
+        "paper_tables", "Tables 1 to 4, figures 3 to 6", claims, tables, figures, notes, numbers
+    )
 
 
 if __name__ == "__main__":

@@ -7,17 +7,31 @@ import numpy as np
 from common import ARCSEC, DEG, FLIGHT, controller_of, prior_of, spacecraft_of
 from scipy.optimize import brentq
 
-from bayes_inertia.effects import RateBiasDrift, RateSensorDelay, RateSensorMisalignment, StarTrackerMisalignment, WheelCommandLag, WheelTorqueGain
 from bayes_inertia.errors import EffectError
-from bayes_inertia.maneuver import fly
-from bayes_inertia.plan import Plan
+from bayes_inertia.flight.plan import Plan
+from bayes_inertia.flight.plan_flight import fly
+from bayes_inertia.physics.effects import (
+    RateBiasDrift,
+    RateSensorDelay,
+    RateSensorMisalignment,
+    StarTrackerMisalignment,
+    WheelCommandLag,
+    WheelTorqueGain,
+)
 
 
 def _left(plan: Plan, theta, effects=(), values=None) -> float:
     """Correction slew [arcsec] after the plan's slew, without noise."""
     craft = spacecraft_of(theta, bias=(0.0, 0.0, 0.0), effects=effects, values=values or {})
     try:
-        return float(fly(plan, craft, controller_of(FLIGHT.new), prior_of(FLIGHT.new), None).correction_slews[-1]) / ARCSEC
+        return (
+            float(
+                fly(
+                    plan, craft, controller_of(FLIGHT.new), prior_of(FLIGHT.new), None
+                ).correction_slews[-1]
+            )
+            / ARCSEC
+        )
     except EffectError:
         return np.nan
 
@@ -28,7 +42,11 @@ def _size(left, guess: float, wanted: float, most: float) -> float | None:
     while high < most and np.isfinite(x := left(high)) and x < wanted:
         high *= 2.0
     high = min(high, most)
-    return float(brentq(lambda x: left(x) - wanted, 0.0, high, rtol=1e-4)) if np.isfinite(x := left(high)) and x >= wanted else None
+    return (
+        float(brentq(lambda x: left(x) - wanted, 0.0, high, rtol=1e-4))
+        if np.isfinite(x := left(high)) and x >= wanted
+        else None
+    )
 
 
 def single_effects(plan: Plan, wanted: float, quick: bool) -> list[list[str]]:
@@ -48,7 +66,16 @@ def single_effects(plan: Plan, wanted: float, quick: bool) -> list[list[str]]:
             lambda v: f"{v / DEG:.2f} deg",
             "across the slew axis; 2 sin(angle/2) of it is left",
         ),
-        (StarTrackerMisalignment(), "angle", y, 1e-3, 0.2, "star tracker turned about y", lambda v: f"{v / DEG:.2f} deg", "the same geometry"),
+        (
+            StarTrackerMisalignment(),
+            "angle",
+            y,
+            1e-3,
+            0.2,
+            "star tracker turned about y",
+            lambda v: f"{v / DEG:.2f} deg",
+            "the same geometry",
+        ),
         (
             RateBiasDrift(),
             "drift",
@@ -59,15 +86,48 @@ def single_effects(plan: Plan, wanted: float, quick: bool) -> list[list[str]]:
             lambda v: f"{v:.1e} rad/s² ({v * motion / DEG * 3600:.1f} deg/h over the motion)",
             "acts from the bias snapshot on",
         ),
-        (WheelCommandLag(), "tau", 1.0, 0.05, 2.0, "wheel command lag", lambda v: f"{v:.2f} s", "feedback removes what the lag does; it is gone at rest"),
-        (WheelTorqueGain(), "gain", x, 0.05, 1.0, "torque gain of wheel x", lambda v: f"{100 * v:.0f} %", "feedback removes it; no final error"),
-        (RateSensorDelay(), "tau", 1.0, 0.1, 3.0, "rate sensor delay", lambda v: f"{v:.2f} s", "the integral of a delayed rate is late, not wrong"),
+        (
+            WheelCommandLag(),
+            "tau",
+            1.0,
+            0.05,
+            2.0,
+            "wheel command lag",
+            lambda v: f"{v:.2f} s",
+            "feedback removes what the lag does; it is gone at rest",
+        ),
+        (
+            WheelTorqueGain(),
+            "gain",
+            x,
+            0.05,
+            1.0,
+            "torque gain of wheel x",
+            lambda v: f"{100 * v:.0f} %",
+            "feedback removes it; no final error",
+        ),
+        (
+            RateSensorDelay(),
+            "tau",
+            1.0,
+            0.1,
+            3.0,
+            "rate sensor delay",
+            lambda v: f"{v:.2f} s",
+            "the integral of a delayed rate is late, not wrong",
+        ),
     ]
     if quick:
         cases = cases[:1]
     K = np.array([0.0] * 6 + [1.0, 0.0, 0.0])
     size = _size(lambda k: _left(plan, truth + k * K), 1e-3, wanted, 0.1)
-    rows = [["scale factor K1", f"{100 * size:.2f} %", "error = angle times K error, along the slew axis"]]
+    rows = [
+        [
+            "scale factor K1",
+            f"{100 * size:.2f} %",
+            "error = angle times K error, along the slew axis",
+        ]
+    ]
     duration = plan.durations[0] - plan.rest_before
     rows.append(
         [
@@ -83,9 +143,15 @@ def single_effects(plan: Plan, wanted: float, quick: bool) -> list[list[str]]:
             return _left(plan, truth, (effect,), {effect.name: {key: null + v * np.asarray(along)}})
 
         size = _size(left, guess, wanted, most)
-        reached = np.nan if size is not None else np.nanmax([0.0, *(left(v) for v in (0.25 * most, 0.5 * most))])
+        reached = (
+            np.nan
+            if size is not None
+            else np.nanmax([0.0, *(left(v) for v in (0.25 * most, 0.5 * most))])
+        )
         says = shown(size) if size is not None else f"none up to {shown(most)}"
-        rows.append([name, says, remark if size is not None else f'{remark} (largest found {reached:.0f}")'])
+        rows.append(
+            [name, says, remark if size is not None else f'{remark} (largest found {reached:.0f}")']
+        )
     return rows
 
 

@@ -1,7 +1,6 @@
 """The pictures of `paper_tables.py`: pure functions that return a matplotlib `Figure`."""
 
 # Printed text has typographic signs on purpose.
-# ruff: noqa: RUF001
 from __future__ import annotations
 
 import jax.numpy as jnp
@@ -9,10 +8,10 @@ import numpy as np
 from common import ARCSEC, DEG, NAMES, PaperTable
 from matplotlib.figure import Figure
 
-from bayes_inertia.estimate import Estimate
-from bayes_inertia.likelihood import residuals
-from bayes_inertia.maneuver import Flight
-from bayes_inertia.plots import style
+from bayes_inertia.flight.plan_flight import Flight
+from bayes_inertia.inference.likelihood import residuals
+from bayes_inertia.inference.optimizer import Estimate
+from bayes_inertia.report.pictures import style
 
 _AXES = ("x", "y", "z")
 
@@ -53,9 +52,23 @@ def noise(multipliers: np.ndarray, found: dict) -> Figure:
     figure = Figure(figsize=(style.WIDTH, 3.4), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.15))
     inside = (multipliers >= found["low"]) & (multipliers <= found["high"])
-    left.fill_between(multipliers, found["density"], where=inside, color=style.BLUE, alpha=0.25, lw=0, label="90 % interval")
+    left.fill_between(
+        multipliers,
+        found["density"],
+        where=inside,
+        color=style.BLUE,
+        alpha=0.25,
+        lw=0,
+        label="90 % interval",
+    )
     left.plot(multipliers, found["density"], color=style.BLUE, lw=1.6)
-    left.axvline(found["best"], color=style.INK, lw=1.0, ls=(0, (4, 2)), label=f"most likely: {found['best']:.0f}")
+    left.axvline(
+        found["best"],
+        color=style.INK,
+        lw=1.0,
+        ls=(0, (4, 2)),
+        label=f"most likely: {found['best']:.0f}",
+    )
     left.set(
         xscale="log",
         xlabel="noise of all sensors, as a multiple of ours",
@@ -69,7 +82,13 @@ def noise(multipliers: np.ndarray, found: dict) -> Figure:
     left.spines["left"].set_visible(False)
     left.legend(loc="upper right")
     style.sigma_guides(right, (1, 2))
-    right.bar(range(9), found["z"], color=[style.BLUE] * 3 + [style.VERMILLION] * 3 + [style.GREEN] * 3, width=0.6, zorder=2)
+    right.bar(
+        range(9),
+        found["z"],
+        color=[style.BLUE] * 3 + [style.VERMILLION] * 3 + [style.GREEN] * 3,
+        width=0.6,
+        zorder=2,
+    )
     right.set(
         xticks=range(9),
         xticklabels=NAMES,
@@ -92,12 +111,23 @@ def cross_terms(paper: PaperTable, sd: np.ndarray, own_sd: np.ndarray) -> Figure
         ("posterior sd at the inferred noise", sd[:6], style.BLUE, "_"),
         ("posterior sd at our noise", own_sd[:6], style.SKY, "_"),
     )
-    for ax, divide, unit in ((axes[0], np.ones(6), "kg m²"), (axes[1], 0.01 * np.abs(paper.truth[:6]), "% of the element")):
+    for ax, divide, unit in (
+        (axes[0], np.ones(6), "kg m²"),
+        (axes[1], 0.01 * np.abs(paper.truth[:6]), "% of the element"),
+    ):
         ax.axvspan(2.5, 5.5, color="#f3f3f3", lw=0, zorder=0)
         for label, values, color, marker in series:
             size = {"ms": 24, "mew": 2.6} if marker == "_" else {"ms": 7}
-            ax.plot(range(6), values / divide, ls="", marker=marker, color=color, label=label, **size)
-        ax.set(yscale="log", xticks=range(6), xticklabels=NAMES[:6], xlim=(-0.5, 5.5), ylabel=f"[{unit}]")
+            ax.plot(
+                range(6), values / divide, ls="", marker=marker, color=color, label=label, **size
+            )
+        ax.set(
+            yscale="log",
+            xticks=range(6),
+            xticklabels=NAMES[:6],
+            xlim=(-0.5, 5.5),
+            ylabel=f"[{unit}]",
+        )
     axes[0].set_title("Absolute: the slews determine all six about equally well")
     axes[1].set_title("Relative: small products look bad")
     handles, labels = axes[0].get_legend_handles_labels()
@@ -118,17 +148,30 @@ def corrections(table2: dict, table4: dict, simulated: tuple, flight: tuple) -> 
     """Predicted correction slews over all axes, beside the paper's numbers."""
     figure = Figure(figsize=(style.WIDTH, 4.0), layout="constrained")
     axes = figure.subplots(1, 2)
-    for ax, table, (angle, before, after), limit in ((axes[0], table2, simulated, 480.0), (axes[1], table4, flight, 2000.0)):
+    for ax, table, (angle, before, after), limit in (
+        (axes[0], table2, simulated, 480.0),
+        (axes[1], table4, flight, 2000.0),
+    ):
         tops = []
         for key, number, color in (("before", before, style.ORANGE), ("after", after, style.BLUE)):
             x, p = style.density(table[key].ravel(), 0.0, limit)
             tops.append(p.max())
             ax.fill_between(x, p, color=color, alpha=0.3, lw=0, label=f"predicted {key}")
-            ax.axvline(number, color=color, lw=1.8, ls=(0, (5, 2)) if key == "before" else "-", label=f'paper, {key}: {number:.0f}"')
-        ax.set(xlabel="correction slew [arcsec]", yticks=[], xlim=(0, limit), ylim=(0, 1.1 * max(tops)))
+            ax.axvline(
+                number,
+                color=color,
+                lw=1.8,
+                ls=(0, (5, 2)) if key == "before" else "-",
+                label=f'paper, {key}: {number:.0f}"',
+            )
+        ax.set(
+            xlabel="correction slew [arcsec]", yticks=[], xlim=(0, limit), ylim=(0, 1.1 * max(tops))
+        )
         ax.spines["left"].set_visible(False)
         ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2)
-        ax.set_title(f"After a {angle / DEG:.0f} degree slew about any axis ({'simulation' if simulated[0] == angle else 'flight'})")
+        ax.set_title(
+            f"After a {angle / DEG:.0f} degree slew about any axis ({'simulation' if simulated[0] == angle else 'flight'})"
+        )
     return figure
 
 
@@ -139,7 +182,14 @@ def rates(flight: Flight) -> Figure:
     panels = figure.subplots(1, 5, sharey=True)
     for ax, slew in zip(panels, flight.campaign.slews, strict=True):
         for i in range(3):
-            ax.plot(slew.time, slew.rate[:, i] / DEG, color=style.color(i), ls=style.DASHES[i], lw=1.4, label=f"about {_AXES[i]}")
+            ax.plot(
+                slew.time,
+                slew.rate[:, i] / DEG,
+                color=style.color(i),
+                ls=style.DASHES[i],
+                lw=1.4,
+                label=f"about {_AXES[i]}",
+            )
         ax.set(title=f"{slew.name}: {slew.angle / DEG:.0f}°", xlabel="time [s]")
     panels[0].set_ylabel("measured rate [deg/s]")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper left", ncols=3)
@@ -154,7 +204,12 @@ def wheels(flight: Flight) -> Figure:
     for k, slew in enumerate(flight.campaign.slews):
         above, below = panels[:, k]
         for i in range(3):
-            line = {"color": style.color(i), "ls": style.DASHES[i], "lw": 1.3, "label": f"wheel {_AXES[i]}"}
+            line = {
+                "color": style.color(i),
+                "ls": style.DASHES[i],
+                "lw": 1.3,
+                "label": f"wheel {_AXES[i]}",
+            }
             above.plot(slew.time, 1e3 * slew.wheel_momentum[:, i], **line)
             below.plot(slew.time, 1e3 * slew.wheel_torque[:, i], **line)
         above.set_title(f"{slew.name}: {slew.angle / DEG:.0f}°")
@@ -168,7 +223,14 @@ def wheels(flight: Flight) -> Figure:
 def _gaps(at: Estimate, theta: np.ndarray):
     """Whitened residuals by channel, with start states as fitted but J and K as given."""
     point = at.point
-    return residuals(at.model.structure, jnp.asarray(theta), jnp.asarray(point.bias), jnp.asarray(point.local), at.model.data, at.stated)
+    return residuals(
+        at.model.structure,
+        jnp.asarray(theta),
+        jnp.asarray(point.bias),
+        jnp.asarray(point.local),
+        at.model.data,
+        at.stated,
+    )
 
 
 @style.styled
@@ -178,12 +240,20 @@ def rate_residuals(at: Estimate, initial: np.ndarray) -> Figure:
     panels = figure.subplots(2, 5, sharex="col", sharey="row")
     sigma = np.array(at.model.campaign.rate_sensor.sigma)
     for row, theta, label in ((0, initial, "before"), (1, at.theta, "after")):
-        gap = np.asarray(_gaps(at, theta).rate).reshape(len(panels[0]), -1, 3) * sigma / DEG * 3600.0
+        gap = (
+            np.asarray(_gaps(at, theta).rate).reshape(len(panels[0]), -1, 3) * sigma / DEG * 3600.0
+        )
         for k, slew in enumerate(at.model.campaign.slews):
             n = len(slew.time)
             for i in range(3):
-                dots = {"ls": "", "marker": ".", "ms": 1.6} if row else {"ls": style.DASHES[i], "lw": 1.4}
-                panels[row, k].plot(slew.time, gap[k, :n, i], color=style.color(i), label=f"axis {_AXES[i]}", **dots)
+                dots = (
+                    {"ls": "", "marker": ".", "ms": 1.6}
+                    if row
+                    else {"ls": style.DASHES[i], "lw": 1.4}
+                )
+                panels[row, k].plot(
+                    slew.time, gap[k, :n, i], color=style.color(i), label=f"axis {_AXES[i]}", **dots
+                )
             panels[row, k].axhline(0.0, color=style.MUTED, lw=0.5, zorder=0)
         panels[row, 0].set_ylabel(f"{label}: measured minus\nsimulated rate [arcsec/s]")
     for k, slew in enumerate(at.model.campaign.slews):
@@ -205,11 +275,24 @@ def attitude_residuals(at: Estimate, initial: np.ndarray) -> Figure:
         gap = np.asarray(_gaps(at, theta).attitude).reshape(*valid.shape, 3) * sigma / ARCSEC
         for i in range(3):
             values = np.where(valid, gap[..., i], np.nan).ravel()
-            ax.plot(np.arange(len(values)), values, ls="", marker=style.MARKERS[i], ms=2.6, mew=0, color=style.color(i), label=f"about {_AXES[i]}")
+            ax.plot(
+                np.arange(len(values)),
+                values,
+                ls="",
+                marker=style.MARKERS[i],
+                ms=2.6,
+                mew=0,
+                color=style.color(i),
+                label=f"about {_AXES[i]}",
+            )
         for s in range(1, len(valid)):
             ax.axvline(s * valid.shape[1] - 0.5, color=style.PALE, lw=0.8, zorder=0)
         middles = (np.arange(len(valid)) + 0.5) * valid.shape[1]
-        ax.set(xticks=middles, xticklabels=[s.name for s in at.model.campaign.slews], title=f"{label}: star tracker minus simulated attitude")
+        ax.set(
+            xticks=middles,
+            xticklabels=[s.name for s in at.model.campaign.slews],
+            title=f"{label}: star tracker minus simulated attitude",
+        )
         ax.set_xlabel("fixes in their order, before and after each slew")
         ax.tick_params(axis="x", length=0)
         ax.set_ylabel("attitude difference [arcsec]")

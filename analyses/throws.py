@@ -18,11 +18,12 @@ from pathlib import Path
 
 import numpy as np
 
-from bayes_inertia.estimate import estimate
-from bayes_inertia.inertia import principal_moments
-from bayes_inertia.io import read_campaign, write_atomically
-from bayes_inertia.model import Model
-from bayes_inertia.posterior import principal_sd
+from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.files import write_atomically
+from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.inference.posterior import principal_sd
+from bayes_inertia.maths.inertia_tensor import principal_moments
+from bayes_inertia.physics.forward_model import Model
 
 HERE = Path(__file__).parent
 _HEADINGS = (
@@ -60,7 +61,10 @@ def fit_configuration(folder: Path) -> dict:
     }
     if (folder / "truth.json").is_file():
         truth = json.loads((folder / "truth.json").read_text())
-        row |= {"truth": truth["principal_moments_kgm2"], "authors_percent": truth["authors_mean_principal_error_percent"]}
+        row |= {
+            "truth": truth["principal_moments_kgm2"],
+            "authors_percent": truth["authors_mean_principal_error_percent"],
+        }
     return row
 
 
@@ -78,16 +82,42 @@ def report(rows: list[dict]) -> str:
         for i, value in enumerate(row["principal_moments"]):
             known = "truth" in row
             error = value - row["truth"][i] if known else np.nan
-            cells = [row["configuration"], row["throws"], f"{row['reduced_chi2']:.1f}", "yes" if row["explained"] else "no"] if i == 0 else ["", "", "", ""]
-            cells += [f"I{i + 1}", *(f"{1e6 * x[i]:.1f}" for x in (row["prior_principal_moments"], row["principal_moments"]))]
+            cells = (
+                [
+                    row["configuration"],
+                    row["throws"],
+                    f"{row['reduced_chi2']:.1f}",
+                    "yes" if row["explained"] else "no",
+                ]
+                if i == 0
+                else ["", "", "", ""]
+            )
+            cells += [
+                f"I{i + 1}",
+                *(
+                    f"{1e6 * x[i]:.1f}"
+                    for x in (row["prior_principal_moments"], row["principal_moments"])
+                ),
+            ]
             cells += [f"{1e6 * row[key][i]:.2f}" for key in ("sd", "robust_sd")]
-            cells += [f"{1e6 * row['truth'][i]:.1f}", f"{100 * error / row['truth'][i]:+.2f} %", f"{error / row['robust_sd'][i]:+.1f}"] if known else ["-"] * 3
+            cells += (
+                [
+                    f"{1e6 * row['truth'][i]:.1f}",
+                    f"{100 * error / row['truth'][i]:+.2f} %",
+                    f"{error / row['robust_sd'][i]:+.1f}",
+                ]
+                if known
+                else ["-"] * 3
+            )
             cells += [f"{row['authors_percent']} %" if known and i == 0 else ""]
             lines.append("| " + " | ".join(str(c) for c in cells) + " |")
     known = [r for r in rows if "truth" in r]
     for row in known:
         mean = np.mean(np.abs(np.array(row["principal_moments"]) / np.array(row["truth"]) - 1.0))
-        lines += ["", f"{row['configuration']}: mean error of the three principal moments {100 * mean:.2f} % (authors, per throw: {row['authors_percent']} %)."]
+        lines += [
+            "",
+            f"{row['configuration']}: mean error of the three principal moments {100 * mean:.2f} % (authors, per throw: {row['authors_percent']} %).",
+        ]
     return "\n".join(lines) + "\n"
 
 

@@ -26,18 +26,24 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from scipy import linalg
 
-from bayes_inertia.effect import Effect
-from bayes_inertia.effects import LIBRARY, EachSlew
-from bayes_inertia.estimate import Estimate, estimate, move_to
-from bayes_inertia.inertia import principal_moments
-from bayes_inertia.io import read_campaign, write_atomically
-from bayes_inertia.model import Model
-from bayes_inertia.objective import prior_rows
-from bayes_inertia.oscillator import Ringing, best_ringing, frequencies, theta_of
-from bayes_inertia.plots import style
-from bayes_inertia.posterior import principal_sd
-from bayes_inertia.projection import Projection, projection
-from bayes_inertia.torque_response import torque_response
+from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.diagnosis.flexible_mode_search import (
+    Ringing,
+    best_ringing,
+    frequencies,
+    theta_of,
+)
+from bayes_inertia.diagnosis.projection import Projection, projection
+from bayes_inertia.diagnosis.torque_response import torque_response
+from bayes_inertia.files import write_atomically
+from bayes_inertia.inference.objective import prior_rows
+from bayes_inertia.inference.optimizer import Estimate, estimate, move_to
+from bayes_inertia.inference.posterior import principal_sd
+from bayes_inertia.maths.inertia_tensor import principal_moments
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effects import LIBRARY, EachSlew
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.report.pictures import style
 
 HERE = Path(__file__).parent
 CONFIGURATIONS = ("config_empty", "config_a", "proof_body", "device_only")
@@ -76,13 +82,25 @@ class Linear:
         slope, distance = (rows[at.free] for rows in prior_rows(at.model, at.theta))
         precision = np.concatenate([slope**2, np.ones(fit.shared - len(at.free))])
         pull = np.concatenate([slope * distance, at.point.bias])
-        return cls(fit.residual, fit.fitted[..., : fit.shared], fit.fitted[..., fit.shared :], at.point.local, precision, pull)
+        return cls(
+            fit.residual,
+            fit.fitted[..., : fit.shared],
+            fit.fitted[..., fit.shared :],
+            at.point.local,
+            precision,
+            pull,
+        )
 
     def misfit(self, terms: tuple[Term, ...]) -> float:
         """Squared residuals of all throws at the best amplitudes (priors hold them, but are not counted)."""
         posterior = [self._messages(s, terms) for s in range(len(self.residual))]
-        mean = -linalg.solve(sum(A for A, *_ in posterior) + np.diag(self._precision(terms)), sum(g for _, g, *_ in posterior) + self._pull(terms))
-        return float(sum(np.sum(self._left(s, terms, mean) ** 2) for s in range(len(self.residual))))
+        mean = -linalg.solve(
+            sum(A for A, *_ in posterior) + np.diag(self._precision(terms)),
+            sum(g for _, g, *_ in posterior) + self._pull(terms),
+        )
+        return float(
+            sum(np.sum(self._left(s, terms, mean) ** 2) for s in range(len(self.residual)))
+        )
 
     def predictive(self, terms: tuple[Term, ...]) -> np.ndarray:
         """Log density (throws,) of each throw given the others, up to a constant that all sets of terms share."""
@@ -98,20 +116,29 @@ class Linear:
             height = value + g @ mean + 0.5 * mean @ A @ mean
             both = A + others
             out.append(
-                -height + 0.5 * slope @ linalg.solve(both, slope, assume_a="pos") - 0.5 * (np.linalg.slogdet(both)[1] - np.linalg.slogdet(others)[1]) - logdet
+                -height
+                + 0.5 * slope @ linalg.solve(both, slope, assume_a="pos")
+                - 0.5 * (np.linalg.slogdet(both)[1] - np.linalg.slogdet(others)[1])
+                - logdet
             )
         return np.array(out)
 
     def _precision(self, terms) -> np.ndarray:
-        return np.concatenate([self.precision, *(np.ones(t.columns.shape[-1]) for t in terms if t.shared)])
+        return np.concatenate(
+            [self.precision, *(np.ones(t.columns.shape[-1]) for t in terms if t.shared)]
+        )
 
     def _pull(self, terms) -> np.ndarray:
-        return np.concatenate([self.pull, *(np.zeros(t.columns.shape[-1]) for t in terms if t.shared)])
+        return np.concatenate(
+            [self.pull, *(np.zeros(t.columns.shape[-1]) for t in terms if t.shared)]
+        )
 
     def _columns(self, s: int, terms) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         shared = np.concatenate([self.shared[s], *(t.columns[s] for t in terms if t.shared)], -1)
         own = np.concatenate([self.local[s], *(t.columns[s] for t in terms if not t.shared)], -1)
-        at = np.concatenate([self.local_at[s], *(np.zeros(t.columns.shape[-1]) for t in terms if not t.shared)])
+        at = np.concatenate(
+            [self.local_at[s], *(np.zeros(t.columns.shape[-1]) for t in terms if not t.shared)]
+        )
         return shared, own, at
 
     def _messages(self, s: int, terms) -> tuple[np.ndarray, np.ndarray, float, float]:
@@ -129,13 +156,17 @@ class Linear:
     def _left(self, s: int, terms, mean: np.ndarray) -> np.ndarray:
         shared, own, at = self._columns(s, terms)
         r = self.residual[s] + shared @ mean
-        return r - own @ linalg.solve(own.T @ own + np.eye(own.shape[-1]), own.T @ r + at, assume_a="pos")
+        return r - own @ linalg.solve(
+            own.T @ own + np.eye(own.shape[-1]), own.T @ r + at, assume_a="pos"
+        )
 
 
 def ringing_of(at: Estimate, fit: Projection) -> tuple[Ringing, str]:
     """The flexible mode that the residuals show best, and what the tables call it."""
     flexible, response = next(e for e in LIBRARY if e.name == FLEXIBLE), torque_response(at)
-    ringing = best_ringing(FLEXIBLE, response, fit, flexible.parameters(at.model.campaign)[0].priors[0].sd ** 2)
+    ringing = best_ringing(
+        FLEXIBLE, response, fit, flexible.parameters(at.model.campaign)[0].priors[0].sd ** 2
+    )
     lowest = np.isclose(ringing.frequency, frequencies(response)[0])
     return ringing, f"{FLEXIBLE}@{ringing.frequency:.3g} Hz{', lowest' if lowest else ''}"
 
@@ -209,7 +240,10 @@ def diagnose_configuration(folder: Path) -> dict:
     }
     if (folder / "truth.json").is_file():
         truth = json.loads((folder / "truth.json").read_text())
-        row |= {"truth": truth["principal_moments_kgm2"], "authors_percent": truth["authors_mean_principal_error_percent"]}
+        row |= {
+            "truth": truth["principal_moments_kgm2"],
+            "authors_percent": truth["authors_mean_principal_error_percent"],
+        }
     return row
 
 
@@ -226,7 +260,9 @@ def _full_fits(campaign, base: Estimate, steps: list[dict], ringing: Ringing) ->
             effect = replace(effect, frequency=ringing.frequency)
         effects = (*effects, effect if step["shared"] else EachSlew.of(effect, campaign))
         begin = move_to(before, Model(campaign, effects, "measured"))
-        before = estimate(begin.model, start=theta_of(ringing, begin) if name == FLEXIBLE else begin.theta)
+        before = estimate(
+            begin.model, start=theta_of(ringing, begin) if name == FLEXIBLE else begin.theta
+        )
         fits.append(_fitted("+ " + step["added"], before))
     return fits
 
@@ -243,56 +279,120 @@ def _fitted(label: str, at: Estimate) -> dict:
 
 def report(rows: list[dict]) -> str:
     """The tables, in Markdown."""
-    lines = ["# What disturbs the thrown bodies?", "", *__doc__.split("\n\n")[1].splitlines(), "", "![Effects](../../figures/throws_diagnosis.png)", ""]
+    lines = [
+        "# What disturbs the thrown bodies?",
+        "",
+        *__doc__.split("\n\n")[1].splitlines(),
+        "",
+        "![Effects](../../figures/throws_diagnosis.png)",
+        "",
+    ]
     for row in rows:
-        lines += [f"## {row['configuration']}, {row['throws']} throws", "", *_candidate_lines(row), "", *_fit_lines(row), ""]
+        lines += [
+            f"## {row['configuration']}, {row['throws']} throws",
+            "",
+            *_candidate_lines(row),
+            "",
+            *_fit_lines(row),
+            "",
+        ]
     return "\n".join(lines)
 
 
 def _candidate_lines(row: dict) -> list[str]:
-    lines = ["| effect | shared or each | misfit explained | gain, throws held out | throws better |", "|---|---|---|---|---|"]
+    lines = [
+        "| effect | shared or each | misfit explained | gain, throws held out | throws better |",
+        "|---|---|---|---|---|",
+    ]
     for c in row["candidates"][:10]:
         whose, share = "shared" if c["shared"] else "each throw", f"{100 * c['explained']:.0f} %"
-        lines.append(f"| {c['effect']} | {whose} | {share} | {c['gain']:+.1f} | {c['throws_better']}/{row['throws']} |")
+        lines.append(
+            f"| {c['effect']} | {whose} | {share} | {c['gain']:+.1f} | {c['throws_better']}/{row['throws']} |"
+        )
     lines += ["", "Added one after the other, by what the throws held out say:", ""]
     for s in row["steps"]:
         better = f"better in {s['throws_better']} of {row['throws']} throws"
-        lines.append(f"- {s['added']}: gain {s['gain']:+.1f}, {better}, misfit explained so far {100 * s['explained']:.0f} %")
-    return lines if row["steps"] else [*lines, "- nothing: no effect predicts the throws held out better"]
+        lines.append(
+            f"- {s['added']}: gain {s['gain']:+.1f}, {better}, misfit explained so far {100 * s['explained']:.0f} %"
+        )
+    return (
+        lines
+        if row["steps"]
+        else [*lines, "- nothing: no effect predicts the throws held out better"]
+    )
 
 
 def _fit_lines(row: dict) -> list[str]:
-    lines = ["| full fit | reduced chi² | explained | principal moments [10⁻⁶ kg m²] | robust sd | error | mean error |", "|---|---|---|---|---|---|---|"]
+    lines = [
+        "| full fit | reduced chi² | explained | principal moments [10⁻⁶ kg m²] | robust sd | error | mean error |",
+        "|---|---|---|---|---|---|---|",
+    ]
     for f in row["fits"]:
         cells = [f["fit"], f"{f['reduced_chi2']:.2f}", "yes" if f["explained"] else "no"]
-        cells += [", ".join(f"{1e6 * x:.1f}" for x in f[key]) for key in ("principal_moments", "robust_sd")]
+        cells += [
+            ", ".join(f"{1e6 * x:.1f}" for x in f[key])
+            for key in ("principal_moments", "robust_sd")
+        ]
         error = _error(row, f)
-        cells += ["-", "-"] if error is None else [", ".join(f"{e:+.2f} %" for e in error), f"{np.abs(error).mean():.2f} %"]
+        cells += (
+            ["-", "-"]
+            if error is None
+            else [", ".join(f"{e:+.2f} %" for e in error), f"{np.abs(error).mean():.2f} %"]
+        )
         lines.append(f"| {' | '.join(cells)} |")
     if "truth" in row:
         truth = ", ".join(f"{1e6 * x:.1f}" for x in row["truth"])
-        lines += ["", f"Truth {truth} (known to about 1 %); the authors' estimator, mean of single throws: {row['authors_percent']} %."]
+        lines += [
+            "",
+            f"Truth {truth} (known to about 1 %); the authors' estimator, mean of single throws: {row['authors_percent']} %.",
+        ]
     return lines
 
 
 def _error(row: dict, fit: dict) -> np.ndarray | None:
     """Errors of the principal moments [%], None where the truth is not known."""
-    return 100.0 * (np.array(fit["principal_moments"]) / np.array(row["truth"]) - 1.0) if "truth" in row else None
+    return (
+        100.0 * (np.array(fit["principal_moments"]) / np.array(row["truth"]) - 1.0)
+        if "truth" in row
+        else None
+    )
 
 
 @style.styled
 def picture(rows: list[dict]) -> Figure:
     """What each effect explains, shared and in each throw, and the errors of the principal moments as effects are added."""
-    figure, cells = style.grid(7.4, 2, 2, left=2.0, right=0.25, top=0.75, bottom=0.5, gap_x=2.1, gap_y=0.75)
+    figure, cells = style.grid(
+        7.4, 2, 2, left=2.0, right=0.25, top=0.75, bottom=0.5, gap_x=2.1, gap_y=0.75
+    )
     known = [r for r in rows if "truth" in r]
     for k, row in enumerate(known[:2]):
         axes = figure.add_axes(cells[k])
         gains = {c["effect"]: 0.0 for c in row["candidates"] if c["shared"]}
-        names = sorted(gains, key=lambda n: max(c["explained"] for c in row["candidates"] if c["effect"] == n))[-7:]
-        for shared, height, colour, hatch in ((True, 0.2, style.BLUE, ""), (False, -0.2, style.ORANGE, "///")):
-            values = [next(c["explained"] for c in row["candidates"] if c["effect"] == n and c["shared"] == shared) for n in names]
+        names = sorted(
+            gains, key=lambda n: max(c["explained"] for c in row["candidates"] if c["effect"] == n)
+        )[-7:]
+        for shared, height, colour, hatch in (
+            (True, 0.2, style.BLUE, ""),
+            (False, -0.2, style.ORANGE, "///"),
+        ):
+            values = [
+                next(
+                    c["explained"]
+                    for c in row["candidates"]
+                    if c["effect"] == n and c["shared"] == shared
+                )
+                for n in names
+            ]
             label = "one for all throws" if shared else "different in each throw"
-            axes.barh(np.arange(len(names)) + height, 100 * np.array(values), 0.38, color=colour, hatch=hatch, edgecolor="white", label=label)
+            axes.barh(
+                np.arange(len(names)) + height,
+                100 * np.array(values),
+                0.38,
+                color=colour,
+                hatch=hatch,
+                edgecolor="white",
+                label=label,
+            )
         axes.set_yticks(range(len(names)), [n.replace("_", " ").replace("@", "\n") for n in names])
         axes.set(xlabel="misfit explained by this effect alone [%]", xlim=(0, 100))
         axes.set_title(f"{row['configuration']}, {row['throws']} throws")
@@ -306,14 +406,35 @@ def picture(rows: list[dict]) -> Figure:
         axes.axvline(0.0, color=style.MUTED, lw=0.7)
         for i in range(3):
             at = np.arange(len(labels)) + 0.2 * (i - 1)
-            axes.errorbar(errors[:, i], at, xerr=sd[:, i], fmt=style.MARKERS[i], color=style.color(i), ms=5, capsize=2, ls="none", label=f"I{i + 1}")
+            axes.errorbar(
+                errors[:, i],
+                at,
+                xerr=sd[:, i],
+                fmt=style.MARKERS[i],
+                color=style.color(i),
+                ms=5,
+                capsize=2,
+                ls="none",
+                label=f"I{i + 1}",
+            )
         axes.set_yticks(range(len(labels)), labels)
         axes.invert_yaxis()
         axes.set(xlabel="error of the principal moments [%], one robust sd")
         if k == 0:
             grey = Patch(fc=style.PALE, alpha=0.6, label="known to 1 %")
-            axes.legend(handles=[*axes.get_legend_handles_labels()[0], grey], loc="lower left", bbox_to_anchor=(-0.02, 1.0), ncols=4, columnspacing=1.2)
-    figure.text(0.02, 0.965, "What disturbs bodies thrown by hand, and what leaving it out does to their moments of inertia", fontsize=11)
+            axes.legend(
+                handles=[*axes.get_legend_handles_labels()[0], grey],
+                loc="lower left",
+                bbox_to_anchor=(-0.02, 1.0),
+                ncols=4,
+                columnspacing=1.2,
+            )
+    figure.text(
+        0.02,
+        0.965,
+        "What disturbs bodies thrown by hand, and what leaving it out does to their moments of inertia",
+        fontsize=11,
+    )
     return figure
 
 
@@ -332,7 +453,10 @@ def main() -> None:
         if not (arguments.data / name).is_dir():
             continue
         row = diagnose_configuration(arguments.data / name)
-        rows = sorted([r for r in rows if r["configuration"] != name] + [row], key=lambda r: CONFIGURATIONS.index(r["configuration"]))
+        rows = sorted(
+            [r for r in rows if r["configuration"] != name] + [row],
+            key=lambda r: CONFIGURATIONS.index(r["configuration"]),
+        )
         write_atomically(path, json.dumps(rows, indent=1) + "\n")
         print(report([row]), flush=True)
     write_atomically(path.with_suffix(".md"), report(rows))

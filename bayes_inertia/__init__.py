@@ -25,31 +25,37 @@ __version__ = "0.1.0"
 
 # Further public names and where they live, loaded on first use: plots and reports take a second to import.
 _PUBLIC = {
-    "Campaign": "campaign",
-    "Contender": "compare",
-    "Design": "design",
-    "InertiaPrior": "campaign",
-    "KeepOut": "constraints",
-    "Limits": "constraints",
-    "Margin": "constraints",
-    "RateSensor": "campaign",
-    "Slew": "campaign",
-    "StarTracker": "campaign",
-    "Wheel": "campaign",
-    "Effect": "effect",
-    "LIBRARY": "effects",
-    "Model": "model",
-    "Posterior": "posterior",
-    "Settings": "sample",
-    "check_effect": "testing",
-    "next_slew": "design",
-    "separating_slew": "separation",
-    "read_campaign": "io",
-    "write_campaign": "io",
+    "Campaign": "campaign.records",
+    "Contender": "design.comparison",
+    "Design": "design.designer",
+    "Effect": "physics.effect",
+    "InertiaPrior": "campaign.records",
+    "KeepOut": "design.limits",
+    "LIBRARY": "physics.effects",
+    "Limits": "design.limits",
+    "Margin": "design.limits",
+    "Model": "physics.forward_model",
+    "Posterior": "inference.posterior",
+    "RateSensor": "campaign.records",
+    "Settings": "inference.sampler",
+    "Slew": "campaign.records",
+    "StarTracker": "campaign.records",
+    "Wheel": "campaign.records",
+    "check_effect": "physics.check_effect",
+    "compare_plans": "design.comparison",
+    "design_plan": "design.designer",
+    "diagnose": "diagnosis.search",
+    "estimate": "inference.optimizer",
+    "fit": "app.fit_campaign",
+    "next_slew": "design.designer",
+    "observe": "observability.analysis",
+    "read_campaign": "campaign.reader",
+    "separating_slew": "design.separating_slew",
+    "write_campaign": "campaign.writer",
     "write_report": "report",
 }
 
-__all__ = sorted([*_PUBLIC, "compare", "design", "diagnose", "estimate", "fit", "observability"])
+__all__ = sorted(_PUBLIC)
 
 
 def __getattr__(name: str) -> Any:
@@ -60,13 +66,3 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return [*globals(), *__all__]
-
-
-# After everything above, because these modules need it. They are bound here and not on first use because a module and its
-# function share a name: the function must win.
-from bayes_inertia.compare import compare  # noqa: E402, F401
-from bayes_inertia.design import design  # noqa: E402, F401
-from bayes_inertia.diagnose import diagnose  # noqa: E402, F401
-from bayes_inertia.estimate import estimate  # noqa: E402, F401
-from bayes_inertia.fit import fit  # noqa: E402, F401
-from bayes_inertia.observability import observability  # noqa: E402, F401

@@ -12,11 +12,18 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayes_inertia import inertia, rotation
-from bayes_inertia.campaign import Campaign, InertiaPrior, RateSensor, Slew, StarTracker, Wheel
-from bayes_inertia.dynamics import SlewInput, Start, idle_slew, simulate
-from bayes_inertia.effect import Effect
-from bayes_inertia.parameters import Normal, vector
+from bayes_inertia.campaign.records import (
+    Campaign,
+    InertiaPrior,
+    RateSensor,
+    Slew,
+    StarTracker,
+    Wheel,
+)
+from bayes_inertia.maths import inertia_tensor, quaternion
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.parameters import Normal, vector
+from bayes_inertia.physics.simulator import SlewInput, Start, idle_slew, simulate
 
 PRIOR_TENSOR = np.array([[3.2, -0.02, 0.01], [-0.02, 2.2, 0.03], [0.01, 0.03, 1.9]])
 SKEW_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.6, 0.64, 0.48))
@@ -26,7 +33,11 @@ SKEW_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.6, 0.64, 0.48
 class Setup:
     """What a simulated campaign looks like; lengths in rows, times in s, everything SI."""
 
-    turns: tuple[tuple[float, float, float], ...] = ((0.6, 0.1, 0.0), (0.0, 0.7, 0.2), (0.1, -0.2, 0.8))  # rotation vector of each slew [rad]
+    turns: tuple[tuple[float, float, float], ...] = (
+        (0.6, 0.1, 0.0),
+        (0.0, 0.7, 0.2),
+        (0.1, -0.2, 0.8),
+    )  # rotation vector of each slew [rad]
     rows: int = 96
     dt: float = 1.0
     wheels: int = 3
@@ -67,7 +78,10 @@ class TestTorque(Effect):
     name = "test_torque"
 
     def parameters(self, campaign):
-        return (vector("constant", "xyz", unit="N m", prior=Normal(0.0, 1e-5)), vector("damping", "xyz", unit="N m s", prior=Normal(0.0, 1e-4)))
+        return (
+            vector("constant", "xyz", unit="N m", prior=Normal(0.0, 1e-5)),
+            vector("damping", "xyz", unit="N m s", prior=Normal(0.0, 1e-4)),
+        )
 
     def body_torque(self, p, slew, t, state):
         return p["constant"] - p["damping"] * state.rate_B
@@ -77,13 +91,18 @@ _run = jax.jit(lambda slew, start, J: simulate(slew, start, J)[0])
 
 
 def _wheels(setup: Setup) -> tuple[Wheel, ...]:
-    return tuple(Wheel(f"w{i}", SKEW_AXES[i], setup.spin_inertia, 0.02, 0.3, setup.momentum_sigma) for i in range(setup.wheels))
+    return tuple(
+        Wheel(f"w{i}", SKEW_AXES[i], setup.spin_inertia, 0.02, 0.3, setup.momentum_sigma)
+        for i in range(setup.wheels)
+    )
 
 
 def _profile(setup: Setup, turn) -> np.ndarray:
     """Wheel torques (n, wheels) of a bang-coast-bang slew for the prior's inertia."""
     rows, n = np.arange(setup.rows), setup.rows
-    sign = np.where((rows >= 0.1 * n) & (rows < 0.3 * n), 1.0, 0.0) - np.where((rows >= 0.7 * n) & (rows < 0.9 * n), 1.0, 0.0)
+    sign = np.where((rows >= 0.1 * n) & (rows < 0.3 * n), 1.0, 0.0) - np.where(
+        (rows >= 0.7 * n) & (rows < 0.9 * n), 1.0, 0.0
+    )
     # Speeding up over 0.2 T and coasting to 0.7 T: angle = a (0.2 T) (0.6 T).
     acceleration = np.asarray(turn) / (0.12 * (n * setup.dt) ** 2)
     axes = np.array(SKEW_AXES[: setup.wheels]).T
@@ -93,43 +112,81 @@ def _profile(setup: Setup, turn) -> np.ndarray:
 def _truth(setup: Setup, rng: np.random.Generator) -> Truth:
     prior = InertiaPrior(PRIOR_TENSOR, setup.relative_sigma, setup.product_sigma)
     elements = prior.elements + prior.sd * rng.normal(size=6)
-    while not bool(inertia.is_physical(elements)):
+    while not bool(inertia_tensor.is_physical(elements)):
         elements = prior.elements + prior.sd * rng.normal(size=6)
-    return Truth(np.concatenate([elements, 1.0 + 0.03 * rng.normal(size=3)]), 1e-5 * rng.normal(size=3))
+    return Truth(
+        np.concatenate([elements, 1.0 + 0.03 * rng.normal(size=3)]), 1e-5 * rng.normal(size=3)
+    )
 
 
-def fly(seed: int, setup: Setup = Setup(), *, noise: float = 1.0, truth: Truth | None = None) -> Flown:
+def fly(
+    seed: int, setup: Setup = Setup(), *, noise: float = 1.0, truth: Truth | None = None
+) -> Flown:
     """Simulate one campaign; its truth is a draw of the prior, unless given; `noise` multiplies all noise."""
     rng = np.random.default_rng(seed)
     drawn = _truth(setup, rng)
     truth = truth or drawn
-    axes, spin = np.array(SKEW_AXES[: setup.wheels]).reshape(-1, 3).T, np.full(setup.wheels, setup.spin_inertia)
-    J = np.array(inertia.tensor(jnp.asarray(truth.theta[:6])))
+    axes, spin = (
+        np.array(SKEW_AXES[: setup.wheels]).reshape(-1, 3).T,
+        np.full(setup.wheels, setup.spin_inertia),
+    )
+    J = np.array(inertia_tensor.tensor(jnp.asarray(truth.theta[:6])))
     if setup.includes_wheel_spin:
         J = J - axes @ np.diag(spin) @ axes.T
     slews = []
     for i, turn in enumerate(setup.turns):
         time, torque = np.arange(setup.rows) * setup.dt, _profile(setup, turn)
-        attitude = rotation.exp(jnp.asarray(rng.normal(size=3)))
-        start = Start(jnp.asarray(setup.start_rate), attitude, jnp.asarray(setup.start_momentum * rng.normal(size=setup.wheels)))
+        attitude = quaternion.exp(jnp.asarray(rng.normal(size=3)))
+        start = Start(
+            jnp.asarray(setup.start_rate),
+            attitude,
+            jnp.asarray(setup.start_momentum * rng.normal(size=setup.wheels)),
+        )
         flown = _run(idle_slew(time, setup.wheels, axes, spin, torque), start, J)
-        slews.append(_measure(f"slew {i + 1}", 500.0 * i, time, torque, flown, truth, setup, noise, rng))
-    prior = InertiaPrior(PRIOR_TENSOR, setup.relative_sigma, setup.product_sigma, setup.includes_wheel_spin)
+        slews.append(
+            _measure(f"slew {i + 1}", 500.0 * i, time, torque, flown, truth, setup, noise, rng)
+        )
+    prior = InertiaPrior(
+        PRIOR_TENSOR, setup.relative_sigma, setup.product_sigma, setup.includes_wheel_spin
+    )
     tracker = StarTracker((0.0, 0.0, 1.0), 2.5e-5, 1.5e-4) if setup.fix_rows else None
-    campaign = Campaign("simulated", prior, _wheels(setup), RateSensor(sigma=setup.rate_sigma, range=0.05), tracker, tuple(slews))
+    campaign = Campaign(
+        "simulated",
+        prior,
+        _wheels(setup),
+        RateSensor(sigma=setup.rate_sigma, range=0.05),
+        tracker,
+        tuple(slews),
+    )
     return Flown(campaign, truth, setup)
 
 
-def _measure(name, begin, time, torque, flown, truth: Truth, setup: Setup, noise: float, rng) -> Slew:
+def _measure(
+    name, begin, time, torque, flown, truth: Truth, setup: Setup, noise: float, rng
+) -> Slew:
     n = len(time)
-    rate = (np.asarray(flown.rate_B) + truth.bias) / truth.theta[6:9] + noise * setup.rate_sigma * rng.normal(size=(n, 3))
-    momentum = np.asarray(flown.wheel_momentum) + noise * setup.momentum_sigma * rng.normal(size=(n, setup.wheels))
+    rate = (np.asarray(flown.rate_B) + truth.bias) / truth.theta[
+        6:9
+    ] + noise * setup.rate_sigma * rng.normal(size=(n, 3))
+    momentum = np.asarray(flown.wheel_momentum) + noise * setup.momentum_sigma * rng.normal(
+        size=(n, setup.wheels)
+    )
     attitude = np.full((n, 4), np.nan)
     rows = [r % n for r in setup.fix_rows]
     small = noise * rng.normal(size=(len(rows), 3)) * np.array([2.5e-5, 2.5e-5, 1.5e-4])
     if rows:
-        attitude[rows] = rotation.multiply(flown.attitude[np.array(rows)], rotation.exp(jnp.asarray(small)))
-    return Slew(name, begin, time, rate, attitude if rows else None, torque if setup.commands else None, momentum)
+        attitude[rows] = quaternion.multiply(
+            flown.attitude[np.array(rows)], quaternion.exp(jnp.asarray(small))
+        )
+    return Slew(
+        name,
+        begin,
+        time,
+        rate,
+        attitude if rows else None,
+        torque if setup.commands else None,
+        momentum,
+    )
 
 
 def slew_input(time, torque, axes, spin, momentum=None) -> SlewInput:

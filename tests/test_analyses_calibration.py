@@ -42,11 +42,29 @@ def _table(calibration, spread: float, campaigns: int = 300) -> pd.DataFrame:
             truth = rng.normal()
             mean = truth + rng.normal()
             draws = mean + spread * rng.normal(size=(2, calibration.RANKED))
-            row = {"study": "five slews", "campaign": i, "parameter": name, "truth": truth, "mean": mean, "sd": spread, "prior_sd": 10.0}
+            row = {
+                "study": "five slews",
+                "campaign": i,
+                "parameter": name,
+                "truth": truth,
+                "mean": mean,
+                "sd": spread,
+                "prior_sd": 10.0,
+            }
             row |= {"explained": True, "nested_rhat": 1.0, "reduced_chi2": 1.0}
-            row |= {f"q{100 * p:g}": mean + spread * stats.norm.ppf(p) for level in calibration.LEVELS for p in (0.5 - level / 2, 0.5 + level / 2)}
+            row |= {
+                f"q{100 * p:g}": mean + spread * stats.norm.ppf(p)
+                for level in calibration.LEVELS
+                for p in (0.5 - level / 2, 0.5 + level / 2)
+            }
             ranks = [draws[0], mean + 0.8 * (draws[0] - mean), draws[1]]
-            rows.append(row | {key: int((x < truth).sum()) for key, x in zip(calibration.RANKS, ranks, strict=True)})
+            rows.append(
+                row
+                | {
+                    key: int((x < truth).sum())
+                    for key, x in zip(calibration.RANKS, ranks, strict=True)
+                }
+            )
     return pd.DataFrame(rows)
 
 
@@ -71,7 +89,9 @@ def test_right_uncertainties_pass_and_wrong_ones_are_noticed(calibration):
     assert np.all(np.abs(z.sd_z - 1.0 / 0.75) < 5.0 / 0.75 / np.sqrt(600))
 
 
-def test_a_quick_calibration_writes_its_results_and_goes_on_after_a_kill(calibration, tmp_path, monkeypatch):
+def test_a_quick_calibration_writes_its_results_and_goes_on_after_a_kill(
+    calibration, tmp_path, monkeypatch
+):
     monkeypatch.setattr(calibration, "SHARD", 1)
     small = calibration.studies()[1:]
     monkeypatch.setattr(calibration, "studies", lambda: small)
@@ -81,7 +101,11 @@ def test_a_quick_calibration_writes_its_results_and_goes_on_after_a_kill(calibra
     # Nine standardised errors of two honest fits: chi^2 with 18 degrees of freedom, were they independent.
     z = (table.truth - table["mean"]) / table.sd
     assert float(z @ z) < stats.chi2.isf(1e-6, 18) * 2.0
-    for file in ("figures/calibration.png", "analyses/results/calibration.md", "analyses/results/calibration.parquet"):
+    for file in (
+        "figures/calibration.png",
+        "analyses/results/calibration.md",
+        "analyses/results/calibration.parquet",
+    ):
         assert (tmp_path / file).stat().st_size > 1000
     shards = sorted((tmp_path / "run_calibration").iterdir())
     kept = shards[0].read_bytes()
@@ -95,17 +119,23 @@ def test_the_baseline_flies_what_the_package_flies(benchmark):
     import jax
     import jax.numpy as jnp
 
-    from bayes_inertia.dynamics import Start, simulate
-    from bayes_inertia.model import Model
+    from bayes_inertia.physics.forward_model import Model
+    from bayes_inertia.physics.simulator import Start, simulate
 
     campaign, truth = benchmark.the_campaign(benchmark.QUICK, 2026)
     campaign = campaign.subset([1])
     by_hand = benchmark.ByHand(campaign, "LSODA", 1e-8, 1e-10)
     J = campaign.inertia.tensor
     start, wheel = by_hand.start(campaign.slews[0], np.ones((1, 3)))
-    path = by_hand.fly(campaign.slews[0].time, campaign.slews[0].wheel_torque[None], start, wheel, J[None])[0]
+    path = by_hand.fly(
+        campaign.slews[0].time, campaign.slews[0].wheel_torque[None], start, wheel, J[None]
+    )[0]
     slew = jax.tree.map(lambda a: a[0], Model(campaign).data.arrays.slews)
-    flown, _ = jax.jit(simulate)(slew, Start(jnp.asarray(start[0, 4:]), jnp.asarray(start[0, :4]), jnp.asarray(wheel[0])), jnp.asarray(J))
+    flown, _ = jax.jit(simulate)(
+        slew,
+        Start(jnp.asarray(start[0, 4:]), jnp.asarray(start[0, :4]), jnp.asarray(wheel[0])),
+        jnp.asarray(J),
+    )
     rows = len(path)
     # A twentieth of the noise of one reading.
     assert np.abs(flown.rate_B[:rows] - path[:, 4:7]).max() < 1e-6
@@ -131,7 +161,9 @@ def test_a_quick_benchmark_writes_its_results(benchmark, tmp_path):
     assert ours.warmup_evaluations > 4 * 64 * 12
     assert all(np.isfinite([r.ess, r.milliseconds]).all() and r.ess > 0.0 for r in found)
     # Noise or not: solve_ivp and StretchMove together are slower by orders of magnitude.
-    assert {c["claim"]: c["reached"] for c in content["claims"]}["times those of the do-it-yourself baseline, slew by slew"]
+    assert {c["claim"]: c["reached"] for c in content["claims"]}[
+        "times those of the do-it-yourself baseline, slew by slew"
+    ]
 
 
 def test_effective_samples_are_the_smaller_count_of_the_worst_parameter(benchmark):

@@ -24,7 +24,16 @@ def load():
 @pytest.fixture(scope="module")
 def quick(load, tmp_path_factory):
     """{name: (result, pictures)} of quick variants, and the folder that they were written to."""
-    found = {name: load(name).analysis(True) for name in ("claim_starts", "claim_disturbances", "claim_torque_error", "claim_misalignment", "claim_rate")}
+    found = {
+        name: load(name).analysis(True)
+        for name in (
+            "claim_starts",
+            "claim_disturbances",
+            "claim_torque_error",
+            "claim_misalignment",
+            "claim_rate",
+        )
+    }
     out = tmp_path_factory.mktemp("paper")
     for result, pictures in found.values():
         load("common").write_result(result, pictures, out)
@@ -36,10 +45,20 @@ def test_quick_variants_say_what_the_full_ones_say(quick):
     numbers = {name: result.numbers for name, (result, _) in found.items()}
     assert numbers["claim_starts"]["fraction"] == 1.0
     # 2 sin(180 deg / 2) of the misalignment is left; the simulated median has the noise of four flights (about 60").
-    assert abs(numbers["claim_misalignment"]["at_180_arcsec"] - numbers["claim_misalignment"]["expected_180_arcsec"]) < 150.0
+    assert (
+        abs(
+            numbers["claim_misalignment"]["at_180_arcsec"]
+            - numbers["claim_misalignment"]["expected_180_arcsec"]
+        )
+        < 150.0
+    )
     # A torque that is 1 % too large looks like an inertia that is 1 % too small, where the wheels stored no momentum.
-    assert numbers["claim_torque_error"]["slope no tachometers, wheels start at rest"] == pytest.approx(-1.0, abs=0.1)
-    assert numbers["claim_disturbances"]["Jxx fitted"] < numbers["claim_disturbances"]["Jxx trusted"]
+    assert numbers["claim_torque_error"][
+        "slope no tachometers, wheels start at rest"
+    ] == pytest.approx(-1.0, abs=0.1)
+    assert (
+        numbers["claim_disturbances"]["Jxx fitted"] < numbers["claim_disturbances"]["Jxx trusted"]
+    )
     assert numbers["claim_rate"]["sd_at_1"] < 0.2 * numbers["claim_rate"]["sd_at_0.05"]
 
 
@@ -62,7 +81,10 @@ def test_the_page_names_every_analysis_and_figure_and_is_idempotent(load, quick)
     for path in sorted((out / "analyses" / "results").glob("*.json")):
         result = json.loads(path.read_text())
         assert f"python analyses/{result['name']}.py" in text
-        assert all((out / "figures" / file).is_file() and f"../figures/{file}" in text for file, _ in result["figures"])
+        assert all(
+            (out / "figures" / file).is_file() and f"../figures/{file}" in text
+            for file, _ in result["figures"]
+        )
 
 
 def test_committed_page_is_what_the_committed_results_say(load, tmp_path):
@@ -79,9 +101,9 @@ def test_committed_page_is_what_the_committed_results_say(load, tmp_path):
 def test_scatter_is_what_repeated_campaigns_show(load):
     """Errors of 16 campaigns at 50 times our noise, whitened by the predicted scatter, are standard normal."""
     common = load("common")
-    from bayes_inertia.estimate import estimate
-    from bayes_inertia.model import Model
-    from bayes_inertia.plan import paper_like_plan
+    from bayes_inertia.flight.plan import paper_like_plan
+    from bayes_inertia.inference.optimizer import estimate
+    from bayes_inertia.physics.forward_model import Model
 
     truth, initial = common.SIMULATION.truth, common.SIMULATION.initial
     quiet = common.flown(paper_like_plan(), common.spacecraft_of(truth), seed=1)
@@ -90,7 +112,9 @@ def test_scatter_is_what_repeated_campaigns_show(load):
     n, chi2 = 16, 0.0
     for seed in range(n):
         flight = common.flown(paper_like_plan(), common.spacecraft_of(truth, 50.0), seed=seed)
-        error = white @ (estimate(Model(flight.campaign), starts=1, discount=False).theta - truth - s.mean)
+        error = white @ (
+            estimate(Model(flight.campaign), starts=1, discount=False).theta - truth - s.mean
+        )
         chi2 += float(error @ error)
     # chi^2 of 9 n degrees of freedom, four of its standard deviations
     assert abs(chi2 - 9 * n) < 4.0 * np.sqrt(2 * 9 * n)

@@ -5,18 +5,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayes_inertia.begin import begin
-from bayes_inertia.estimate import estimate
-from bayes_inertia.likelihood import whitening
-from bayes_inertia.model import Model
-from bayes_inertia.objective import Point, negative_log_posterior
+from bayes_inertia.inference.likelihood import whitening
+from bayes_inertia.inference.objective import Point, negative_log_posterior
+from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.inference.start_guess import begin
+from bayes_inertia.physics.forward_model import Model
 
 
 @pytest.fixture(scope="module")
 def deaf(flown):
     """The campaign of three slews without its tachometers."""
     wheels = tuple(replace(w, momentum_sigma=None) for w in flown.campaign.wheels)
-    return replace(flown.campaign, wheels=wheels, slews=tuple(replace(s, wheel_momentum=None) for s in flown.campaign.slews))
+    return replace(
+        flown.campaign,
+        wheels=wheels,
+        slews=tuple(replace(s, wheel_momentum=None) for s in flown.campaign.slews),
+    )
 
 
 def test_the_guess_is_the_momentum_that_tachometers_would_have_shown(flown, deaf):
@@ -26,13 +30,17 @@ def test_the_guess_is_the_momentum_that_tachometers_would_have_shown(flown, deaf
         missed = deaf.wheel_axes_B @ (momentum - slew.wheel_momentum[0])
         # Momentum along the axis of the slew leaves no trace in the motion.
         axis = np.sum(slew.rate, axis=0) / np.linalg.norm(np.sum(slew.rate, axis=0))
-        assert np.linalg.norm(missed - axis * (axis @ missed)) < 0.1 * np.linalg.norm(deaf.wheel_axes_B @ slew.wheel_momentum[0])
+        assert np.linalg.norm(missed - axis * (axis @ missed)) < 0.1 * np.linalg.norm(
+            deaf.wheel_axes_B @ slew.wheel_momentum[0]
+        )
 
 
 def test_from_there_the_simulation_is_nearer_the_data(deaf):
     model = Model(deaf)
     theta, bias = model.space.mean, np.zeros(3)
-    guessed, zero = (Point(theta, bias, x) for x in (begin(model, theta), np.zeros_like(begin(model, theta))))
+    guessed, zero = (
+        Point(theta, bias, x) for x in (begin(model, theta), np.zeros_like(begin(model, theta)))
+    )
     near, far = (negative_log_posterior(model, p, whitening(model, theta)) for p in (guessed, zero))
     assert near < 0.2 * far
 

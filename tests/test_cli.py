@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 import bayes_inertia
-from bayes_inertia.cli import main
-from bayes_inertia.posterior import Posterior
+from bayes_inertia.app.cli import main
+from bayes_inertia.inference.posterior import Posterior
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 
@@ -29,7 +29,9 @@ def campaign(tmp_path):
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+    return {
+        str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()
+    }
 
 
 def edit(folder: Path, old: str, new: str, file: str = "campaign.toml") -> None:
@@ -52,21 +54,41 @@ def test_doctor_passes_its_own_test(capsys):
 
 
 BAD = {
-    "unknown key": (lambda f: edit(f, "relative_sigma", "relative_sigmma"), ("campaign.toml", "relative_sigmma", "relative_sigma")),
+    "unknown key": (
+        lambda f: edit(f, "relative_sigma", "relative_sigmma"),
+        ("campaign.toml", "relative_sigmma", "relative_sigma"),
+    ),
     "missing unit": (lambda f: edit(f, ', unit = "rad/s"', ""), ("campaign.toml", "rate", "unit")),
     "missing column": (lambda f: edit(f, '"wx_radps"', '"omega_x"'), ("omega_x",)),
     "missing file": (lambda f: edit(f, "slew_03.csv", "slew_33.csv"), ("slew_33.csv",)),
-    "path leaves the folder": (lambda f: edit(f, "slew_03.csv", "../slew_03.csv"), ("../slew_03.csv",)),
-    "unphysical prior": (lambda f: edit(f, "3.235722782", "6.235722782"), ("inertia.tensor", "principal moments")),
-    "sigma not positive": (lambda f: edit(f, "sigma = 2e-05", "sigma = 0.0"), ("rate_sensor.sigma",)),
-    "time is not a number": (lambda f: edit(f, "\n0.5,", "\n,", "slew_01.csv"), ("slew_01.csv", "line 4")),
-    "times not sorted": (lambda f: edit(f, "\n0.5,", "\n0.25,", "slew_01.csv"), ("slew_01.csv", "line 4")),
+    "path leaves the folder": (
+        lambda f: edit(f, "slew_03.csv", "../slew_03.csv"),
+        ("../slew_03.csv",),
+    ),
+    "unphysical prior": (
+        lambda f: edit(f, "3.235722782", "6.235722782"),
+        ("inertia.tensor", "principal moments"),
+    ),
+    "sigma not positive": (
+        lambda f: edit(f, "sigma = 2e-05", "sigma = 0.0"),
+        ("rate_sensor.sigma",),
+    ),
+    "time is not a number": (
+        lambda f: edit(f, "\n0.5,", "\n,", "slew_01.csv"),
+        ("slew_01.csv", "line 4"),
+    ),
+    "times not sorted": (
+        lambda f: edit(f, "\n0.5,", "\n0.25,", "slew_01.csv"),
+        ("slew_01.csv", "line 4"),
+    ),
 }
 
 
 @pytest.mark.parametrize("spoil", BAD)
 @pytest.mark.parametrize("command", ["check", "fit"])
-def test_bad_input_ends_with_2_and_one_message_that_says_where(campaign, tmp_path, capsys, spoil, command):
+def test_bad_input_ends_with_2_and_one_message_that_says_where(
+    campaign, tmp_path, capsys, spoil, command
+):
     change, words = BAD[spoil]
     change(campaign)
     out = tmp_path / "run"
@@ -85,7 +107,7 @@ def test_unknown_effects_name_the_nearest(campaign, tmp_path, capsys):
 
 
 def test_a_run_of_other_data_is_not_overwritten(campaign, tmp_path, capsys):
-    from bayes_inertia import run as runs
+    from bayes_inertia.app import run_folder as runs
 
     out = tmp_path / "run"
     runs.start(campaign, out)
@@ -106,7 +128,9 @@ def test_files_that_a_run_would_overwrite_stop_it(campaign, tmp_path, capsys):
     assert (tmp_path / "run" / "summary.json").read_text() == "mine"
 
 
-def test_a_run_that_cannot_be_leaves_nothing_in_the_way_of_the_corrected_one(campaign, tmp_path, capsys):
+def test_a_run_that_cannot_be_leaves_nothing_in_the_way_of_the_corrected_one(
+    campaign, tmp_path, capsys
+):
     out = tmp_path / "run"
     edit(campaign, "magnetic_field = {", "# magnetic_field = {")
     assert run("fit", campaign, "-o", out, "--effects", "magnetic_dipole") == 2
@@ -114,15 +138,19 @@ def test_a_run_that_cannot_be_leaves_nothing_in_the_way_of_the_corrected_one(cam
     assert not out.exists()
 
 
-def test_a_copy_of_the_campaign_that_was_killed_is_completed_and_other_files_are_kept(campaign, tmp_path, capsys):
-    from bayes_inertia import run as runs
+def test_a_copy_of_the_campaign_that_was_killed_is_completed_and_other_files_are_kept(
+    campaign, tmp_path, capsys
+):
+    from bayes_inertia.app import run_folder as runs
 
     out = tmp_path / "run"
     runs.start(campaign, out)
     (out / "run.json").unlink()
     (out / "campaign" / "slew_02.csv").unlink()
     runs.start(campaign, out)
-    assert (out / "campaign" / "slew_02.csv").read_bytes() == (campaign / "slew_02.csv").read_bytes()
+    assert (out / "campaign" / "slew_02.csv").read_bytes() == (
+        campaign / "slew_02.csv"
+    ).read_bytes()
     (out / "run.json").unlink()
     (out / "campaign" / "slew_02.csv").write_text("mine")
     assert run("fit", campaign, "-o", out) == 2
@@ -131,7 +159,9 @@ def test_a_copy_of_the_campaign_that_was_killed_is_completed_and_other_files_are
 
 
 @pytest.mark.parametrize("command", ["fit", "diagnose", "observe", "design"])
-def test_an_output_folder_that_cannot_be_made_is_refused_before_anything_is_computed(campaign, tmp_path, capsys, command):
+def test_an_output_folder_that_cannot_be_made_is_refused_before_anything_is_computed(
+    campaign, tmp_path, capsys, command
+):
     (tmp_path / "file").write_text("mine")
     assert run(command, campaign, "-o", tmp_path / "file" / "run") == 2
     assert "is a file, not a folder" in capsys.readouterr().err
@@ -146,7 +176,9 @@ def test_resume_and_report_want_a_run(tmp_path, capsys):
 
 def test_simulate_writes_a_campaign_with_its_truth_and_hidden_effects(tmp_path, capsys):
     out = tmp_path / "simulated"
-    assert run("simulate", "-o", out, "--seed", "3", "--hide", "constant_torque.torque=1e-5,0,0") == 0
+    assert (
+        run("simulate", "-o", out, "--seed", "3", "--hide", "constant_torque.torque=1e-5,0,0") == 0
+    )
     truth = json.loads((out / "truth.json").read_text())
     assert truth["effects"]["constant_torque"]["torque"] == [1e-5, 0.0, 0.0]
     assert run("check", out) == 0
@@ -162,7 +194,13 @@ def test_fit_of_the_example_is_trusted_and_right(tmp_path, capsys):
     summary = json.loads((out / "summary.json").read_text())
     truth = json.loads((EXAMPLE / "truth.json").read_text())
     J, K = truth["J_kgm2"], truth["K"]
-    true = dict(zip(("Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz"), (J[0][0], J[1][1], J[2][2], J[0][1], J[0][2], J[1][2]), strict=True))
+    true = dict(
+        zip(
+            ("Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz"),
+            (J[0][0], J[1][1], J[2][2], J[0][1], J[0][2], J[1][2]),
+            strict=True,
+        )
+    )
     true |= {f"K{i + 1}": k for i, k in enumerate(K)}
     for name, value in true.items():
         row = summary["parameters"][name]
@@ -173,10 +211,20 @@ def test_fit_of_the_example_is_trusted_and_right(tmp_path, capsys):
     assert found["converged"]
     assert found["ess_per_evaluation"] >= 0.5
     assert min(found["ess_bulk_min"], found["ess_tail_min"]) >= 10_000
-    assert all(fit["interval_99"][c][0] < fit["reduced_chi2"][c] < fit["interval_99"][c][1] for c in ("rate", "attitude", "momentum"))
+    assert all(
+        fit["interval_99"][c][0] < fit["reduced_chi2"][c] < fit["interval_99"][c][1]
+        for c in ("rate", "attitude", "momentum")
+    )
     tree = Posterior.load(out / "posterior.nc").tree
     assert tree["posterior"]["Jxx"].attrs["units"] == "kg m^2"
-    for group in ("posterior", "prior", "sample_stats", "observed_data", "posterior_predictive", "log_likelihood"):
+    for group in (
+        "posterior",
+        "prior",
+        "sample_stats",
+        "observed_data",
+        "posterior_predictive",
+        "log_likelihood",
+    ):
         assert group in tree.children
     assert (out / "report.html").stat().st_size > 100_000
     first = contents(out)

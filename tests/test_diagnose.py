@@ -10,34 +10,41 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayes_inertia.averaging import Alternative, alternatives, averaged
-from bayes_inertia.correction import correction_forecast
-from bayes_inertia.diagnose import Rules, diagnose, nameless_lead
-from bayes_inertia.diagnosis import Rival, Step
-from bayes_inertia.diagnosis_file import alternatives_of, effects_of, fitted, to_json
-from bayes_inertia.disagreement import Window, disagreement
-from bayes_inertia.dynamics import idle_slew
-from bayes_inertia.effect import Effect
-from bayes_inertia.effects import LIBRARY, ConstantTorque, EachSlew, FlexibleMode, InertiaChange, WheelCommandLag
+from bayes_inertia.app.diagnosis_json import alternatives_of, effects_of, fitted, to_json
+from bayes_inertia.app.fit_campaign import fit
+from bayes_inertia.app.run_folder import with_measured_noise
+from bayes_inertia.design.correction_slew import correction_forecast
+from bayes_inertia.diagnosis.blind_spots import even_odds, furthest, undetected
+from bayes_inertia.diagnosis.model_averaging import Alternative, alternatives, averaged
+from bayes_inertia.diagnosis.residual_scan import Window, disagreement
+from bayes_inertia.diagnosis.result import Rival, Step
+from bayes_inertia.diagnosis.search import Rules, diagnose, nameless_lead
+from bayes_inertia.diagnosis.unexplained import unknown_torque
 from bayes_inertia.errors import EffectError
-from bayes_inertia.estimate import estimate
-from bayes_inertia.fit import fit
-from bayes_inertia.maneuver import planned_campaign
-from bayes_inertia.model import Model
-from bayes_inertia.parameters import Normal, ParameterSpace, scalar
-from bayes_inertia.plan import paper_like_plan
-from bayes_inertia.posterior import Posterior
+from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.flight.plan_flight import planned_campaign
+from bayes_inertia.flight.simulated_campaigns import draw_flight
+from bayes_inertia.flight.spacecraft import most_like_prior, most_like_spacecraft
+from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.inference.sampler import Settings
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effects import (
+    LIBRARY,
+    ConstantTorque,
+    EachSlew,
+    FlexibleMode,
+    InertiaChange,
+    WheelCommandLag,
+)
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.parameters import Normal, ParameterSpace, scalar
+from bayes_inertia.physics.simulator import idle_slew
 from bayes_inertia.report import diagnosis_sections, standard_sections
 from bayes_inertia.report.diagnosis_wording import headline, verdict
-from bayes_inertia.run import with_measured_noise
-from bayes_inertia.sample import Settings
-from bayes_inertia.simulation import draw_flight
-from bayes_inertia.spacecraft import most_like_prior, most_like_spacecraft
-from bayes_inertia.undetected import even_odds, furthest, undetected
-from bayes_inertia.unknown import unknown_torque
 
 # The module; the package exports its function under the same name.
-search = import_module("bayes_inertia.diagnose")
+search = import_module("bayes_inertia.diagnosis.search")
 # Without the flexible mode, whose every refit compiles code of its own.
 RIGID = tuple(e for e in LIBRARY if e.name != "flexible_mode")
 
@@ -73,7 +80,9 @@ def flight():
     template = planned_campaign(plan, most_like_spacecraft(), most_like_prior())
 
     def fly(effects=(), values=None, seed=11):
-        return draw_flight(template, plan, seed, effects=effects, values=values, vary=False).campaign
+        return draw_flight(
+            template, plan, seed, effects=effects, values=values, vary=False
+        ).campaign
 
     return fly
 
@@ -101,7 +110,12 @@ def content_of(found, **more):
 
 def test_nothing_is_named_in_a_clean_campaign(clean):
     found = diagnose(clean)
-    assert (found.verdict, found.named, found.ambiguous_with, found.steps) == ("consistent", (), (), ())
+    assert (found.verdict, found.named, found.ambiguous_with, found.steps) == (
+        "consistent",
+        (),
+        (),
+        (),
+    )
     content = content_of(found)
     check_contract(content)
     assert content["disagreement"] == []
@@ -112,7 +126,9 @@ def test_a_lag_is_named_and_measured(lagging):
     assert (lagging.verdict, lagging.named) == ("named", ("wheel_command_lag",))
     content = content_of(lagging)
     check_contract(content)
-    tau = next(c for c in content["candidates"] if c["effect"] == "wheel_command_lag")["parameters"]["tau"]
+    tau = next(c for c in content["candidates"] if c["effect"] == "wheel_command_lag")[
+        "parameters"
+    ]["tau"]
     assert abs(tau["mean"] - 0.1) < 4.0 * tau["sd"]
     assert tau["q025"] < tau["mean"] < tau["q975"]
     assert tau["unit"] == "s"
@@ -126,7 +142,9 @@ def test_a_lag_is_named_and_measured(lagging):
 
 
 def test_a_constant_torque_is_named(flight):
-    found = diagnose(flight((ConstantTorque(),), {"constant_torque": {"torque": np.array([1e-5, 0.0, -5e-6])}}))
+    found = diagnose(
+        flight((ConstantTorque(),), {"constant_torque": {"torque": np.array([1e-5, 0.0, -5e-6])}})
+    )
     assert found.verdict == "named"
     assert found.named == ("constant_torque",)
 
@@ -139,8 +157,12 @@ def test_loud_noise_is_measured_and_nothing_physical_is_named(clean):
     for channel in ("rate", "momentum"):
         n = sum(len(x) * 3 for x in found.base.residual_series[channel])
         # Median of squared second differences: see `noise`. The sd of the factor is half that of the power.
-        assert found.noise[channel] == pytest.approx(1.5, abs=4.0 * 0.5 * 1.5 * np.sqrt(1.4 * 3.9 / n))
-    content = content_of(found, unknown=unknown_torque(found.base) if found.verdict == "unknown" else None)
+        assert found.noise[channel] == pytest.approx(
+            1.5, abs=4.0 * 0.5 * 1.5 * np.sqrt(1.4 * 3.9 / n)
+        )
+    content = content_of(
+        found, unknown=unknown_torque(found.base) if found.verdict == "unknown" else None
+    )
     check_contract(content)
     assert effects_of(content) == ()
     assert {w["kind"] for w in content["disagreement"]} == {"energy"}
@@ -178,9 +200,14 @@ def test_the_next_correction_slew_before_and_after(lagging, flight):
 def test_the_next_slew_is_flown_with_the_tensor_after_its_change(flight):
     size = np.array([0.15, 0.1, -0.1, 0.0, 0.0, 0.0])
     first = idle_slew([0.0, 1.0]).context
-    assert np.allclose(InertiaChange().afterwards().inertia({"change": size}, first, np.eye(3)), np.diag([1.15, 1.1, 0.9]))
+    assert np.allclose(
+        InertiaChange().afterwards().inertia({"change": size}, first, np.eye(3)),
+        np.diag([1.15, 1.1, 0.9]),
+    )
     assert np.allclose(InertiaChange().inertia({"change": size}, first, np.eye(3)), np.eye(3))
-    final = estimate(Model(flight((InertiaChange(),), {"inertia_change": {"change": size}}), (InertiaChange(),)))
+    final = estimate(
+        Model(flight((InertiaChange(),), {"inertia_change": {"change": size}}), (InertiaChange(),))
+    )
     # One estimate on both sides: what differs is the tensor flown with, before and after the change, and the spacecraft's own.
     found = correction_forecast(final, final)
     assert len({found.promised, found.expected, found.updated}) == 3
@@ -188,8 +215,19 @@ def test_the_next_slew_is_flown_with_the_tensor_after_its_change(flight):
 
 def test_wheels_about_two_axes_turn_no_body_anywhere(lagging):
     campaign = lagging.final.model.campaign
-    flat = replace(campaign, wheels=tuple(replace(w, axis_B=axis) for w, axis in zip(campaign.wheels, np.eye(3)[[0, 1, 1]], strict=True)))
-    assert correction_forecast(lagging.base, replace(lagging.final, model=replace(lagging.final.model, campaign=flat))) is None
+    flat = replace(
+        campaign,
+        wheels=tuple(
+            replace(w, axis_B=axis)
+            for w, axis in zip(campaign.wheels, np.eye(3)[[0, 1, 1]], strict=True)
+        ),
+    )
+    assert (
+        correction_forecast(
+            lagging.base, replace(lagging.final, model=replace(lagging.final.model, campaign=flat))
+        )
+        is None
+    )
 
 
 def test_times_from_an_epoch_are_shown_from_each_slews_start(pumped):
@@ -197,13 +235,20 @@ def test_times_from_an_epoch_are_shown_from_each_slews_start(pumped):
     where, unknown, late = disagreement(pumped.base), unknown_torque(pumped.base), 1.4e9
     shifted = replace(
         where,
-        windows=tuple(replace(w, t_start=w.t_start + late, t_end=w.t_end + late) for w in where.windows),
-        cells={name: replace(cells, edges=cells.edges + late) for name, cells in where.cells.items()},
+        windows=tuple(
+            replace(w, t_start=w.t_start + late, t_end=w.t_end + late) for w in where.windows
+        ),
+        cells={
+            name: replace(cells, edges=cells.edges + late) for name, cells in where.cells.items()
+        },
     )
     torque = replace(unknown, torque=replace(unknown.torque, time=unknown.torque.time + late))
     now, then = to_json(pumped, where, None, unknown), to_json(pumped, shifted, None, torque)
     assert [w["t_start"] for w in then["disagreement"]] == [w.t_start for w in shifted.windows]
-    for a, b in ((c["pictures"]["before"]["channels"]["rate"]["edges"], c["pictures"]["torque"]["time"]) for c in (now, then)):
+    for a, b in (
+        (c["pictures"]["before"]["channels"]["rate"]["edges"], c["pictures"]["torque"]["time"])
+        for c in (now, then)
+    ):
         assert np.all(np.diff(a, axis=1) > 0.0)
         assert np.asarray(b)[:, 0].tolist() == [0.0] * 3
     assert verdict(now).sentences[0] == verdict(then).sentences[0]
@@ -222,7 +267,12 @@ def test_a_conspicuous_stretch_of_a_consistent_campaign_is_not_called_a_disagree
 def test_the_report_says_and_draws_it(lagging, pumped):
     content = content_of(lagging)
     sections = diagnosis_sections(content)
-    assert [s.title for s in sections] == ["What is missing?", "Where does the base model disagree?", "Candidates", "What adding effects changes"]
+    assert [s.title for s in sections] == [
+        "What is missing?",
+        "Where does the base model disagree?",
+        "Candidates",
+        "What adding effects changes",
+    ]
     assert sections[0].context["verdict"].title == "Found what is missing: wheel command lag."
     assert [len(s.pictures) for s in sections] == [0, 2, 1, 2]
     last = diagnosis_sections(content_of(pumped, unknown=unknown_torque(pumped.base)))[-1]
@@ -239,7 +289,10 @@ def test_effects_that_only_imitate_another_are_not_named(flight, lagging):
     assert nameless_lead((), len(RIGID)) == -math.inf
     content = content_of(found, unknown=unknown_torque(found.base)) | {"why_unknown": "imitation"}
     check_contract(content, RIGID)
-    assert any("an imitation of something that is not among the candidates" in s for s in verdict(content).sentences)
+    assert any(
+        "an imitation of something that is not among the candidates" in s
+        for s in verdict(content).sentences
+    )
 
 
 def test_an_effect_that_a_later_one_makes_needless_leaves_no_trace(lagging):
@@ -250,16 +303,29 @@ def test_an_effect_that_a_later_one_makes_needless_leaves_no_trace(lagging):
     wrong = search._fitted(at, marks, found["rate_sensor_delay"], None)
     first = Step("rate_sensor_delay", at, wrong.after, wrong.log_bayes_factor)
     marks = search._marks(wrong.after, None)
-    right = search._fitted(wrong.after, marks, {c.effect: c for c in search._candidates(marks)}["wheel_command_lag"], None)
+    right = search._fitted(
+        wrong.after,
+        marks,
+        {c.effect: c for c in search._candidates(marks)}["wheel_command_lag"],
+        None,
+    )
     second = Step("wheel_command_lag", wrong.after, right.after, right.log_bayes_factor)
     (step,) = search._without_needless([first, second], None, rules)
     (direct,) = lagging.steps
     assert (step.added, step.before) == ("wheel_command_lag", at)
     assert step.log_bayes_factor == pytest.approx(direct.log_bayes_factor, abs=0.5)
-    assert not np.isin(np.arange(99)[at.model.space.slice_of("rate_sensor_delay")], step.after.free).any()
+    assert not np.isin(
+        np.arange(99)[at.model.space.slice_of("rate_sensor_delay")], step.after.free
+    ).any()
     # The other way round the effect is needed and stays.
-    both = [Step("wheel_command_lag", at, lagging.final, direct.log_bayes_factor), Step("rate_sensor_delay", lagging.final, right.after, 0.0)]
-    assert [s.added for s in search._without_needless(both, None, rules)] == ["wheel_command_lag", "rate_sensor_delay"]
+    both = [
+        Step("wheel_command_lag", at, lagging.final, direct.log_bayes_factor),
+        Step("rate_sensor_delay", lagging.final, right.after, 0.0),
+    ]
+    assert [s.added for s in search._without_needless(both, None, rules)] == [
+        "wheel_command_lag",
+        "rate_sensor_delay",
+    ]
 
 
 def test_candidates_need_names_of_their_own(clean):
@@ -270,21 +336,36 @@ def test_candidates_need_names_of_their_own(clean):
 
 
 def test_a_column_without_numbers_is_no_column(clean):
-    empty = replace(clean, slews=tuple(replace(s, position_N=np.full((len(s.time), 3), np.nan)) for s in clean.slews))
+    empty = replace(
+        clean,
+        slews=tuple(replace(s, position_N=np.full((len(s.time), 3), np.nan)) for s in clean.slews),
+    )
     usable, skipped = search._usable(empty, RIGID)
     assert "gravity_gradient" not in {e.name for e in usable}
     assert "gravity_gradient" in dict(skipped)
 
 
 def test_ambiguity_is_worded_as_such():
-    content = {"verdict": "ambiguous", "named": ["rate_bias", "wheel_friction"], "ambiguous_with": [["wheel_friction", "viscous_torque"]]}
-    assert headline(content) == "Something is missing: either wheel friction or viscous torque. This campaign cannot tell which. Besides: rate bias."
+    content = {
+        "verdict": "ambiguous",
+        "named": ["rate_bias", "wheel_friction"],
+        "ambiguous_with": [["wheel_friction", "viscous_torque"]],
+    }
+    assert (
+        headline(content)
+        == "Something is missing: either wheel friction or viscous torque. This campaign cannot tell which. Besides: rate bias."
+    )
 
 
 @pytest.fixture(scope="module")
 def torqued(flight):
     """A weak constant torque, which three slews cannot tell from a dipole or a star-tracker shift."""
-    return diagnose(flight((ConstantTorque(),), {"constant_torque": {"torque": 1e-7 * np.array([1.0, -1.0, 1.0])}}), library=RIGID)
+    return diagnose(
+        flight(
+            (ConstantTorque(),), {"constant_torque": {"torque": 1e-7 * np.array([1.0, -1.0, 1.0])}}
+        ),
+        library=RIGID,
+    )
 
 
 def test_each_member_of_an_ambiguous_set_has_its_own_J_and_K(torqued):
@@ -296,13 +377,19 @@ def test_each_member_of_an_ambiguous_set_has_its_own_J_and_K(torqued):
     assert [o.probability for o in others] == pytest.approx([x / (1.0 + sum(odds)) for x in odds])
     library = {e.name: e for e in RIGID}
     for other in others:
-        direct = estimate(Model(torqued.base.model.campaign, (library[other.effect],)), discount=False)
+        direct = estimate(
+            Model(torqued.base.model.campaign, (library[other.effect],)), discount=False
+        )
         assert np.all(np.abs(other.mean - direct.theta[:9]) < 0.01 * direct.sd[:9])
         np.testing.assert_allclose(other.sd, direct.sd[:9], rtol=0.01)
     content = content_of(torqued, alternatives=others)
     check_contract(content, RIGID)
     for again, other in zip(alternatives_of(json.loads(json.dumps(content))), others, strict=True):
-        assert (again.effect, again.probability, again.names) == (other.effect, other.probability, other.names)
+        assert (again.effect, again.probability, again.names) == (
+            other.effect,
+            other.probability,
+            other.names,
+        )
         assert np.array_equal(again.mean, other.mean)
         assert np.array_equal(again.covariance, other.covariance)
     begun = "The fit below includes constant torque. J and K are averaged over what may be true (constant torque "
@@ -312,7 +399,10 @@ def test_each_member_of_an_ambiguous_set_has_its_own_J_and_K(torqued):
 
 def test_a_name_that_something_without_one_matches_is_called_likely(lagging):
     content = content_of(lagging)
-    sure, tied = (verdict(content | {"nameless_lead": lead}).sentences for lead in (content["nameless_lead"], 0.0))
+    sure, tied = (
+        verdict(content | {"nameless_lead": lead}).sentences
+        for lead in (content["nameless_lead"], 0.0)
+    )
     assert len(tied) == len(sure) + 1
     assert any("likely, not proven" in s for s in tied)
     assert not any("likely, not proven" in s for s in sure)
@@ -322,14 +412,24 @@ def test_a_set_beside_another_effect_is_exchanged_with_that_effect_kept(lagging)
     """The lag was named, its rival is the delay; a constant torque was named after it."""
     (first,), at = lagging.steps, lagging.final
     marks = search._marks(lagging.base, None)
-    delay = search._fitted(lagging.base, marks, {c.effect: c for c in search._candidates(marks)}["rate_sensor_delay"], None)
+    delay = search._fitted(
+        lagging.base,
+        marks,
+        {c.effect: c for c in search._candidates(marks)}["rate_sensor_delay"],
+        None,
+    )
     marks = search._marks(at, None)
-    torque = search._fitted(at, marks, {c.effect: c for c in search._candidates(marks)}["constant_torque"], None)
+    torque = search._fitted(
+        at, marks, {c.effect: c for c in search._candidates(marks)}["constant_torque"], None
+    )
     rival = Rival("rate_sensor_delay", delay.after, first.log_bayes_factor - 1.0, 0.9)
     steps = (replace(first, alternatives=(rival,)), Step("constant_torque", at, torque.after, 0.0))
     (other,) = alternatives(replace(lagging, verdict="ambiguous", steps=steps, final=torque.after))
     library = {e.name: e for e in RIGID}
-    direct = estimate(Model(at.model.campaign, (library["rate_sensor_delay"], library["constant_torque"])), discount=False)
+    direct = estimate(
+        Model(at.model.campaign, (library["rate_sensor_delay"], library["constant_torque"])),
+        discount=False,
+    )
     assert other.probability == pytest.approx(1.0 / (1.0 + math.e))
     assert np.all(np.abs(other.mean - direct.theta[:9]) < 0.01 * direct.sd[:9])
     # Without the effect named beside it J and K would be others.
@@ -355,14 +455,25 @@ def test_averaged_J_and_K_are_the_mixture_and_the_posterior_stays(torqued, tmp_p
     given = plain.summary()["parameters"]
     names = tuple(given)[:9]
     mean, sd = (np.array([given[name][key] for name in names]) for key in ("mean", "sd"))
-    far = Alternative("star_tracker_shift", "constant_torque", 0.3, names, mean + 4.0 * sd, np.diag((0.5 * sd) ** 2))
-    near = Alternative("magnetic_dipole", "constant_torque", 0.1, names, mean - 2.0 * sd, np.diag(sd**2))
+    far = Alternative(
+        "star_tracker_shift",
+        "constant_torque",
+        0.3,
+        names,
+        mean + 4.0 * sd,
+        np.diag((0.5 * sd) ** 2),
+    )
+    near = Alternative(
+        "magnetic_dipole", "constant_torque", 0.1, names, mean - 2.0 * sd, np.diag(sd**2)
+    )
     whole = averaged(plain, (far, near), seed=3)
     # Exactly: mean 0.3 * 4 - 0.1 * 2 = 1, variance 0.6 + 0.3 / 4 + 0.1 + (0.3 * 16 + 0.1 * 4 - 1) = 4.975 in sds of the first.
     rows = whole.summary()["parameters"]
     n = whole.tree["averaged"][names[0]].size
     for name, m, s in zip(names, mean, sd, strict=True):
-        error = math.sqrt(4.975 / n) + math.sqrt(0.6 / plain.attributes["diagnostics"]["ess_bulk_min"])
+        error = math.sqrt(4.975 / n) + math.sqrt(
+            0.6 / plain.attributes["diagnostics"]["ess_bulk_min"]
+        )
         assert abs((rows[name]["mean"] - m) / s - 1.0) < 4.0 * error
         assert abs(rows[name]["sd"] / s - math.sqrt(4.975)) < 4.0 * error
         assert rows[name]["robust_sd"] >= rows[name]["sd"]
@@ -372,25 +483,40 @@ def test_averaged_J_and_K_are_the_mixture_and_the_posterior_stays(torqued, tmp_p
     for key, row in whole.summary()["derived"].items():
         assert row["robust_sd"] >= row["sd"] > plain.summary()["derived"][key]["sd"]
     over = whole.summary()["averaged_over"]
-    assert [row["effects"] for row in over] == [["constant_torque"], ["star_tracker_shift"], ["magnetic_dipole"]]
+    assert [row["effects"] for row in over] == [
+        ["constant_torque"],
+        ["star_tracker_shift"],
+        ["magnetic_dipole"],
+    ]
     assert [row["probability"] for row in over] == pytest.approx([0.6, 0.3, 0.1])
     again = Posterior.load(whole.save(tmp_path / "posterior.nc"))
     assert again.summary() == whole.summary()
     assert again.tree["averaged"]["Jxx"].attrs["units"] == "kg m^2"
-    parameters = next(section for section in standard_sections(again) if section.title == "Parameters")
-    assert parameters.context["averaged"] == "constant torque 60 %, star tracker shift 30 %, magnetic dipole 10 %"
+    parameters = next(
+        section for section in standard_sections(again) if section.title == "Parameters"
+    )
+    assert (
+        parameters.context["averaged"]
+        == "constant torque 60 %, star tracker shift 30 %, magnetic dipole 10 %"
+    )
 
 
 def test_an_average_holds_no_tensor_that_no_body_has(torqued):
     settings = Settings(seed=2, ensembles=2, walkers=32, steps=12, max_steps=12)
     plain = fit(torqued.base.model.campaign, effects=(ConstantTorque(),), seed=2, settings=settings)
     names = plain.names[:9]
-    edge = np.array([4.0, 2.0, 2.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0])  # 4 = 2 + 2: half of all draws about it break the triangle inequality
-    other = Alternative("star_tracker_shift", "constant_torque", 0.5, tuple(names), edge, 1e-4 * np.eye(9))
+    edge = np.array(
+        [4.0, 2.0, 2.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0]
+    )  # 4 = 2 + 2: half of all draws about it break the triangle inequality
+    other = Alternative(
+        "star_tracker_shift", "constant_torque", 0.5, tuple(names), edge, 1e-4 * np.eye(9)
+    )
     whole = averaged(plain, (other,), seed=1)
     moments = whole.tree["averaged"]["principal_moment"].values.reshape(-1, 3)
     assert np.all(moments[:, 0] + moments[:, 1] >= moments[:, 2])
-    assert np.mean(moments[:, 2] > 3.9) == pytest.approx(0.5, abs=4.0 * math.sqrt(0.25 / len(moments)))
+    assert np.mean(moments[:, 2] > 3.9) == pytest.approx(
+        0.5, abs=4.0 * math.sqrt(0.25 / len(moments))
+    )
 
 
 def test_what_could_hide_moves_the_fit_as_far_as_it_says(flight, clean):
@@ -409,10 +535,17 @@ def test_what_could_hide_moves_the_fit_as_far_as_it_says(flight, clean):
         # Half a per cent of it is of second order in the effect.
         assert (moved.theta[i] - found.base.theta[i]) / row.shift == pytest.approx(1.0, abs=0.02)
         # What moves one furthest moves the others no further than what moves those furthest.
-        assert all(abs(moved.theta[j] - found.base.theta[j]) < 1.02 * other.shift for j, other in enumerate(rows.values()))
+        assert all(
+            abs(moved.theta[j] - found.base.theta[j]) < 1.02 * other.shift
+            for j, other in enumerate(rows.values())
+        )
     content = content_of(found, hidden=tuple(rows.values()))
     check_contract(content, RIGID)
-    assert verdict(content).sentences[-1].startswith("An effect too weak to be found could still have moved J and K: most of all ")
+    assert (
+        verdict(content)
+        .sentences[-1]
+        .startswith("An effect too weak to be found could still have moved J and K: most of all ")
+    )
     assert "What could still hide" in [section.title for section in diagnosis_sections(content)]
 
 
@@ -423,7 +556,10 @@ def test_what_is_fitted_hides_nothing_and_of_the_unknown_nothing_is_said(lagging
 
 def test_even_odds_are_even_and_the_furthest_amplitude_is_the_furthest():
     rng, n = np.random.default_rng(4), 40_000
-    size, limit = even_odds(3, 1e-3), 16.266  # chi^2 with three degrees of freedom exceeds it once in a thousand times
+    size, limit = (
+        even_odds(3, 1e-3),
+        16.266,
+    )  # chi^2 with three degrees of freedom exceeds it once in a thousand times
     error = math.sqrt(0.25 / n)
 
     def found(size):
@@ -451,19 +587,35 @@ def check_contract(content: dict, library=LIBRARY) -> None:
     """diagnosis.json as DESIGN section 8 promises it."""
     assert json.loads(json.dumps(content, allow_nan=False)) == content
     assert content["verdict"] in ("consistent", "named", "ambiguous", "unknown")
-    assert {e.name for e in library} | {"noise_level"} == {c["effect"] for c in content["candidates"]}
+    assert {e.name for e in library} | {"noise_level"} == {
+        c["effect"] for c in content["candidates"]
+    }
     for c in content["candidates"]:
-        assert {"effect", "dof", "score", "p_value", "log_bayes_factor", "parameters", "reason"} == set(c)
+        assert {
+            "effect",
+            "dof",
+            "score",
+            "p_value",
+            "log_bayes_factor",
+            "parameters",
+            "reason",
+        } == set(c)
         assert (c["p_value"] is None) == (c["score"] is None)
         assert c["p_value"] is not None or c["reason"]
-        assert (c["parameters"] is not None) == (c["effect"] in [s["added"] for s in content["steps"]])
+        assert (c["parameters"] is not None) == (
+            c["effect"] in [s["added"] for s in content["steps"]]
+        )
     for w in content["disagreement"]:
         assert {"channel", "slew", "t_start", "t_end", "p_value"} <= set(w)
         assert w["channel"] in ("rate", "attitude", "momentum")
         assert w["t_start"] <= w["t_end"]
         assert 0.0 <= w["p_value"] < 0.05
     for s in content["steps"]:
-        assert set(s["reduced_chi2_before"]) == set(s["reduced_chi2_after"]) == {"rate", "attitude", "momentum", "total"}
+        assert (
+            set(s["reduced_chi2_before"])
+            == set(s["reduced_chi2_after"])
+            == {"rate", "attitude", "momentum", "total"}
+        )
         assert set(s["shift"]) == {"Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz", "K1", "K2", "K3"}
     assert (content["unknown"] is not None) == (content["verdict"] == "unknown")
     if content["unknown"]:

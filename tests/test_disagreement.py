@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_inertia.disagreement import SIGNIFICANT, _windows, disagreement
-from bayes_inertia.estimate import estimate
-from bayes_inertia.linearised import linearise
-from bayes_inertia.model import Model
+from bayes_inertia.diagnosis.linearised_fit import linearise
+from bayes_inertia.diagnosis.residual_scan import SIGNIFICANT, _windows, disagreement
+from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.physics.forward_model import Model
 
 
 def fitted(campaign, drive=None):
@@ -58,14 +58,16 @@ def test_a_planted_offset_is_found_where_it_is(flown, channel, column):
     assert best.t_end >= 40.0
     assert best.p_value < 1e-6
     same = [w for w in found.windows if (w.channel, w.slew) == (best.channel, best.slew)]
-    assert all(a.t_end < b.t_start or b.t_end < a.t_start for i, a in enumerate(same) for b in same[:i])
+    assert all(
+        a.t_end < b.t_start or b.t_end < a.t_start for i, a in enumerate(same) for b in same[:i]
+    )
 
 
 def test_more_noise_is_energy_everywhere_and_none_against_the_measured_noise(flying):
     at = fitted(flying(3, noise=1.5).campaign)
     found = disagreement(at)
     assert {w.slew for w in found.windows if w.kind == "energy"} == {"slew 1", "slew 2", "slew 3"}
-    from bayes_inertia.estimate import with_noise
+    from bayes_inertia.inference.optimizer import with_noise
 
     louder = with_noise(at, dict.fromkeys(("rate", "attitude", "momentum"), 1.5))
     assert disagreement(louder, stated=False).p_value > 1e-3

@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_inertia import inertia
-from bayes_inertia.adequacy import dispersion, whiteness
-from bayes_inertia.estimate import _different, estimate
-from bayes_inertia.io import read_campaign
-from bayes_inertia.levenberg import descend
-from bayes_inertia.likelihood import information
-from bayes_inertia.linearised import linearise
-from bayes_inertia.model import Model
+from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.diagnosis.linearised_fit import linearise
+from bayes_inertia.inference.likelihood import information
+from bayes_inertia.inference.optimizer import _different, estimate
+from bayes_inertia.inference.residual_tests import dispersion, whiteness
+from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.least_squares import descend
+from bayes_inertia.physics.forward_model import Model
 
 BASILISK = Path(__file__).parents[2] / "shared" / "data" / "basilisk"
 CAMPAIGNS = 40
@@ -32,7 +32,10 @@ def fitted(flown):
 @pytest.fixture(scope="module")
 def perfect(flying):
     """Fits of perfectly specified campaigns whose truths are draws of the prior."""
-    return [(estimate(Model(f.campaign), starts=1), f.truth) for f in map(flying, range(1000, 1000 + CAMPAIGNS))]
+    return [
+        (estimate(Model(f.campaign), starts=1), f.truth)
+        for f in map(flying, range(1000, 1000 + CAMPAIGNS))
+    ]
 
 
 # --- the optimum --------------------------------------------------------------------------------------------
@@ -43,10 +46,12 @@ def test_starts_thirty_percent_wrong_end_at_the_same_optimum(flown, drive):
     rng = np.random.default_rng(41)
     for _ in range(5):
         start = best.theta.copy()
-        while True:  # 30 % of the largest moment in a random direction of the six elements, and of each K
+        while (
+            True
+        ):  # 30 % of the largest moment in a random direction of the six elements, and of each K
             direction = rng.normal(size=6)
             start[:6] = best.theta[:6] + 0.3 * best.theta[0] * direction / np.linalg.norm(direction)
-            if bool(inertia.is_physical(jnp.asarray(start[:6]))):
+            if bool(inertia_tensor.is_physical(jnp.asarray(start[:6]))):
                 break
         start[6:9] = best.theta[6:9] * (1.0 + 0.3 * rng.choice([-1.0, 1.0], 3))
         again = estimate(model, start=start)
@@ -54,24 +59,38 @@ def test_starts_thirty_percent_wrong_end_at_the_same_optimum(flown, drive):
         assert abs(again.objective - best.objective) < 1e-4
 
 
-def test_optima_are_told_apart_by_their_place_not_by_an_objective_in_which_the_data_hardly_count(fitted):
+def test_optima_are_told_apart_by_their_place_not_by_an_objective_in_which_the_data_hardly_count(
+    fitted,
+):
     model, here = fitted.model, fitted.point
     there = replace(here, local=here.local + 1.0)
-    kept = _different(model, [(2.0, here), (2.3, there), (2.0001, here), (9.0, replace(here, local=here.local - 1.0))])
+    kept = _different(
+        model,
+        [(2.0, here), (2.3, there), (2.0001, here), (9.0, replace(here, local=here.local - 1.0))],
+    )
     assert [count for _, count in kept] == [2, 1]
     assert kept[1][0] is there
 
 
 def test_at_the_optimum_no_direction_goes_down(fitted):
     """The reported objective is a minimum of the sum of squares itself, checked without any derivative."""
-    from bayes_inertia.likelihood import residuals
+    from bayes_inertia.inference.likelihood import residuals
 
     model, point = fitted.model, fitted.point
 
     def objective(theta, bias, local):
-        r = residuals(model.structure, jnp.asarray(theta), jnp.asarray(bias), jnp.asarray(local), model.data, fitted.white)
+        r = residuals(
+            model.structure,
+            jnp.asarray(theta),
+            jnp.asarray(bias),
+            jnp.asarray(local),
+            model.data,
+            fitted.white,
+        )
         prior = np.sum(((theta - model.space.mean) / model.space.sd) ** 2)
-        return 0.5 * (sum(float(jnp.sum(x**2)) for x in r) + prior + np.sum(bias**2) + np.sum(local**2))
+        return 0.5 * (
+            sum(float(jnp.sum(x**2)) for x in r) + prior + np.sum(bias**2) + np.sum(local**2)
+        )
 
     best = objective(point.theta, point.bias, point.local)
     assert abs(best - fitted.objective) < 1e-6
@@ -80,7 +99,11 @@ def test_at_the_optimum_no_direction_goes_down(fitted):
     for _ in range(20):
         z = rng.normal(size=len(root))
         step = 0.5 * root @ (z / np.linalg.norm(z))
-        moved = objective(point.theta + step[:d], point.bias + step[d : d + 3], point.local + step[d + 3 :].reshape(point.local.shape))
+        moved = objective(
+            point.theta + step[:d],
+            point.bias + step[d : d + 3],
+            point.local + step[d + 3 :].reshape(point.local.shape),
+        )
         assert abs(moved - best - 0.125) < 0.01  # half of 0.5 squared: the Hessian is right as well
 
 
@@ -92,7 +115,9 @@ def test_a_prior_on_the_locked_tensor_gives_the_same_physics(flying, setup_type)
         z = (result.theta - flown.truth.theta) / result.sd
         assert np.abs(z).max() < 4.5
     # Taking one for the other would have been seen.
-    wrong = replace(flown.campaign, inertia=replace(flown.campaign.inertia, includes_wheel_spin=False))
+    wrong = replace(
+        flown.campaign, inertia=replace(flown.campaign.inertia, includes_wheel_spin=False)
+    )
     z = (estimate(Model(wrong), starts=1).theta - flown.truth.theta) / result.sd
     assert np.abs(z[:3]).min() > 4.5
 
@@ -108,7 +133,13 @@ def test_levenberg_finds_rosenbrocks_minimum_at_any_scaling(scale):
         r, j = rows(x)
         return j.T @ j, j.T @ r
 
-    x, objective = descend(lambda x: 0.5 * np.sum(rows(x)[0] ** 2), equations, lambda x, s: x + s, np.array([-1.2, 1.0 * scale]), tolerance=1e-14)
+    x, objective = descend(
+        lambda x: 0.5 * np.sum(rows(x)[0] ** 2),
+        equations,
+        lambda x, s: x + s,
+        np.array([-1.2, 1.0 * scale]),
+        tolerance=1e-14,
+    )
     np.testing.assert_allclose(x, [1.0, scale], rtol=1e-6)
     assert objective < 1e-12
 
@@ -118,13 +149,20 @@ def test_levenberg_reaches_the_end_of_a_narrow_curved_valley(stiffness):
     """A valley as steep as that of a wheel momentum that nothing measures; damping alone stops half way."""
 
     def rows(x):
-        return np.array([stiffness * (x[1] - np.sin(x[0])), x[0] - 3.0]), np.array([[-stiffness * np.cos(x[0]), stiffness], [1.0, 0.0]])
+        return np.array([stiffness * (x[1] - np.sin(x[0])), x[0] - 3.0]), np.array(
+            [[-stiffness * np.cos(x[0]), stiffness], [1.0, 0.0]]
+        )
 
     def equations(x):
         r, j = rows(x)
         return j.T @ j, j.T @ r
 
-    x, objective = descend(lambda x: 0.5 * np.sum(rows(x)[0] ** 2), equations, lambda x, s: x + s, np.array([-3.0, 0.5]))
+    x, objective = descend(
+        lambda x: 0.5 * np.sum(rows(x)[0] ** 2),
+        equations,
+        lambda x, s: x + s,
+        np.array([-3.0, 0.5]),
+    )
     np.testing.assert_allclose(x, [3.0, np.sin(3.0)], atol=1e-4)
     assert objective < 1e-7
 
@@ -134,16 +172,30 @@ def test_levenberg_survives_points_without_derivatives():
 
     def equations(x):
         hole = np.nan if 1.0 < x[0] < 2.5 else 1.0
-        return hole * np.array([[1.0 + 12.0 * x[0] ** 2]]), hole * np.array([x[0] - 3.0 + 4.0 * (x[0] - 3.0) ** 3])
+        return hole * np.array([[1.0 + 12.0 * x[0] ** 2]]), hole * np.array(
+            [x[0] - 3.0 + 4.0 * (x[0] - 3.0) ** 3]
+        )
 
     for start in (-4.0, 0.5, 6.0):
-        x, objective = descend(lambda x: 0.5 * (x[0] - 3.0) ** 2 + (x[0] - 3.0) ** 4, equations, lambda x, s: x + s, np.array([start]))
+        x, objective = descend(
+            lambda x: 0.5 * (x[0] - 3.0) ** 2 + (x[0] - 3.0) ** 4,
+            equations,
+            lambda x, s: x + s,
+            np.array([start]),
+        )
         assert np.isfinite(objective)
         assert objective <= 0.5 * (start - 3.0) ** 2 + (start - 3.0) ** 4
-    x, _ = descend(lambda x: 0.5 * (x[0] - 3.0) ** 2, lambda x: (np.full((1, 1), np.nan), np.full(1, np.nan)), lambda x, s: x + s, np.array([5.0]))
+    x, _ = descend(
+        lambda x: 0.5 * (x[0] - 3.0) ** 2,
+        lambda x: (np.full((1, 1), np.nan), np.full(1, np.nan)),
+        lambda x, s: x + s,
+        np.array([5.0]),
+    )
     assert x[0] == 5.0
     # Nor does a start without an objective, whose derivatives are finite.
-    x, objective = descend(lambda x: np.inf, lambda x: (np.eye(1), x), lambda x, s: x + s, np.array([5.0]))
+    x, objective = descend(
+        lambda x: np.inf, lambda x: (np.eye(1), x), lambda x, s: x + s, np.array([5.0])
+    )
     assert (x[0], objective) == (5.0, np.inf)
 
 
@@ -151,12 +203,22 @@ def test_an_optimizer_that_stopped_short_leaves_the_linearised_residuals_alone(f
     """Linearised residuals are those of the optimum, although the estimate is a few sds beside it."""
     point = fitted.point
     # One sd of everything fitted, along the posterior's own covariance.
-    step = np.linalg.cholesky(fitted.joint_covariance) @ np.random.default_rng(4).standard_normal(len(fitted.hessian))
+    step = np.linalg.cholesky(fitted.joint_covariance) @ np.random.default_rng(4).standard_normal(
+        len(fitted.hessian)
+    )
     f = len(fitted.free)
-    theta, bias, local = point.theta.copy(), point.bias + step[f : f + 3], point.local + step[f + 3 :].reshape(point.local.shape)
+    theta, bias, local = (
+        point.theta.copy(),
+        point.bias + step[f : f + 3],
+        point.local + step[f + 3 :].reshape(point.local.shape),
+    )
     theta[fitted.free] += step[:f]
     beside = replace(point, theta=theta, bias=bias, local=local)
-    short = replace(fitted, point=beside, information=information(fitted.model, theta, bias, local, fitted.white, fitted.free))
+    short = replace(
+        fitted,
+        point=beside,
+        information=information(fitted.model, theta, bias, local, fitted.white, fitted.free),
+    )
     chi2 = [float(np.sum(linearise(at).residual ** 2)) for at in (fitted, short)]
     uncorrected = float(short.information.chi2.sum())
     assert uncorrected - chi2[0] > 10.0
@@ -171,7 +233,9 @@ def test_errors_are_as_large_as_the_posterior_says(perfect):
     assert np.abs(z.mean(0)).max() * np.sqrt(n) < stats.norm.ppf(1.0 - 1e-3 / (2 * d))
     tails = stats.chi2.cdf(np.sum(z**2, axis=0), n)
     assert np.minimum(tails, 1.0 - tails).min() > 1e-3 / (2 * d)
-    distance = np.array([(e.theta - t.theta) @ np.linalg.solve(e.covariance, e.theta - t.theta) for e, t in perfect])
+    distance = np.array(
+        [(e.theta - t.theta) @ np.linalg.solve(e.covariance, e.theta - t.theta) for e, t in perfect]
+    )
     assert stats.kstest(distance, stats.chi2(d).cdf).pvalue > 1e-3
     total = stats.chi2.cdf(distance.sum(), n * d)
     assert 1e-3 < total < 1.0 - 1e-3
@@ -203,10 +267,14 @@ def coloured(campaign, size, seed):
     def wander(n):
         x = np.zeros((n, 3))
         for k in range(1, n):
-            x[k] = np.exp(-1.0 / 5.0) * x[k - 1] + np.sqrt(1.0 - np.exp(-2.0 / 5.0)) * rng.normal(size=3)
+            x[k] = np.exp(-1.0 / 5.0) * x[k - 1] + np.sqrt(1.0 - np.exp(-2.0 / 5.0)) * rng.normal(
+                size=3
+            )
         return size * np.array(campaign.rate_sensor.sigma) * x
 
-    return replace(campaign, slews=tuple(replace(s, rate=s.rate + wander(len(s.time))) for s in campaign.slews))
+    return replace(
+        campaign, slews=tuple(replace(s, rate=s.rate + wander(len(s.time))) for s in campaign.slews)
+    )
 
 
 def test_coloured_misfit_is_discounted_and_the_sd_says_so(flying):
@@ -269,8 +337,15 @@ def test_leaving_a_slew_out_to_first_order_is_nearly_refitting_without_it(fitted
 def test_robust_sd_is_never_below_the_models(perfect, fitted, flown):
     for result, _ in perfect:
         assert np.all(result.robust_sd >= result.sd * (1.0 - 1e-12))
-        assert np.linalg.eigvalsh(result.robust_covariance / np.outer(result.robust_sd, result.robust_sd)).min() > -1e-10
-    assert replace(fitted, model=Model(flown.campaign.subset([0]))).robust_sd is None  # one slew has no other to disagree with
+        assert (
+            np.linalg.eigvalsh(
+                result.robust_covariance / np.outer(result.robust_sd, result.robust_sd)
+            ).min()
+            > -1e-10
+        )
+    assert (
+        replace(fitted, model=Model(flown.campaign.subset([0]))).robust_sd is None
+    )  # one slew has no other to disagree with
 
 
 def test_robust_sd_grows_where_slews_disagree(flown):
@@ -279,9 +354,16 @@ def test_robust_sd_grows_where_slews_disagree(flown):
 
     def change(slew, gain):
         first = slew.wheel_momentum[:1]
-        return replace(slew, wheel_torque=gain * slew.wheel_torque, wheel_momentum=first + gain * (slew.wheel_momentum - first))
+        return replace(
+            slew,
+            wheel_torque=gain * slew.wheel_torque,
+            wheel_momentum=first + gain * (slew.wheel_momentum - first),
+        )
 
-    campaign = replace(flown.campaign, slews=tuple(change(s, g) for s, g in zip(flown.campaign.slews, gains, strict=True)))
+    campaign = replace(
+        flown.campaign,
+        slews=tuple(change(s, g) for s, g in zip(flown.campaign.slews, gains, strict=True)),
+    )
     result = estimate(Model(campaign), starts=1, discount=False)
     # Slew 1 is about x, slew 2 about y: their moments are a per cent in doubt, which the noise alone does not say.
     doubt = result.robust_sd[:2] / result.theta[:2]
@@ -290,7 +372,10 @@ def test_robust_sd_grows_where_slews_disagree(flown):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not (BASILISK / "clean").exists(), reason="the independent simulator's campaigns are not beside this project")
+@pytest.mark.skipif(
+    not (BASILISK / "clean").exists(),
+    reason="the independent simulator's campaigns are not beside this project",
+)
 def test_telemetry_of_an_independent_simulator_is_explained():
     result = estimate(Model(read_campaign(BASILISK / "clean")), starts=1)
     assert not result.discounted

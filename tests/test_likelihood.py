@@ -12,9 +12,15 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.estimate import estimate, marginal
-from bayes_inertia.likelihood import conditional_nuisances, log_posterior, residuals, sensitivities, whitening
-from bayes_inertia.model import Model, predict_all
+from bayes_inertia.inference.likelihood import (
+    conditional_nuisances,
+    log_posterior,
+    residuals,
+    sensitivities,
+    whitening,
+)
+from bayes_inertia.inference.optimizer import estimate, marginal
+from bayes_inertia.physics.forward_model import Model, predict_all
 
 DRIVES = ("commanded", "measured")
 
@@ -29,7 +35,14 @@ def residuals_at(model, theta, bias=None, local=None, white=None):
     bias = np.zeros(3) if bias is None else bias
     local = np.zeros((model.n_slews, model.structure.n_local)) if local is None else local
     white = white or whitening(model, theta)
-    return residuals(model.structure, jnp.asarray(theta), jnp.asarray(bias), jnp.asarray(local), model.data, white)
+    return residuals(
+        model.structure,
+        jnp.asarray(theta),
+        jnp.asarray(bias),
+        jnp.asarray(local),
+        model.data,
+        white,
+    )
 
 
 def with_slews(campaign, change):
@@ -43,7 +56,10 @@ def test_residuals_at_the_truth_are_white_unit_noise(flying, setup_type):
     fitted = estimate(Model(flown.campaign), starts=1)
     for channel, series in fitted.residual_series.items():
         numbers = np.concatenate([s[np.isfinite(s)] for s in series])
-        dof = len(numbers) - fitted.effective_parameters[("rate", "attitude", "momentum").index(channel)]
+        dof = (
+            len(numbers)
+            - fitted.effective_parameters[("rate", "attitude", "momentum").index(channel)]
+        )
         p = stats.chi2.cdf(np.sum(numbers**2), dof)
         assert 1e-3 < p < 1.0 - 1e-3, channel
 
@@ -55,27 +71,45 @@ def test_residuals_without_noise_are_what_the_definitions_say(flying, setup_type
     bias = flown.truth.bias / np.array(flown.campaign.rate_sensor.bias_sigma)
     exact = residuals_at(model, theta, bias)
     start_gap = np.abs(np.asarray(exact.momentum)).max()
-    assert start_gap < 0.5  # starts are the first readings, which differ from the start by the bias only
+    assert (
+        start_gap < 0.5
+    )  # starts are the first readings, which differ from the start by the bias only
     push = np.zeros((model.n_slews, model.structure.n_local))
     small = 1e-3
     push[:, 5] = small  # 1 mrad about the boresight, the nuisance's sd being 1 rad
     turned = residuals_at(model, theta, bias, push)
     fixes = np.asarray(model.data.arrays.telemetry.fix_row)
-    prediction = predict_all(model.structure, jnp.asarray(theta), jnp.asarray(push), jnp.asarray(bias), model.data)
+    prediction = predict_all(
+        model.structure, jnp.asarray(theta), jnp.asarray(push), jnp.asarray(bias), model.data
+    )
     for s, slew in enumerate(flown.campaign.slews):
-        gap = (Rotation.from_quat(np.asarray(prediction.attitude[s])).inv() * Rotation.from_quat(slew.attitude[fixes[s]])).as_rotvec()
+        gap = (
+            Rotation.from_quat(np.asarray(prediction.attitude[s])).inv()
+            * Rotation.from_quat(slew.attitude[fixes[s]])
+        ).as_rotvec()
         expected = gap / np.array([2.5e-5, 2.5e-5, 1.5e-4])
-        np.testing.assert_allclose(np.asarray(turned.attitude[s]).reshape(-1, 3), expected, atol=1e-6)
-        rate = (slew.rate - np.asarray(prediction.rate[s])[: len(slew.time)]) / flown.setup.rate_sigma
-        np.testing.assert_allclose(np.asarray(turned.rate[s]).reshape(-1, 3)[: len(slew.time)], rate, atol=1e-6)
+        np.testing.assert_allclose(
+            np.asarray(turned.attitude[s]).reshape(-1, 3), expected, atol=1e-6
+        )
+        rate = (
+            slew.rate - np.asarray(prediction.rate[s])[: len(slew.time)]
+        ) / flown.setup.rate_sigma
+        np.testing.assert_allclose(
+            np.asarray(turned.rate[s]).reshape(-1, 3)[: len(slew.time)], rate, atol=1e-6
+        )
     assert abs(abs(np.asarray(turned.attitude[0]).reshape(-1, 3)[0, 2]) - small / 1.5e-4) < 0.05
 
 
 def test_the_signs_of_measured_quaternions_do_not_matter(flown):
     flips = np.where(np.arange(96) % 2, -1.0, 1.0)[:, None]
-    model, other = Model(flown.campaign), Model(with_slews(flown.campaign, lambda s: replace(s, attitude=flips * s.attitude)))
+    model, other = (
+        Model(flown.campaign),
+        Model(with_slews(flown.campaign, lambda s: replace(s, attitude=flips * s.attitude))),
+    )
     theta = flown.truth.theta
-    np.testing.assert_array_equal(residuals_at(model, theta).attitude, residuals_at(other, theta).attitude)
+    np.testing.assert_array_equal(
+        residuals_at(model, theta).attitude, residuals_at(other, theta).attitude
+    )
 
 
 def test_missing_and_saturated_readings_count_for_nothing(flown):
@@ -91,7 +125,10 @@ def test_missing_and_saturated_readings_count_for_nothing(flown):
         return replace(slew, rate=rate, wheel_momentum=momentum)
 
     theta = flown.truth.theta
-    whole, holed = Model(flown.campaign, drive="commanded"), Model(with_slews(flown.campaign, spoil), drive="commanded")
+    whole, holed = (
+        Model(flown.campaign, drive="commanded"),
+        Model(with_slews(flown.campaign, spoil), drive="commanded"),
+    )
     a, b = residuals_at(whole, theta), residuals_at(holed, theta)
     rate_a, rate_b = (np.asarray(r.rate).reshape(3, -1, 3)[:, :96] for r in (a, b))
     assert np.all(rate_b[:, gone] == 0.0)
@@ -119,7 +156,9 @@ def test_a_tachometer_with_gaps_can_drive_the_model(flown):
     assert not holed.discounted
 
 
-def test_a_missing_torque_command_is_an_error_and_a_dead_tachometer_only_rules_out_the_measured_drive(flown):
+def test_a_missing_torque_command_is_an_error_and_a_dead_tachometer_only_rules_out_the_measured_drive(
+    flown,
+):
     def without(key, cells):
         def change(slew):
             array = getattr(slew, key).copy()
@@ -142,7 +181,9 @@ def test_a_missing_torque_command_is_an_error_and_a_dead_tachometer_only_rules_o
 
 def test_a_slew_without_any_rate_reading_or_fix_is_simulated_but_weighs_nothing(flown):
     first = flown.campaign.slews[0]
-    blind = replace(first, rate=np.full_like(first.rate, np.nan), attitude=np.full_like(first.attitude, np.nan))
+    blind = replace(
+        first, rate=np.full_like(first.rate, np.nan), attitude=np.full_like(first.attitude, np.nan)
+    )
     model = Model(replace(flown.campaign, slews=(blind, *flown.campaign.slews[1:])))
     r = residuals_at(model, flown.truth.theta)
     assert not np.any(r.rate[0])
@@ -151,7 +192,9 @@ def test_a_slew_without_any_rate_reading_or_fix_is_simulated_but_weighs_nothing(
 
 
 def test_without_a_star_tracker_there_are_no_attitude_residuals(flown):
-    campaign = replace(with_slews(flown.campaign, lambda s: replace(s, attitude=None)), star_tracker=None)
+    campaign = replace(
+        with_slews(flown.campaign, lambda s: replace(s, attitude=None)), star_tracker=None
+    )
     model = Model(campaign)
     r = residuals_at(model, flown.truth.theta)
     assert r.attitude.shape[-1] == 0
@@ -165,23 +208,41 @@ def test_without_a_star_tracker_there_are_no_attitude_residuals(flown):
 # --- sensitivities ---------------------------------------------------------------------------------------
 def test_sensitivities_are_the_residuals_derivatives(small):
     model, point, white = small.model, small.point, small.white
-    exact = sensitivities(model.structure, *(jnp.asarray(x) for x in (point.theta, point.bias, point.local)), model.data, white)
+    exact = sensitivities(
+        model.structure,
+        *(jnp.asarray(x) for x in (point.theta, point.bias, point.local)),
+        model.data,
+        white,
+    )
     d, sd = len(point.theta), np.sqrt(np.diag(small.joint_covariance))
     full = np.concatenate([point.theta, point.bias, point.local.ravel()])
     assert full.size == sd.size
 
     def at(x):
-        r = residuals(model.structure, x[:d], x[d : d + 3], x[d + 3 :].reshape(point.local.shape), model.data, white)
+        r = residuals(
+            model.structure,
+            x[:d],
+            x[d : d + 3],
+            x[d + 3 :].reshape(point.local.shape),
+            model.data,
+            white,
+        )
         return jnp.concatenate(r, -1)
 
     batch = jax.jit(jax.vmap(at))
     m = point.local.shape[1]
     steps = np.diag(0.3 * sd)
-    differences = np.asarray(batch(jnp.asarray(full + steps)) - batch(jnp.asarray(full - steps))) / 0.6  # in residuals per sd
+    differences = (
+        np.asarray(batch(jnp.asarray(full + steps)) - batch(jnp.asarray(full - steps))) / 0.6
+    )  # in residuals per sd
     ours = np.concatenate([np.asarray(j) for j in exact.jacobian], 1)
     for s in range(model.n_slews):
         index = np.concatenate([np.arange(d + 3), d + 3 + s * m + np.arange(m)])
-        np.testing.assert_allclose(ours[s] * sd[index], differences[index, s].T, atol=2e-4 * max(1.0, np.abs(differences[index, s]).max()))
+        np.testing.assert_allclose(
+            ours[s] * sd[index],
+            differences[index, s].T,
+            atol=2e-4 * max(1.0, np.abs(differences[index, s]).max()),
+        )
         others = np.setdiff1d(np.arange(d + 3, full.size), index)
         assert not np.any(differences[others, s])  # a slew's own nuisances do not touch the others
 
@@ -191,7 +252,12 @@ def joint_log_density(fitted):
     """log p(theta, bias, local | data) of whole vectors (batch, all): residuals and priors, no approximation."""
     model, d = fitted.model, len(fitted.theta)
     prior_mean, prior_sd = jnp.asarray(model.space.mean), jnp.asarray(model.space.sd)
-    shape, white, structure, data = fitted.point.local.shape, fitted.white, model.structure, model.data
+    shape, white, structure, data = (
+        fitted.point.local.shape,
+        fitted.white,
+        model.structure,
+        model.data,
+    )
 
     def one(x, data, white):
         theta, bias, local = x[:d], x[d : d + 3], x[d + 3 :].reshape(shape)
@@ -200,7 +266,12 @@ def joint_log_density(fitted):
         return -0.5 * (sum(jnp.sum(r**2) for r in prediction) + own)
 
     compiled = jax.jit(jax.vmap(one, (0, None, None)))
-    return lambda x: np.concatenate([np.asarray(compiled(jnp.asarray(part), data, white)) for part in np.split(x, len(x) // 1000)])
+    return lambda x: np.concatenate(
+        [
+            np.asarray(compiled(jnp.asarray(part), data, white))
+            for part in np.split(x, len(x) // 1000)
+        ]
+    )
 
 
 def importance(log_density, mean, covariance, rng, n):
@@ -233,12 +304,20 @@ def test_the_marginal_posterior_is_that_of_sampling_every_nuisance(small):
     rng, d, n = np.random.default_rng(31), len(small.theta), 3000
     model = small.model
     full = np.concatenate([small.theta, small.point.bias, small.point.local.ravel()])
-    draws, weights, size = importance(joint_log_density(small), full, small.joint_covariance, rng, n)
+    draws, weights, size = importance(
+        joint_log_density(small), full, small.joint_covariance, rng, n
+    )
     assert size > 0.2 * n
     joint = (*moments(draws[:, :d], weights), size)
 
     frozen = marginal(small)
-    draws, weights, size = importance(lambda x: np.asarray(log_posterior(model.structure, frozen)(jnp.asarray(x))), small.theta, small.covariance, rng, n)
+    draws, weights, size = importance(
+        lambda x: np.asarray(log_posterior(model.structure, frozen)(jnp.asarray(x))),
+        small.theta,
+        small.covariance,
+        rng,
+        n,
+    )
     assert size > 0.5 * n
     marginalised = (*moments(draws, weights), size)
     of_mean, of_sd = compare(joint, marginalised)
@@ -247,9 +326,19 @@ def test_the_marginal_posterior_is_that_of_sampling_every_nuisance(small):
     assert of_sd < 4.0
 
     # Negative control: nuisances held at their optimum instead of integrated out.
-    held = frozen._replace(ridge_bias=0.0 * frozen.ridge_bias, ridge_local=0.0 * frozen.ridge_local, root=0.0 * frozen.root)
+    held = frozen._replace(
+        ridge_bias=0.0 * frozen.ridge_bias,
+        ridge_local=0.0 * frozen.ridge_local,
+        root=0.0 * frozen.root,
+    )
     covariance = np.linalg.inv(small.hessian[:d, :d])
-    draws, weights, size = importance(lambda x: np.asarray(log_posterior(model.structure, held)(jnp.asarray(x))), small.theta, covariance, rng, n)
+    draws, weights, size = importance(
+        lambda x: np.asarray(log_posterior(model.structure, held)(jnp.asarray(x))),
+        small.theta,
+        covariance,
+        rng,
+        n,
+    )
     assert compare(joint, (*moments(draws, weights), size))[1] > 20.0
 
 
@@ -257,7 +346,10 @@ def test_the_marginal_posterior_is_pointwise_that_of_integrating_at_each_theta(s
     """At theta far out: Laplace's integral over the nuisances at THEIR optimum there, with its own determinant."""
     model, d, frozen = small.model, len(small.theta), marginal(small)
     rng = np.random.default_rng(32)
-    thetas = small.theta + 3.0 * (np.linalg.cholesky(small.covariance) @ rng.normal(size=(d, 12)) / np.sqrt(d)).T
+    thetas = (
+        small.theta
+        + 3.0 * (np.linalg.cholesky(small.covariance) @ rng.normal(size=(d, 12)) / np.sqrt(d)).T
+    )
     thetas = np.concatenate([small.theta[None], thetas])
     ours = np.asarray(log_posterior(model.structure, frozen)(jnp.asarray(thetas)))
     exact = np.array([integrated_over_nuisances(small, theta) for theta in thetas])
@@ -273,7 +365,14 @@ def integrated_over_nuisances(fitted, theta):
     nuisance = np.zeros(3 + model.n_slews * m)
     for _ in range(6):
         local = nuisance[3:].reshape(model.n_slews, m)
-        at = sensitivities(model.structure, jnp.asarray(theta), jnp.asarray(nuisance[:3]), jnp.asarray(local), model.data, fitted.white)
+        at = sensitivities(
+            model.structure,
+            jnp.asarray(theta),
+            jnp.asarray(nuisance[:3]),
+            jnp.asarray(local),
+            model.data,
+            fitted.white,
+        )
         H, g = np.eye(len(nuisance)), nuisance.copy()
         for r, jacobian in zip(at.residuals, at.jacobian, strict=True):
             for s in range(model.n_slews):
@@ -294,8 +393,16 @@ def test_conditional_nuisances_have_the_joint_posteriors_moments(small):
     thetas = rng.multivariate_normal(small.theta, small.covariance, n, method="cholesky")
     size = 3 + small.point.local.size
     frozen = marginal(small)
-    drawn = [conditional_nuisances(model.structure, frozen, theta, rng.normal(size=size)) for theta in thetas]
-    draws = np.array([[*theta, *bias, *local.ravel()] for theta, (bias, local) in zip(thetas, drawn, strict=True)])
+    drawn = [
+        conditional_nuisances(model.structure, frozen, theta, rng.normal(size=size))
+        for theta in thetas
+    ]
+    draws = np.array(
+        [
+            [*theta, *bias, *local.ravel()]
+            for theta, (bias, local) in zip(thetas, drawn, strict=True)
+        ]
+    )
     full = np.concatenate([small.theta, small.point.bias, small.point.local.ravel()])
     white = np.linalg.solve(np.linalg.cholesky(small.joint_covariance), (draws - full).T)
     # d + size whitened coordinates: each of unit variance, all uncorrelated.
@@ -325,7 +432,9 @@ def attitude_chi2(flying, setup_type):
         campaign = flying(100 + seed, setup).campaign
         for name, stated in (("treated", 2e-5), ("ignored", 1e-9)):
             wheels = tuple(replace(w, momentum_sigma=stated) for w in campaign.wheels)
-            fitted = estimate(Model(replace(campaign, wheels=wheels), drive="measured"), starts=1, discount=False)
+            fitted = estimate(
+                Model(replace(campaign, wheels=wheels), drive="measured"), starts=1, discount=False
+            )
             chi2 = fitted.information.chi2.sum(0)
             dof = fitted.information.n_data.sum(0) - fitted.effective_parameters
             totals[name] += np.array([chi2[0], dof[0], chi2[1], dof[1]])

@@ -13,20 +13,38 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayes_inertia import inertia, rotation
-from bayes_inertia.effect import Effect
-from bayes_inertia.effects import ConstantTorque, FlexibleMode, MagneticDipole, RateSensorDelay, StarTrackerMisalignment, WheelCommandLag
+from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError, EffectError, OutputError
-from bayes_inertia.estimate import estimate
-from bayes_inertia.io import read_campaign
-from bayes_inertia.maneuver import Flight, fly, planned_campaign, predict_correction_slew, predict_final_errors
-from bayes_inertia.model import Model, predict
-from bayes_inertia.parameters import Normal, scalar
-from bayes_inertia.plan import Plan, PlannedSlew, angle_and_rate, paper_like_plan
-from bayes_inertia.planfile import read_plan, write_plan
-from bayes_inertia.simulation import draw_flight, draw_spacecraft, simulate
-from bayes_inertia.spacecraft import Controller, Spacecraft, most_like_prior, most_like_spacecraft
-from bayes_inertia.telemetry import Reference
+from bayes_inertia.flight.plan import Plan, PlannedSlew, angle_and_rate, paper_like_plan
+from bayes_inertia.flight.plan_file import read_plan, write_plan
+from bayes_inertia.flight.plan_flight import (
+    Flight,
+    fly,
+    planned_campaign,
+    predict_correction_slew,
+    predict_final_errors,
+)
+from bayes_inertia.flight.simulated_campaigns import draw_flight, draw_spacecraft, simulate
+from bayes_inertia.flight.spacecraft import (
+    Controller,
+    Spacecraft,
+    most_like_prior,
+    most_like_spacecraft,
+)
+from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.maths import inertia_tensor, quaternion
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effects import (
+    ConstantTorque,
+    FlexibleMode,
+    MagneticDipole,
+    RateSensorDelay,
+    StarTrackerMisalignment,
+    WheelCommandLag,
+)
+from bayes_inertia.physics.forward_model import Model, predict
+from bayes_inertia.physics.packing import Reference
+from bayes_inertia.physics.parameters import Normal, scalar
 
 CLEAN = Path(__file__).resolve().parents[2] / "shared" / "data" / "basilisk" / "clean"
 ARCSECOND = math.radians(1.0 / 3600.0)
@@ -55,7 +73,9 @@ def noisy(craft, novice) -> Flight:
 
 
 def theta_of(craft: Spacecraft) -> np.ndarray:
-    return np.concatenate([inertia.elements(jnp.asarray(craft.inertia_B)), craft.scale_factor])
+    return np.concatenate(
+        [inertia_tensor.elements(jnp.asarray(craft.inertia_B)), craft.scale_factor]
+    )
 
 
 # --- plans ---------------------------------------------------------------------------------------
@@ -75,7 +95,13 @@ def test_profile_turns_the_angle_within_its_limits(profile, degrees):
     assert float(jnp.abs(jnp.diff(rate)).max()) / step <= slew.acceleration * (1 + 1e-6)
     trapezoid_rule = float(jnp.sum(0.5 * (rate[1:] + rate[:-1])) * step)
     assert trapezoid_rule == pytest.approx(slew.angle, rel=1e-6)
-    before_end = angle_and_rate(slew.angle, slew.rate, slew.acceleration, profile == "smooth", jnp.asarray(slew.motion_time - 0.5))
+    before_end = angle_and_rate(
+        slew.angle,
+        slew.rate,
+        slew.acceleration,
+        profile == "smooth",
+        jnp.asarray(slew.motion_time - 0.5),
+    )
     assert float(before_end[1]) > 0.0
 
 
@@ -93,7 +119,12 @@ def test_paper_like_plan_is_the_one_flown_in_basilisk():
 
 
 def test_plan_file_round_trip(tmp_path):
-    plan = replace(paper_like_plan(), slews=(PlannedSlew((1.0, 2.0, 3.0), 0.3, 0.02, 5e-4, "smooth", 140.0),), orbit=None, pause=0.0)
+    plan = replace(
+        paper_like_plan(),
+        slews=(PlannedSlew((1.0, 2.0, 3.0), 0.3, 0.02, 5e-4, "smooth", 140.0),),
+        orbit=None,
+        pause=0.0,
+    )
     path = write_plan(plan, tmp_path / "plan.toml")
     again = read_plan(path)
     assert again.slews[0].axis_B == plan.slews[0].axis_B
@@ -109,7 +140,11 @@ def test_plan_file_round_trip(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ("angle_deg", "angle_degree", r'slews\[1 of 5\]\.angle_degree: unknown key; did you mean "angle_deg"\?'),
+        (
+            "angle_deg",
+            "angle_degree",
+            r'slews\[1 of 5\]\.angle_degree: unknown key; did you mean "angle_deg"\?',
+        ),
         ("angle_deg = 30.0", "angle_deg = -30.0", "turn|positive"),
         ("angle_deg = 30.0", 'angle_deg = "30"', "is not a finite number"),
         ("angle_deg = 30.0\n", "", "missing key"),
@@ -137,7 +172,9 @@ def test_momentum_is_conserved_and_the_pause_keeps_it(noisy, craft):
     totals = []
     for path in noisy.truth:
         total_B = path.rate_B @ locked + path.wheel_momentum @ craft.wheel_axes_B.T
-        total_N = np.asarray(rotation.to_inertial(jnp.asarray(path.attitude), jnp.asarray(total_B)))
+        total_N = np.asarray(
+            quaternion.to_inertial(jnp.asarray(path.attitude), jnp.asarray(total_B))
+        )
         assert np.abs(total_N - total_N[0]).max() < 1e-13
         totals.append(total_N[0])
     # Between slews only the residual rate and aim of the rest differ: 1e-5 rad/s and 5e-5 rad, of 3 kg m^2 and 0.1 N m s.
@@ -153,13 +190,20 @@ def test_with_perfect_knowledge_the_final_error_is_below_an_arcsecond(craft, exp
 
 def test_noise_leaves_the_error_that_the_bias_snapshot_makes(craft, expert):
     plan = paper_like_plan()
-    errors = np.concatenate([fly(plan, craft, expert, most_like_prior(), seed).final_error_B for seed in range(12)])
+    errors = np.concatenate(
+        [fly(plan, craft, expert, most_like_prior(), seed).final_error_B for seed in range(12)]
+    )
     # After the settling time the believed attitude is on target; the true one misses it by the snapshot's error, integrated
     # since the last fixes, by readings of white noise, and by the mean of the fixes.
     sensor, period = craft.rate_sensor.sigma[0], plan.telemetry_period
     lasting = np.array(plan.durations) - 13.5
-    expected = np.sqrt((lasting * sensor) ** 2 * period / expert.snapshot_time + lasting * period * sensor**2)
-    expected = np.sqrt(np.tile(expected, 12)[:, None] ** 2 + np.array([craft.star_tracker.sigma_cross] * 2 + [craft.star_tracker.sigma_roll]) ** 2 / 12)
+    expected = np.sqrt(
+        (lasting * sensor) ** 2 * period / expert.snapshot_time + lasting * period * sensor**2
+    )
+    expected = np.sqrt(
+        np.tile(expected, 12)[:, None] ** 2
+        + np.array([craft.star_tracker.sigma_cross] * 2 + [craft.star_tracker.sigma_roll]) ** 2 / 12
+    )
     chi2 = np.sum((errors / expected) ** 2)
     # A slew turns part of one axis' error into another's and scales it by 1/K: a few per cent of the variance.
     assert abs(chi2 / errors.size - 1.0) < 4.0 * math.sqrt(2.0 / errors.size) + 0.05
@@ -172,10 +216,16 @@ def test_scale_factor_error_stays_in_the_final_attitude(craft, axis):
     sizes = []
     for scale in (0.005, 0.01, 0.02):
         believed = np.array(craft.scale_factor) / (1.0 + scale * np.array([1.0, -0.5, 2.0]))
-        flight = fly(plan, craft, Controller(craft.inertia_B, tuple(believed)), most_like_prior(), None)
+        flight = fly(
+            plan, craft, Controller(craft.inertia_B, tuple(believed)), most_like_prior(), None
+        )
         turn = plan.slews[0].angle * np.array(axis)
         D = np.array(craft.scale_factor) / believed
-        closed_form = np.asarray(rotation.error(rotation.exp(jnp.asarray(turn)), rotation.exp(jnp.asarray(D * turn))))
+        closed_form = np.asarray(
+            quaternion.error(
+                quaternion.exp(jnp.asarray(turn)), quaternion.exp(jnp.asarray(D * turn))
+            )
+        )
         size = np.linalg.norm(closed_form)
         np.testing.assert_allclose(flight.final_error_B[0], closed_form, atol=3e-3 * size)
         sizes.append(np.linalg.norm(flight.final_error_B[0]))
@@ -195,7 +245,9 @@ def test_commands_stay_within_the_wheels_limits(craft, novice):
 def test_same_seed_same_campaign(craft, novice, noisy):
     again = fly(paper_like_plan(), craft, novice, most_like_prior(), 11)
     other = fly(paper_like_plan(), craft, novice, most_like_prior(), 12)
-    for a, b, c in zip(noisy.campaign.slews, again.campaign.slews, other.campaign.slews, strict=True):
+    for a, b, c in zip(
+        noisy.campaign.slews, again.campaign.slews, other.campaign.slews, strict=True
+    ):
         for key in ("rate", "attitude", "wheel_torque", "wheel_momentum"):
             np.testing.assert_array_equal(getattr(a, key), getattr(b, key))
             assert not np.array_equal(getattr(a, key), getattr(c, key), equal_nan=True)
@@ -204,23 +256,40 @@ def test_same_seed_same_campaign(craft, novice, noisy):
 # --- the model that is fitted ----------------------------------------------------------------------
 
 
-def _predicted_minus_flown(flight: Flight, effects: tuple[Effect, ...]) -> tuple[float, float, float]:
+def _predicted_minus_flown(
+    flight: Flight, effects: tuple[Effect, ...]
+) -> tuple[float, float, float]:
     """Largest difference of rate, momentum and attitude between a noise-free flight and the model at the truth."""
     craft, model = flight.spacecraft, Model(flight.campaign, effects)
-    extra = [np.atleast_1d(craft.values[e.name][p.name]) for e in effects for p in e.parameters(flight.campaign)]
+    extra = [
+        np.atleast_1d(craft.values[e.name][p.name])
+        for e in effects
+        for p in e.parameters(flight.campaign)
+    ]
     theta = jnp.asarray(np.concatenate([theta_of(craft), *extra]))
-    truth = Reference(*(jnp.stack([getattr(x, key)[0] for x in flight.truth]) for key in ("rate_B", "attitude", "wheel_momentum")))
+    truth = Reference(
+        *(
+            jnp.stack([getattr(x, key)[0] for x in flight.truth])
+            for key in ("rate_B", "attitude", "wheel_momentum")
+        )
+    )
     bias = (jnp.asarray(craft.bias) - model.data.sensors.bias) / model.data.scale.bias
     nothing = jnp.zeros(model.structure.n_local)
 
     def one(slew, telemetry, reference):
-        return predict(model.structure, theta, nothing, bias, slew, telemetry, reference, model.data)
+        return predict(
+            model.structure, theta, nothing, bias, slew, telemetry, reference, model.data
+        )
 
     telemetry = model.data.arrays.telemetry
     predicted = jax.jit(jax.vmap(one))(model.data.arrays.slews, telemetry, truth)
     rate = np.where(telemetry.rate_valid, predicted.rate - telemetry.rate, 0.0)
     momentum = np.where(telemetry.momentum_valid, predicted.momentum - telemetry.momentum, 0.0)
-    attitude = np.where(np.asarray(telemetry.fix_valid)[..., None], rotation.error(predicted.attitude, telemetry.attitude), 0.0)
+    attitude = np.where(
+        np.asarray(telemetry.fix_valid)[..., None],
+        quaternion.error(predicted.attitude, telemetry.attitude),
+        0.0,
+    )
     return np.abs(rate).max(), np.abs(momentum).max(), np.abs(attitude).max()
 
 
@@ -232,7 +301,13 @@ def test_the_model_reproduces_a_flight_exactly(craft, novice):
 @pytest.mark.slow
 def test_the_model_reproduces_effects_inside_and_around_the_loop(craft, novice):
     """In-step hooks, own states on a refined grid, an environment, and three whole-history hooks at once."""
-    effects = (FlexibleMode(), MagneticDipole(), WheelCommandLag(), RateSensorDelay(), StarTrackerMisalignment())
+    effects = (
+        FlexibleMode(),
+        MagneticDipole(),
+        WheelCommandLag(),
+        RateSensorDelay(),
+        StarTrackerMisalignment(),
+    )
     plan = replace(paper_like_plan(), slews=(PlannedSlew(tuple(DIAGONAL), math.radians(30.0)),))
     template = planned_campaign(plan, craft, most_like_prior())
     hidden = draw_spacecraft(template, np.random.default_rng(4), effects)
@@ -248,7 +323,9 @@ def test_estimate_recovers_the_truth(noisy, craft):
     sd = np.sqrt(np.diag(found.covariance))
     z = (found.theta - theta_of(craft)) / sd
     # A product of nine correlated normals: the squared Mahalanobis distance is chi^2 with 9 degrees of freedom, 0.9999 quantile 33.7.
-    distance = (found.theta - theta_of(craft)) @ np.linalg.solve(found.covariance, found.theta - theta_of(craft))
+    distance = (found.theta - theta_of(craft)) @ np.linalg.solve(
+        found.covariance, found.theta - theta_of(craft)
+    )
     assert distance < 33.7, z
     prior = np.concatenate([most_like_prior().sd, craft.rate_sensor.scale_factor_sigma])
     assert np.all(sd[[0, 1, 2, 6, 7, 8]] < 0.25 * prior[[0, 1, 2, 6, 7, 8]])
@@ -286,12 +363,18 @@ def test_an_outsiders_effect_flies(craft, expert):
     flight = fly(plan, pushed, expert, most_like_prior(), None)
     gained = flight.truth[0].wheel_momentum[-1] - flight.truth[0].wheel_momentum[0]
     # At rest again, the wheels hold the impulse 1e-4 N m * duration, turned from the inertial axes into the body's.
-    assert np.linalg.norm(gained) == pytest.approx(1e-4 * np.linalg.norm(_mean_axis(flight) * plan.durations[0]), rel=0.02)
+    assert np.linalg.norm(gained) == pytest.approx(
+        1e-4 * np.linalg.norm(_mean_axis(flight) * plan.durations[0]), rel=0.02
+    )
 
 
 def _mean_axis(flight: Flight) -> np.ndarray:
     attitude = jnp.asarray(flight.truth[0].attitude)
-    return np.asarray(rotation.to_inertial(attitude, jnp.broadcast_to(jnp.array([1.0, 0.0, 0.0]), (len(attitude), 3)))).mean(axis=0)
+    return np.asarray(
+        quaternion.to_inertial(
+            attitude, jnp.broadcast_to(jnp.array([1.0, 0.0, 0.0]), (len(attitude), 3))
+        )
+    ).mean(axis=0)
 
 
 def test_what_cannot_be_flown_is_said(craft, expert):
@@ -299,10 +382,22 @@ def test_what_cannot_be_flown_is_said(craft, expert):
     with pytest.raises(EffectError, match="has no values"):
         replace(craft, effects=(_Push(),))
     with pytest.raises(EffectError, match=r"give the plan an \[orbit\]"):
-        fly(plan, replace(craft, effects=(MagneticDipole(),), values={"magnetic_dipole": {}}), expert, most_like_prior(), 0)
+        fly(
+            plan,
+            replace(craft, effects=(MagneticDipole(),), values={"magnetic_dipole": {}}),
+            expert,
+            most_like_prior(),
+            0,
+        )
     unlimited = tuple(replace(w, max_torque=None) for w in craft.wheels)
     with pytest.raises(EffectError, match="slew 1: the closed loop is not stable"):
-        fly(plan, replace(craft, wheels=unlimited, effects=(_Runaway(),), values={"runaway": {}}), expert, most_like_prior(), 0)
+        fly(
+            plan,
+            replace(craft, wheels=unlimited, effects=(_Runaway(),), values={"runaway": {}}),
+            expert,
+            most_like_prior(),
+            0,
+        )
     with pytest.raises(CampaignError, match="2 momenta for 3 wheels"):
         fly(replace(plan, wheel_momentum=(0.1, 0.1)), craft, expert, most_like_prior(), 0)
 
@@ -319,11 +414,17 @@ def test_correction_slews_shrink_with_knowledge_of_the_scale_factors(craft, novi
     wide = np.concatenate([elements, rng.normal(1.0, 0.03, (200, 3))], axis=1)
     angles = predict_correction_slew(wide, plan, craft, novice)
     turn = plan.slews[0].angle * DIAGONAL
-    closed_form = np.asarray(rotation.error(rotation.exp(jnp.asarray(turn)), rotation.exp(jnp.asarray(wide[:, 6:] * turn))))
+    closed_form = np.asarray(
+        quaternion.error(
+            quaternion.exp(jnp.asarray(turn)), quaternion.exp(jnp.asarray(wide[:, 6:] * turn))
+        )
+    )
     np.testing.assert_allclose(angles, np.linalg.norm(closed_form, axis=1), rtol=0.05, atol=2e-4)
     narrow = np.concatenate([elements, rng.normal(truth[6:], 0.001, (200, 3))], axis=1)
     informed = Controller(craft.inertia_B, tuple(truth[6:]))
-    assert np.median(predict_correction_slew(narrow, plan, craft, informed)) < 0.1 * np.median(angles)
+    assert np.median(predict_correction_slew(narrow, plan, craft, informed)) < 0.1 * np.median(
+        angles
+    )
     assert np.median(angles) > 500 * ARCSECOND
 
 
@@ -333,9 +434,15 @@ def test_predictions_are_flights(craft, novice):
     predicted = predict_final_errors(theta_of(craft)[None], plan, craft, novice, index=4)
     np.testing.assert_allclose(predicted[0], flight.final_error_B[4], atol=1e-12)
     locked = replace(craft, inertia_B=craft.inertia_B + np.diag([1e-3] * 3))
-    same = predict_final_errors(theta_of(locked)[None], plan, craft, novice, index=4, includes_wheel_spin=True)
+    same = predict_final_errors(
+        theta_of(locked)[None], plan, craft, novice, index=4, includes_wheel_spin=True
+    )
     np.testing.assert_allclose(same[0], flight.final_error_B[4], atol=1e-12)
-    pushed = replace(craft, effects=(ConstantTorque(),), values={"constant_torque": {"torque": np.array([0.0, 0.0, 5e-5])}})
+    pushed = replace(
+        craft,
+        effects=(ConstantTorque(),),
+        values={"constant_torque": {"torque": np.array([0.0, 0.0, 5e-5])}},
+    )
     draws = np.tile(theta_of(craft), (2, 1))
     own = predict_final_errors(draws, plan, pushed, novice, index=4)
     drawn = {"constant_torque": {"torque": np.array([[0.0, 0.0, 5e-5], [0.0, 0.0, 0.0]])}}
@@ -343,7 +450,9 @@ def test_predictions_are_flights(craft, novice):
     np.testing.assert_allclose(each[0], own[0], atol=1e-12)
     np.testing.assert_allclose(each[1], flight.final_error_B[4], atol=1e-9)
     assert np.max(np.abs(own[0] - flight.final_error_B[4])) > 5 * ARCSECOND
-    noisy = predict_final_errors(np.tile(theta_of(craft), (50, 1)), plan, craft, novice, index=4, seed=1)
+    noisy = predict_final_errors(
+        np.tile(theta_of(craft), (50, 1)), plan, craft, novice, index=4, seed=1
+    )
     assert np.all(noisy.std(axis=0) > 5 * ARCSECOND)
 
 
@@ -351,10 +460,20 @@ def test_predictions_are_flights(craft, novice):
 
 
 def test_simulated_campaign_is_written_with_its_truth(craft, tmp_path):
-    flight = simulate(paper_like_plan(), tmp_path / "run", 5, spacecraft=craft, prior=most_like_prior())
+    flight = simulate(
+        paper_like_plan(), tmp_path / "run", 5, spacecraft=craft, prior=most_like_prior()
+    )
     again = read_campaign(tmp_path / "run")
     for a, b in zip(flight.campaign.slews, again.slews, strict=True):
-        for key in ("time", "rate", "attitude", "wheel_torque", "wheel_momentum", "magnetic_field_N", "position_N"):
+        for key in (
+            "time",
+            "rate",
+            "attitude",
+            "wheel_torque",
+            "wheel_momentum",
+            "magnetic_field_N",
+            "position_N",
+        ):
             np.testing.assert_array_equal(getattr(a, key), getattr(b, key))
     truth = json.loads((tmp_path / "run" / "truth.json").read_text())
     np.testing.assert_array_equal(truth["J_kgm2"], craft.inertia_B)
@@ -376,7 +495,12 @@ def test_simulated_campaign_is_written_with_its_truth(craft, tmp_path):
 def test_studies_draw_truth_from_the_prior(craft):
     template = planned_campaign(paper_like_plan(), craft, most_like_prior())
     rng = np.random.default_rng(8)
-    drawn = np.array([np.concatenate([theta_of(c), c.bias]) for c in (draw_spacecraft(template, rng) for _ in range(300))])
+    drawn = np.array(
+        [
+            np.concatenate([theta_of(c), c.bias])
+            for c in (draw_spacecraft(template, rng) for _ in range(300))
+        ]
+    )
     sensor, prior = craft.rate_sensor, most_like_prior()
     mean = np.concatenate([prior.elements, sensor.scale_factor, sensor.bias])
     sd = np.concatenate([prior.sd, sensor.scale_factor_sigma, sensor.bias_sigma])
@@ -395,7 +519,9 @@ def test_studies_vary_the_slews_and_keep_their_length(craft):
     assert angles.min() >= math.radians(20.0)
     assert angles.max() <= math.radians(60.0)
     repeated = draw_flight(template, paper_like_plan(), 2)
-    np.testing.assert_array_equal(repeated.campaign.slews[3].rate, flights[1].campaign.slews[3].rate)
+    np.testing.assert_array_equal(
+        repeated.campaign.slews[3].rate, flights[1].campaign.slews[3].rate
+    )
 
 
 def test_agrees_in_kind_with_an_independent_simulator(noisy):
@@ -419,32 +545,46 @@ def test_agrees_in_kind_with_an_independent_simulator(noisy):
 
 def _seen(slew) -> np.ndarray:
     fixes = np.flatnonzero(np.isfinite(slew.attitude).all(axis=1))
-    first, last = (jnp.asarray(slew.attitude[rows]) for rows in (fixes[slew.time[fixes] < 20.0], fixes[slew.time[fixes] > 20.0]))
-    start = rotation.normalise(jnp.mean(first * jnp.sign(first @ first[0])[:, None], axis=0))
-    goal = rotation.multiply(start, rotation.exp(slew.angle * jnp.asarray(slew.axis_B)))
-    return np.asarray(rotation.error(goal, last)).mean(axis=0)
+    first, last = (
+        jnp.asarray(slew.attitude[rows])
+        for rows in (fixes[slew.time[fixes] < 20.0], fixes[slew.time[fixes] > 20.0])
+    )
+    start = quaternion.normalise(jnp.mean(first * jnp.sign(first @ first[0])[:, None], axis=0))
+    goal = quaternion.multiply(start, quaternion.exp(slew.angle * jnp.asarray(slew.axis_B)))
+    return np.asarray(quaternion.error(goal, last)).mean(axis=0)
 
 
 @pytest.mark.slow
 def test_gradient_of_the_final_error_with_respect_to_the_slew(craft, novice):
     """Slew design differentiates through a flight: reverse-mode derivative against a finite difference."""
-    from bayes_inertia import maneuver
+    from bayes_inertia.flight import plan_flight
 
     plan = Plan("one", (PlannedSlew((1.0, 0.0, 0.0), math.radians(20.0)),))
     planned = planned_campaign(plan, craft, most_like_prior())
-    grid = maneuver._grid(planned, ())
-    script = maneuver._script(plan, plan.attitudes, 0, grid.rows, True)
-    noise = jax.tree.map(lambda x: x[0], maneuver._noise((1,), craft, novice, plan, grid.rows, None))
-    start = jax.tree.map(lambda x: x[0], maneuver._starts(plan, craft, novice, None))
-    truth = maneuver._truth(replace(craft, bias=(0.0, 0.0, 0.0)), start)
+    grid = plan_flight._grid(planned, ())
+    script = plan_flight._script(plan, plan.attitudes, 0, grid.rows, True)
+    noise = jax.tree.map(
+        lambda x: x[0], plan_flight._noise((1,), craft, novice, plan, grid.rows, None)
+    )
+    start = jax.tree.map(lambda x: x[0], plan_flight._starts(plan, craft, novice, None))
+    truth = plan_flight._truth(replace(craft, bias=(0.0, 0.0, 0.0)), start)
     slew = jax.tree.map(lambda x: x[0], grid.slews)
 
     def error(angle):
-        flown = maneuver.fly_slew(slew, script._replace(angle=angle), truth, maneuver._control(craft, novice), noise, {})
+        flown = plan_flight.fly_slew(
+            slew,
+            script._replace(angle=angle),
+            truth,
+            plan_flight._control(craft, novice),
+            noise,
+            {},
+        )
         return flown.final_error_B[0]
 
     angle, step = 0.35, 1e-4
     error_and_slope = jax.jit(jax.value_and_grad(error))
-    difference = float(error_and_slope(angle + step)[0] - error_and_slope(angle - step)[0]) / (2 * step)
+    difference = float(error_and_slope(angle + step)[0] - error_and_slope(angle - step)[0]) / (
+        2 * step
+    )
     assert float(error_and_slope(angle)[1]) == pytest.approx(difference, rel=1e-3)
     assert difference == pytest.approx(0.01, rel=0.05)  # the error of K along x

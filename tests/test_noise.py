@@ -6,15 +6,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayes_inertia.effects import RateSensorNonlinearity
-from bayes_inertia.estimate import estimate
-from bayes_inertia.model import Model
-from bayes_inertia.noise import noise_factors, white_factor
-from bayes_inertia.projection import projection
-from bayes_inertia.proportional import log_evidence
-from bayes_inertia.run import with_measured_noise
-from bayes_inertia.testing import small_campaign
-from bayes_inertia.torque_response import torque_response
+from bayes_inertia.app.run_folder import with_measured_noise
+from bayes_inertia.diagnosis.driven_disturbances import log_evidence
+from bayes_inertia.diagnosis.noise_level import noise_factors, white_factor
+from bayes_inertia.diagnosis.projection import projection
+from bayes_inertia.diagnosis.torque_response import torque_response
+from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.physics.check_effect import small_campaign
+from bayes_inertia.physics.effects import RateSensorNonlinearity
+from bayes_inertia.physics.forward_model import Model
 
 
 def noise(n, *sigmas, seed=3):
@@ -47,19 +47,33 @@ def test_what_differs_between_the_fixes_before_and_after_a_slew_is_not_noise():
     jump = np.where(time > 50.0, 20.0, 0.0)[:, None]
     rows = [noise(6, 1.0, 1.0, 1.0, seed=k) + jump for k in range(12)]
     slews = [SimpleNamespace(time=time, fixes=np.ones(6, bool)) for _ in rows]
-    calm = {"rate": [noise(400, 1.0, 1.0, 1.0)], "attitude": rows, "momentum": [noise(400, 1.0, 1.0, 1.0)]}
-    at = SimpleNamespace(residual_series=calm, model=SimpleNamespace(campaign=SimpleNamespace(slews=slews)))
+    calm = {
+        "rate": [noise(400, 1.0, 1.0, 1.0)],
+        "attitude": rows,
+        "momentum": [noise(400, 1.0, 1.0, 1.0)],
+    }
+    at = SimpleNamespace(
+        residual_series=calm, model=SimpleNamespace(campaign=SimpleNamespace(slews=slews))
+    )
     assert noise_factors(at) == {"rate": 1.0, "attitude": 1.0, "momentum": 1.0}
     assert white_factor(rows) > 3.0  # taken across the gap it would be noise
     loud = calm | {"attitude": [3.0 * r for r in rows]}
-    assert noise_factors(SimpleNamespace(residual_series=loud, model=at.model))["attitude"] == pytest.approx(3.0, rel=0.5)
+    assert noise_factors(SimpleNamespace(residual_series=loud, model=at.model))[
+        "attitude"
+    ] == pytest.approx(3.0, rel=0.5)
 
 
 def test_in_the_measured_drive_tachometers_are_as_loud_as_the_residuals_they_cause():
     campaign = small_campaign()
     factors = {"rate": 2.0, "attitude": 1.0, "momentum": 1.0}
-    assert with_measured_noise(campaign, factors, "measured").wheels[0].momentum_sigma == 2.0 * campaign.wheels[0].momentum_sigma
-    assert with_measured_noise(campaign, factors, "commanded").wheels[0].momentum_sigma == campaign.wheels[0].momentum_sigma
+    assert (
+        with_measured_noise(campaign, factors, "measured").wheels[0].momentum_sigma
+        == 2.0 * campaign.wheels[0].momentum_sigma
+    )
+    assert (
+        with_measured_noise(campaign, factors, "commanded").wheels[0].momentum_sigma
+        == campaign.wheels[0].momentum_sigma
+    )
 
 
 def test_a_reading_outside_the_range_sets_no_priors():
@@ -75,7 +89,10 @@ def test_a_reading_outside_the_range_sets_no_priors():
 
 def test_coasting_wheels_are_no_driver():
     campaign = small_campaign()
-    coasting = replace(campaign, slews=tuple(replace(s, wheel_torque=np.zeros_like(s.wheel_torque)) for s in campaign.slews))
+    coasting = replace(
+        campaign,
+        slews=tuple(replace(s, wheel_torque=np.zeros_like(s.wheel_torque)) for s in campaign.slews),
+    )
     at = estimate(Model(coasting), starts=1)
     found = log_evidence(at, torque_response(at), projection(at))
     assert found

@@ -12,19 +12,19 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_inertia import inertia
-from bayes_inertia.agreement import compare_with_posterior
-from bayes_inertia.cli import main
-from bayes_inertia.degeneracy import data_information, stated_degeneracies
-from bayes_inertia.dynamics import Start, idle_slew, simulate
-from bayes_inertia.effects import by_name
+from bayes_inertia.app.cli import main
+from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.errors import EstimateError
-from bayes_inertia.estimate import estimate
-from bayes_inertia.io import write_campaign
-from bayes_inertia.model import Model
-from bayes_inertia.objective import normal_equations
-from bayes_inertia.observability import observability, variance_inflation
-from bayes_inertia.observability_view import commands_worth, in_windows, sentence
+from bayes_inertia.inference.objective import normal_equations
+from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.observability.against_posterior import compare_with_posterior
+from bayes_inertia.observability.analysis import observe, variance_inflation
+from bayes_inertia.observability.degeneracy import data_information, stated_degeneracies
+from bayes_inertia.observability.result import commands_worth, in_windows, sentence
+from bayes_inertia.physics.effects import by_name
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.simulator import Start, idle_slew, simulate
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +34,7 @@ def at(flown):
 
 @pytest.fixture(scope="module")
 def found(at):
-    return observability(at)
+    return observe(at)
 
 
 def without_tachometers(campaign):
@@ -45,7 +45,11 @@ def without_tachometers(campaign):
 def test_inflation_by_one_group_is_one_over_one_minus_r_squared():
     r = 0.8
     H = np.array([[1.0, r, 0.0], [r, 1.0, 0.0], [0.0, 0.0, 4.0]])
-    np.testing.assert_allclose(variance_inflation(H, [np.array([1]), np.array([2])], 1), [[1.0 / (1.0 - r**2), 1.0]], rtol=1e-12)
+    np.testing.assert_allclose(
+        variance_inflation(H, [np.array([1]), np.array([2])], 1),
+        [[1.0 / (1.0 - r**2), 1.0]],
+        rtol=1e-12,
+    )
 
 
 def test_inflation_is_the_average_over_all_orders_and_multiplies_to_the_whole():
@@ -79,7 +83,11 @@ def test_sd_is_that_of_the_laplace_approximation_and_is_split_exactly(at, found)
         assert abs(p.share.sum() + p.share_own_prior + p.share_other_priors - 1.0) < 1e-8
         assert abs(np.prod(list(p.inflation.values())) / p.variance_inflation - 1.0) < 1e-8
         assert abs((p.sd / p.conditional_sd) ** 2 / p.variance_inflation - 1.0) < 1e-8
-        assert p.conditional_sd <= p.sd <= min(p.sd_without_slew.min(), np.nanmin(p.sd_without_channel))
+        assert (
+            p.conditional_sd
+            <= p.sd
+            <= min(p.sd_without_slew.min(), np.nanmin(p.sd_without_channel))
+        )
         assert abs(np.sum(p.signal_by**2) - p.signal**2) < 1e-8 * p.signal**2
 
 
@@ -88,8 +96,12 @@ def test_information_over_time_sums_to_that_of_the_marginal(at, found):
         total = sum(a.precision[..., i].sum() for a in found.arrivals)
         assert abs(total * p.sd**2 + p.share_own_prior + p.share_other_priors - 1.0) < 1e-8
         for s, arrival in enumerate(found.arrivals):
-            np.testing.assert_allclose(arrival.precision[..., i].sum(0) * p.sd**2, p.share[s], rtol=1e-7, atol=1e-12)
-            np.testing.assert_allclose(in_windows(arrival)[1].sum(0), arrival.precision.sum(0), rtol=1e-12)
+            np.testing.assert_allclose(
+                arrival.precision[..., i].sum(0) * p.sd**2, p.share[s], rtol=1e-7, atol=1e-12
+            )
+            np.testing.assert_allclose(
+                in_windows(arrival)[1].sum(0), arrival.precision.sum(0), rtol=1e-12
+            )
             assert len(arrival.time) == len(at.model.campaign.slews[s].time)
     # Star tracker fixes tell only at their own rows.
     fixes = np.isfinite(at.model.campaign.slews[0].attitude).all(axis=1)
@@ -99,7 +111,11 @@ def test_information_over_time_sums_to_that_of_the_marginal(at, found):
 
 def test_leaving_out_a_slew_is_what_the_estimate_says_of_it(at, found):
     hessian, _ = normal_equations(at.model, at.point, at.information, np.array([1.0, 0.0, 1.0]))
-    np.testing.assert_allclose([p.sd_without_slew[1] for p in found.parameters], np.sqrt(np.diag(np.linalg.inv(hessian)))[:9], rtol=1e-5)
+    np.testing.assert_allclose(
+        [p.sd_without_slew[1] for p in found.parameters],
+        np.sqrt(np.diag(np.linalg.inv(hessian)))[:9],
+        rtol=1e-5,
+    )
 
 
 def test_directions_rebuild_the_covariance(at, found):
@@ -111,25 +127,31 @@ def test_directions_rebuild_the_covariance(at, found):
 
 def test_the_other_drive_must_be_of_the_same_parameters(at):
     with pytest.raises(EstimateError, match="other drive"):
-        observability(at, at)
+        observe(at, at)
 
 
 def test_commands_are_worth_the_sd_without_them_over_the_sd_with_them(at, found):
-    measured = replace(at, model=Model(at.model.campaign, drive="measured"), hessian=at.hessian / 4.0)  # as if its sd were twice as large
-    view = observability(at, measured)["Jxy"]
+    measured = replace(
+        at, model=Model(at.model.campaign, drive="measured"), hessian=at.hessian / 4.0
+    )  # as if its sd were twice as large
+    view = observe(at, measured)["Jxy"]
     assert abs(commands_worth(view, "commanded") - 2.0) < 1e-9
     assert abs(commands_worth(view, "measured") - 0.5) < 1e-9
     assert commands_worth(found["Jxy"], "commanded") is None
-    assert "without the recorded commands its sd would be 2 times larger" in sentence(observability(at, measured), "Jxy")
+    assert "without the recorded commands its sd would be 2 times larger" in sentence(
+        observe(at, measured), "Jxy"
+    )
 
 
 # --- what cannot be told -----------------------------------------------------------------------------------------
-def test_one_slew_about_z_leaves_the_rest_of_the_tensor_to_the_prior(flying, setup_type, truth_type):
+def test_one_slew_about_z_leaves_the_rest_of_the_tensor_to_the_prior(
+    flying, setup_type, truth_type
+):
     # A truth like the prior and wheels that start at rest: hardly any motion about x and y.
     setup = setup_type(turns=((0.0, 0.0, 0.7),), start_rate=(0.0, 0.0, 0.0), start_momentum=0.0)
     prior = flying(61, setup).campaign.inertia.elements
     flown = flying(61, setup, truth=truth_type(np.concatenate([prior, np.ones(3)]), np.zeros(3)))
-    found = observability(estimate(Model(flown.campaign), starts=1))
+    found = observe(estimate(Model(flown.campaign), starts=1))
     for seen in ("Jzz", "Jxz", "Jyz", "K3"):
         assert found[seen].verdict == "determined", seen
     for hidden in ("Jxx", "Jyy", "Jxy", "K1", "K2"):
@@ -140,7 +162,9 @@ def test_one_slew_about_z_leaves_the_rest_of_the_tensor_to_the_prior(flying, set
     assert not {"Jzz", "Jxz", "Jyz", "K3"} & set(stated["single axis"].parameters)
     weakest = found.directions[0]
     assert weakest.verdict_is_prior
-    assert not {"Jzz", "Jxz", "Jyz", "K3"} & set(weakest.says.replace("+", " ").replace("-", " ").split())
+    assert not {"Jzz", "Jxz", "Jyz", "K3"} & set(
+        weakest.says.replace("+", " ").replace("-", " ").split()
+    )
 
 
 def test_a_common_wheel_gain_is_always_stated_and_shown_where_it_is_fitted(flown, found):
@@ -149,8 +173,10 @@ def test_a_common_wheel_gain_is_always_stated_and_shown_where_it_is_fitted(flown
     assert stated[0].exact
     assert not stated[0].in_sd
     assert stated[0].information_ratio is None
-    at = estimate(Model(without_tachometers(flown.campaign), by_name(["wheel_torque_gain"])), starts=1)
-    with_gain = observability(at)
+    at = estimate(
+        Model(without_tachometers(flown.campaign), by_name(["wheel_torque_gain"])), starts=1
+    )
+    with_gain = observe(at)
     shown = next(d for d in with_gain.degeneracies if d.name == "common wheel gain")
     assert shown.exact
     assert shown.in_sd
@@ -174,12 +200,20 @@ def test_without_wheels_the_size_of_the_tensor_is_exactly_degenerate(flown):
     rng, truth = np.random.default_rng(62), flown.truth.theta
     slews = []
     for s in flown.campaign.slews:
-        start = Start(jnp.asarray(0.02 * rng.normal(size=3)), jnp.array([0.0, 0.0, 0.0, 1.0]), jnp.zeros(0))
-        tumble = simulate(idle_slew(s.time), start, inertia.tensor(jnp.asarray(truth[:6])))[0]
+        start = Start(
+            jnp.asarray(0.02 * rng.normal(size=3)), jnp.array([0.0, 0.0, 0.0, 1.0]), jnp.zeros(0)
+        )
+        tumble = simulate(idle_slew(s.time), start, inertia_tensor.tensor(jnp.asarray(truth[:6])))[
+            0
+        ]
         rate = np.asarray(tumble.rate_B) / truth[6:9] + 2e-5 * rng.normal(size=s.rate.shape)
         attitude = np.where(np.isfinite(s.attitude), np.asarray(tumble.attitude), np.nan)
-        slews.append(replace(s, rate=rate, attitude=attitude, wheel_torque=None, wheel_momentum=None))
-    free = observability(estimate(Model(replace(flown.campaign, wheels=(), slews=tuple(slews))), starts=1))
+        slews.append(
+            replace(s, rate=rate, attitude=attitude, wheel_torque=None, wheel_momentum=None)
+        )
+    free = observe(
+        estimate(Model(replace(flown.campaign, wheels=(), slews=tuple(slews))), starts=1)
+    )
     stated = next(d for d in free.degeneracies if d.name == "no wheels")
     assert stated.exact
     assert stated.information_ratio < 1e-9
@@ -210,9 +244,13 @@ def test_a_resting_wheel_a_plane_of_slews_and_a_missing_star_tracker_are_stated(
     def planar(slew):
         return replace(slew, rate=slew.rate * [1.0, 1.0, 0.0])
 
-    rests = stated_degeneracies(replace(at, model=Model(replace(campaign, slews=tuple(map(resting, campaign.slews))))))
+    rests = stated_degeneracies(
+        replace(at, model=Model(replace(campaign, slews=tuple(map(resting, campaign.slews)))))
+    )
     assert next(d.says for d in rests if d.name == "wheel at rest").startswith("Wheel w2 ")
-    flat = stated_degeneracies(replace(at, model=Model(replace(campaign, slews=tuple(map(planar, campaign.slews))))))
+    flat = stated_degeneracies(
+        replace(at, model=Model(replace(campaign, slews=tuple(map(planar, campaign.slews)))))
+    )
     plane = next(d for d in flat if d.name == "single plane")
     assert plane.parameters == ("Jzz", "K3")
     blind = at.information.matrix.copy()
@@ -220,14 +258,20 @@ def test_a_resting_wheel_a_plane_of_slews_and_a_missing_star_tracker_are_stated(
     n_data = at.information.n_data.copy()
     n_data[:, 1] = 0
     no_fix = replace(at, information=at.information._replace(matrix=blind, n_data=n_data))
-    no_fix = replace(no_fix, hessian=normal_equations(no_fix.model, no_fix.point, no_fix.information)[0])
+    no_fix = replace(
+        no_fix, hessian=normal_equations(no_fix.model, no_fix.point, no_fix.information)[0]
+    )
     stated = next(d for d in stated_degeneracies(no_fix) if d.name == "no attitude")
     assert stated.information_ratio < 0.1
 
 
 # --- beside a posterior --------------------------------------------------------------------------------------------
 def sampled(found, draws):
-    return SimpleNamespace(names=list(found.names), samples=draws, attributes={"diagnostics": {"ess_bulk_min": len(draws)}})
+    return SimpleNamespace(
+        names=list(found.names),
+        samples=draws,
+        attributes={"diagnostics": {"ess_bulk_min": len(draws)}},
+    )
 
 
 def test_a_gaussian_posterior_agrees_and_every_kind_of_difference_is_named(at, found):
@@ -239,8 +283,14 @@ def test_a_gaussian_posterior_agrees_and_every_kind_of_difference_is_named(at, f
         assert abs(row.ratio - 1.0) < 4.0 / np.sqrt(2 * 20_000)
     odd = draws.copy()
     odd[:, 0] = at.theta[0] + 1.2 * (draws[:, 0] - at.theta[0])
-    odd[:, 3] = at.theta[3] + at.sd[3] * (stats.gamma(4.0).rvs(20_000, random_state=rng) - 4.0) / 2.0
-    warned = {r.name: " ".join(r.warnings) for r in compare_with_posterior(found, sampled(found, odd)) if r.warnings}
+    odd[:, 3] = (
+        at.theta[3] + at.sd[3] * (stats.gamma(4.0).rvs(20_000, random_state=rng) - 4.0) / 2.0
+    )
+    warned = {
+        r.name: " ".join(r.warnings)
+        for r in compare_with_posterior(found, sampled(found, odd))
+        if r.warnings
+    }
     assert set(warned) == {"Jxx", "Jxy"}
     assert "differs from the prediction: sd 1.2" in warned["Jxx"]
     assert "non-Gaussian" in warned["Jxy"]
@@ -251,11 +301,20 @@ def test_a_gaussian_posterior_agrees_and_every_kind_of_difference_is_named(at, f
 def test_truncation_by_physics_is_named(found):
     """A thin plate: Jxx + Jyy is nearly Jzz, and half of the predicted Gaussian is no body."""
     values = {"Jxx": 1.0, "Jyy": 1.0, "Jzz": 2.0, "Jxy": 0.0, "Jxz": 0.0, "Jyz": 0.0}
-    plate = replace(found, parameters=tuple(replace(p, value=values.get(p.name, p.value), sd=0.01) for p in found.parameters), covariance=1e-4 * np.eye(9))
+    plate = replace(
+        found,
+        parameters=tuple(
+            replace(p, value=values.get(p.name, p.value), sd=0.01) for p in found.parameters
+        ),
+        covariance=1e-4 * np.eye(9),
+    )
     rng = np.random.default_rng(4)
     draws = np.array([p.value for p in plate.parameters]) + 0.01 * rng.normal(size=(40_000, 9))
     inside = draws[:, 0] + draws[:, 1] > draws[:, 2]
-    warned = {r.name: " ".join(r.warnings) for r in compare_with_posterior(plate, sampled(plate, draws[inside]))}
+    warned = {
+        r.name: " ".join(r.warnings)
+        for r in compare_with_posterior(plate, sampled(plate, draws[inside]))
+    }
     for name in ("Jxx", "Jyy", "Jzz"):
         assert "truncated by physics" in warned[name]
     assert "truncated" not in warned["K1"]

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_inertia.effects import FlexibleMode
-from bayes_inertia.estimate import estimate
-from bayes_inertia.maneuver import planned_campaign
-from bayes_inertia.model import Model
-from bayes_inertia.oscillator import best_ringing, frequencies, with_ringing
-from bayes_inertia.plan import paper_like_plan
-from bayes_inertia.projection import projection
-from bayes_inertia.simulation import draw_flight
-from bayes_inertia.spacecraft import most_like_prior, most_like_spacecraft
-from bayes_inertia.torque_response import torque_response
+from bayes_inertia.diagnosis.flexible_mode_search import best_ringing, frequencies, with_ringing
+from bayes_inertia.diagnosis.projection import projection
+from bayes_inertia.diagnosis.torque_response import torque_response
+from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.flight.plan_flight import planned_campaign
+from bayes_inertia.flight.simulated_campaigns import draw_flight
+from bayes_inertia.flight.spacecraft import most_like_prior, most_like_spacecraft
+from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.physics.effects import FlexibleMode
+from bayes_inertia.physics.forward_model import Model
 
 # A coupling so large that every frequency is seen: where a mode is invisible the p-value is only the safer.
 NAME, SCALE = "flexible_mode", 100.0
@@ -28,7 +28,12 @@ def searched(small_flown):
     response, fit = torque_response(at), projection(at)
 
     def search(residual):
-        return best_ringing(NAME, response, replace(fit, residual=residual, gradient=fit.taken(residual[..., None])[:, 0]), SCALE)
+        return best_ringing(
+            NAME,
+            response,
+            replace(fit, residual=residual, gradient=fit.taken(residual[..., None])[:, 0]),
+            SCALE,
+        )
 
     return search, response, fit.residual.shape
 
@@ -72,11 +77,22 @@ def test_an_optimizer_that_stayed_at_zero_coupling_begins_again_at_the_ringing()
     plan = replace(paper_like_plan(), telemetry_period=0.5)
     plan = replace(plan, slews=(plan.slews[0], plan.slews[3], plan.slews[4]))
     mode, truth = FlexibleMode(frequency=0.2), np.array([0.25, 0.0, 0.15])
-    values = {mode.name: {"coupling": truth, "frequency": np.array(0.23), "damping": np.array(0.005)}}
-    flight = draw_flight(planned_campaign(plan, most_like_spacecraft(), most_like_prior()), plan, 3, effects=(mode,), values=values, vary=False)
+    values = {
+        mode.name: {"coupling": truth, "frequency": np.array(0.23), "damping": np.array(0.005)}
+    }
+    flight = draw_flight(
+        planned_campaign(plan, most_like_spacecraft(), most_like_prior()),
+        plan,
+        3,
+        effects=(mode,),
+        values=values,
+        vary=False,
+    )
     at = estimate(Model(flight.campaign, (mode,)), starts=1, discount=False)
     coupling = slice(9, 12)
-    assert np.abs(at.theta[coupling]).max() < 0.01  # a stationary point, which it does not leave by itself
+    assert (
+        np.abs(at.theta[coupling]).max() < 0.01
+    )  # a stationary point, which it does not leave by itself
     found = with_ringing(at)
     assert found.objective < at.objective - 20.0
     aligned = found.theta[coupling] * np.sign(found.theta[9])

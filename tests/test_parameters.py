@@ -7,11 +7,19 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_inertia import inertia
-from bayes_inertia.campaign import InertiaPrior
-from bayes_inertia.estimate import estimate
-from bayes_inertia.model import Model
-from bayes_inertia.parameters import LogNormal, Normal, ParameterSpace, log_prior, prior_residual, scalar, vector
+from bayes_inertia.campaign.records import InertiaPrior
+from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.parameters import (
+    LogNormal,
+    Normal,
+    ParameterSpace,
+    log_prior,
+    prior_residual,
+    scalar,
+    vector,
+)
 
 SPACE = ParameterSpace(
     (
@@ -25,7 +33,15 @@ SPACE = ParameterSpace(
 
 
 def test_names_units_and_splitting_agree():
-    assert SPACE.names == ("K1", "a.torque_x", "a.torque_y", "a.torque_z", "a.lag", "b.frequency", "b.share")
+    assert SPACE.names == (
+        "K1",
+        "a.torque_x",
+        "a.torque_y",
+        "a.torque_z",
+        "a.lag",
+        "b.frequency",
+        "b.share",
+    )
     assert SPACE.units == ("", "N m", "N m", "N m", "s", "Hz", "")
     flat = jnp.arange(7.0)
     values = SPACE.split(flat)
@@ -56,7 +72,9 @@ def test_log_prior_is_scipys_density_up_to_one_constant():
     np.testing.assert_allclose(ours - ours[0], exact - exact[0], atol=1e-9)
 
 
-@pytest.mark.parametrize(("index", "value"), [(4, -1e-9), (5, 0.0), (5, -1.0), (6, 1.0 + 1e-9), (6, -1e-9)])
+@pytest.mark.parametrize(
+    ("index", "value"), [(4, -1e-9), (5, 0.0), (5, -1.0), (6, 1.0 + 1e-9), (6, -1e-9)]
+)
 def test_outside_the_support_the_density_is_zero(index, value):
     flat = SPACE.mean
     flat[index] = value
@@ -70,16 +88,21 @@ def test_every_prior_draw_of_a_model_is_physical_even_when_the_prior_is_nearly_f
     plate = InertiaPrior(np.diag([3.9, 2.0, 2.0]), 0.05, 0.1)
     model = Model(type(flown.campaign)(**{**flown.campaign.__dict__, "inertia": plate}))
     plain = model.space.draw(np.random.default_rng(1), 500)
-    assert 0.1 < np.mean(np.asarray(inertia.is_physical(plain[:, :6]))) < 0.8
+    assert 0.1 < np.mean(np.asarray(inertia_tensor.is_physical(plain[:, :6]))) < 0.8
     drawn = model.draw_prior(np.random.default_rng(1), 500)
-    moments = inertia.principal_moments(drawn[:, :6])
+    moments = inertia_tensor.principal_moments(drawn[:, :6])
     assert np.all(moments[:, 0] > 0.0)
     assert np.all(moments[:, 0] + moments[:, 1] > moments[:, 2])
 
 
 def test_what_slews_about_one_axis_cannot_see_keeps_its_prior_sd(flying, setup_type):
     """Slews about x from rest with wheels at rest see neither Jyy nor Jzz nor K2 nor K3."""
-    setup = setup_type(turns=((0.6, 0.0, 0.0),) * 3, start_rate=(0.0, 0.0, 0.0), start_momentum=0.0, product_sigma=1e-4)
+    setup = setup_type(
+        turns=((0.6, 0.0, 0.0),) * 3,
+        start_rate=(0.0, 0.0, 0.0),
+        start_momentum=0.0,
+        product_sigma=1e-4,
+    )
     fitted = estimate(Model(flying(8, setup).campaign), starts=1)
     kept = fitted.sd / fitted.model.space.sd
     seen = dict(zip(fitted.model.space.names, kept, strict=True))

@@ -5,7 +5,7 @@ import pytest
 from matplotlib import rcParams
 from matplotlib.figure import Figure
 
-from bayes_inertia.plots import style
+from bayes_inertia.report.pictures import style
 
 
 def test_envelope_keeps_spikes_and_order():
@@ -26,7 +26,13 @@ def test_envelope_drops_padding():
 
 @pytest.mark.parametrize(
     ("name", "unit", "center", "half"),
-    [("Jxx", "kg m^2", 3.33117, 1e-3), ("Jyy", "kg m^2", 3.3e-4, 4e-6), ("K1", "", 1.0, 0.2), ("Jxy", "kg m^2", -0.0118, 4e-4), ("b", "rad/s", 0.0, 2e-6)],
+    [
+        ("Jxx", "kg m^2", 3.33117, 1e-3),
+        ("Jyy", "kg m^2", 3.3e-4, 4e-6),
+        ("K1", "", 1.0, 0.2),
+        ("Jxy", "kg m^2", -0.0118, 4e-4),
+        ("b", "rad/s", 0.0, 2e-6),
+    ],
 )
 def test_scales_give_short_ticks_and_are_exact(name, unit, center, half):
     scale = style.scale(name, unit, center, half)
@@ -48,7 +54,9 @@ def test_density_is_a_density_wherever_the_window_lies():
     x, p = style.density(draws, 0.0, 4.0)
     step = x[1] - x[0]
     assert p.sum() * step == pytest.approx(1.0, abs=0.01)
-    sd = 4.0 * np.sqrt(np.exp(-0.5) * 0.798 / (len(draws) * 0.05))  # binomial error of a histogram bin as wide as the kernel, four sigma
+    sd = 4.0 * np.sqrt(
+        np.exp(-0.5) * 0.798 / (len(draws) * 0.05)
+    )  # binomial error of a histogram bin as wide as the kernel, four sigma
     assert abs(np.interp(2.5, x, p) - 0.4839) < sd
     x, p = style.density(draws, 2.0, 3.0)  # cut off: what is outside is not squeezed in
     assert p.sum() * (x[1] - x[0]) == pytest.approx(0.477, abs=0.02)
@@ -74,6 +82,8 @@ def test_grid_cells_lie_inside_and_apart():
         assert all(c <= e or g <= a or d <= f or h <= b for e, f, g, h in boxes[i + 1 :])
 
 
-@pytest.mark.parametrize(("values", "expected"), [([0.1, -0.2], 4.2), ([np.nan], 4.2), ([100.0, np.nan], 108.0)])
+@pytest.mark.parametrize(
+    ("values", "expected"), [([0.1, -0.2], 4.2), ([np.nan], 4.2), ([100.0, np.nan], 108.0)]
+)
 def test_residual_panels_show_three_sigma_and_every_outlier(values, expected):
     assert style.symmetric_limit(np.array(values)) == pytest.approx(expected)

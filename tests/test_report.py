@@ -1,6 +1,5 @@
 """The report and its pictures, on made-up posteriors of every kind, and on one small fit."""
 
-# ruff: noqa: RUF001 (printed text has typographic signs on purpose)
 import base64
 import json
 import re
@@ -14,11 +13,11 @@ from matplotlib import rcParams
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
-from bayes_inertia import plots, rotation
-from bayes_inertia.plots import data
-from bayes_inertia.plots.chains import worst_parameter
-from bayes_inertia.posterior import FORMAT, Posterior
-from bayes_inertia.report import Section, render, standard_sections, wording, write_report
+from bayes_inertia.inference.posterior import FORMAT, Posterior
+from bayes_inertia.maths import quaternion
+from bayes_inertia.report import Section, pictures, render, standard_sections, wording, write_report
+from bayes_inertia.report.pictures import data
+from bayes_inertia.report.pictures.chains import worst_parameter
 
 BASE = ("Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz", "K1", "K2", "K3")
 SIGMA = {"rate": 2e-5, "attitude": 2.5e-5, "momentum": 5e-6}
@@ -56,7 +55,9 @@ def made(case: Case, seed: int = 0) -> Posterior:
     tree = xr.DataTree.from_dict(groups | telemetry)
     for group in ("posterior", "prior"):
         for name in names:
-            tree[group][name].attrs["units"] = "kg m^2" if name[0] == "J" else "" if name[0] == "K" else "N m"
+            tree[group][name].attrs["units"] = (
+                "kg m^2" if name[0] == "J" else "" if name[0] == "K" else "N m"
+            )
     tree.attrs = {"format": FORMAT, "bayes_inertia": json.dumps(_about(case))}
     return Posterior(tree)
 
@@ -72,8 +73,16 @@ def _draws(case: Case, names: list[str], rng) -> dict[str, xr.Dataset]:
     values = mean + rng.multivariate_normal(np.zeros(d), covariance, (2 * 8, 50))
     prior = mean + prior_sd * rng.normal(size=(1, 500, d))
     robust = 1.4**2 * covariance if case.robust else np.full((d, d), np.nan)
-    slews, labels = [f"slew {i + 1}" for i in range(len(case.lengths))], ["rate", "attitude", "momentum"]
-    n = np.array([[3 * rows, 3 * case.fixes, 3 * rows * (case.drive == "commanded")] for rows in case.lengths])
+    slews, labels = (
+        [f"slew {i + 1}" for i in range(len(case.lengths))],
+        ["rate", "attitude", "momentum"],
+    )
+    n = np.array(
+        [
+            [3 * rows, 3 * case.fixes, 3 * rows * (case.drive == "commanded")]
+            for rows in case.lengths
+        ]
+    )
     per_slew = {"slew": slews, "channel": labels}
     estimate = {
         "theta": ("parameter", mean),
@@ -88,16 +97,28 @@ def _draws(case: Case, names: list[str], rng) -> dict[str, xr.Dataset]:
         "slew_n_data": (("slew", "channel"), n),
     }
     return {
-        "/posterior": xr.Dataset({name: (("chain", "draw"), values[..., i]) for i, name in enumerate(names)}),
-        "/prior": xr.Dataset({name: (("chain", "draw"), prior[..., i]) for i, name in enumerate(names)}),
-        "/derived": xr.Dataset({"principal_moment": (("chain", "draw", "axis"), np.sort(values[..., :3], -1))}),
+        "/posterior": xr.Dataset(
+            {name: (("chain", "draw"), values[..., i]) for i, name in enumerate(names)}
+        ),
+        "/prior": xr.Dataset(
+            {name: (("chain", "draw"), prior[..., i]) for i, name in enumerate(names)}
+        ),
+        "/derived": xr.Dataset(
+            {"principal_moment": (("chain", "draw", "axis"), np.sort(values[..., :3], -1))}
+        ),
         "/sample_stats": xr.Dataset({"lp": (("chain", "draw"), -0.5 * rng.chisquare(d, (16, 50)))}),
-        "/estimate": xr.Dataset(estimate, coords={"parameter": names, "parameter_2": names, **per_slew}),
+        "/estimate": xr.Dataset(
+            estimate, coords={"parameter": names, "parameter_2": names, **per_slew}
+        ),
     }
 
 
 def _telemetry(case: Case, rng) -> dict[str, xr.Dataset]:
-    slews, rows, draws = [f"slew {i + 1}" for i in range(len(case.lengths))], max(case.lengths), (2, 16)
+    slews, rows, draws = (
+        [f"slew {i + 1}" for i in range(len(case.lengths))],
+        max(case.lengths),
+        (2, 16),
+    )
     coords = {"slew": slews, "wheel": ["w1", "w2", "w3"]}
     time_ = np.full((len(slews), rows), np.nan)
     for s, n in enumerate(case.lengths):
@@ -107,19 +128,34 @@ def _telemetry(case: Case, rng) -> dict[str, xr.Dataset]:
     for name, last in (("rate", "sensor_axis"), ("momentum", "wheel")):
         noise = case.misfit * rng.normal(size=clean.shape)
         there = np.isfinite(time_)[..., None]
-        observed[name] = (("slew", "row", last), np.where(there, clean + SIGMA[name] * noise, np.nan))
+        observed[name] = (
+            ("slew", "row", last),
+            np.where(there, clean + SIGMA[name] * noise, np.nan),
+        )
         if name == "rate" or case.drive == "commanded":
-            predicted[name] = (("chain", "draw", "slew", "row", last), clean + SIGMA[name] * rng.normal(size=(*draws, *clean.shape)))
+            predicted[name] = (
+                ("chain", "draw", "slew", "row", last),
+                clean + SIGMA[name] * rng.normal(size=(*draws, *clean.shape)),
+            )
             residual[f"residual_{name}"] = (("slew", "row", last), np.where(there, noise, 0.0))
     if case.fixes:
         half = case.fixes // 2
-        constant["fix_time"] = (("slew", "fix"), np.array([[*t[:half], *t[np.isfinite(t)][-half:]] for t in time_]))
+        constant["fix_time"] = (
+            ("slew", "fix"),
+            np.array([[*t[:half], *t[np.isfinite(t)][-half:]] for t in time_]),
+        )
         small = rng.normal(size=(len(slews), case.fixes, 3))
         truth = Rotation.random(len(slews) * case.fixes, rng)
         seen = truth * Rotation.from_rotvec(SIGMA["attitude"] * small.reshape(-1, 3))
         shape = (len(slews), case.fixes, 4)
-        observed["attitude"] = (("slew", "fix", "quaternion"), -seen.as_quat().reshape(shape))  # q and -q are one attitude
-        predicted["attitude"] = (("chain", "draw", "slew", "fix", "quaternion"), np.broadcast_to(truth.as_quat().reshape(shape), (*draws, *shape)))
+        observed["attitude"] = (
+            ("slew", "fix", "quaternion"),
+            -seen.as_quat().reshape(shape),
+        )  # q and -q are one attitude
+        predicted["attitude"] = (
+            ("chain", "draw", "slew", "fix", "quaternion"),
+            np.broadcast_to(truth.as_quat().reshape(shape), (*draws, *shape)),
+        )
         residual["residual_attitude"] = (("slew", "fix", "body_axis"), small)
     return {
         "/observed_data": xr.Dataset(observed, coords=coords),
@@ -131,7 +167,12 @@ def _telemetry(case: Case, rng) -> dict[str, xr.Dataset]:
 
 def _about(case: Case) -> dict:
     good, chi2 = case.misfit == 1.0, case.misfit**2
-    channels = {"rate": True, "attitude": bool(case.fixes), "momentum": case.drive == "commanded", "total": True}
+    channels = {
+        "rate": True,
+        "attitude": bool(case.fixes),
+        "momentum": case.drive == "commanded",
+        "total": True,
+    }
     return {
         "campaign": case.name,
         "seed": 7,
@@ -151,15 +192,26 @@ def _about(case: Case) -> dict:
         },
         "fit": {
             "reduced_chi2": {name: chi2 if there else None for name, there in channels.items()},
-            "interval_99": {name: [0.95, 1.05] if there else None for name, there in channels.items()},
-            "p_white": {"rate": 0.4, "attitude": None, "momentum": 0.2 if channels["momentum"] else None, "total": None},
+            "interval_99": {
+                name: [0.95, 1.05] if there else None for name, there in channels.items()
+            },
+            "p_white": {
+                "rate": 0.4,
+                "attitude": None,
+                "momentum": 0.2 if channels["momentum"] else None,
+                "total": None,
+            },
             "n_data": 1234,
             "discounted": not good,
             "starts_agreeing": [3, 3],
         },
         "gates": [
             {"name": "converged", "passed": case.converged, "says": "about the ensembles"},
-            {"name": "explained", "passed": good, "says": "reduced chi^2; use robust_sd, see `diagnose`"},
+            {
+                "name": "explained",
+                "passed": good,
+                "says": "reduced chi^2; use robust_sd, see `diagnose`",
+            },
         ],
         "effects": sorted({name.split(".")[0] for name in case.extra}),
         "drive": case.drive,
@@ -184,10 +236,10 @@ def text_of(page: str) -> str:
 
 
 @pytest.mark.parametrize("kind", CASES)
-@pytest.mark.parametrize("name", plots.__all__)
+@pytest.mark.parametrize("name", pictures.__all__)
 def test_pictures_are_figures_with_units_and_leave_settings_alone(posteriors, kind, name):
     before = dict(rcParams)
-    figure = getattr(plots, name)(posteriors[kind])
+    figure = getattr(pictures, name)(posteriors[kind])
     assert dict(rcParams) == before
     absent = kind == "thrown" and name in ("attitude", "momentum")
     assert (figure is None) == absent
@@ -199,7 +251,12 @@ def test_pictures_are_figures_with_units_and_leave_settings_alone(posteriors, ki
         assert any("[kg m²]" in t for t in texts)
         assert any("[–]" in t for t in texts)
         return
-    labels = [text for axes in figure.axes for text in (axes.get_xlabel(), axes.get_ylabel()) if text and text not in ("slew", "step of the ensemble")]
+    labels = [
+        text
+        for axes in figure.axes
+        for text in (axes.get_xlabel(), axes.get_ylabel())
+        if text and text not in ("slew", "step of the ensemble")
+    ]
     assert labels
     assert all("[" in text and text.endswith("]") for text in labels)
 
@@ -207,7 +264,7 @@ def test_pictures_are_figures_with_units_and_leave_settings_alone(posteriors, ki
 def test_padding_is_not_drawn(posteriors):
     channel = data.channel(posteriors["good"], "rate")
     assert [int(np.isfinite(r).all(-1).sum()) for r in channel.residual] == [60, 60, 48]
-    figure = plots.rates(posteriors["good"], [2])
+    figure = pictures.rates(posteriors["good"], [2])
     for axes in figure.axes:
         series = [line for line in axes.lines if len(line.get_xdata()) > 2]
         assert len(series) >= 3
@@ -219,8 +276,11 @@ def test_misfit_angles_have_the_sign_and_size_of_the_residuals(posteriors):
     np.testing.assert_allclose(misfit.angle_B / SIGMA["attitude"], misfit.whitened, atol=1e-6)
     assert misfit.after.sum() == (~misfit.after).sum() == 12
     tree = posteriors["good"].tree
-    predicted, measured = (tree[group]["attitude"].values.reshape(-1, 3, 8, 4)[0] for group in ("posterior_predictive", "observed_data"))
-    np.testing.assert_allclose(misfit.angle_B, rotation.error(predicted, measured), atol=1e-9)
+    predicted, measured = (
+        tree[group]["attitude"].values.reshape(-1, 3, 8, 4)[0]
+        for group in ("posterior_predictive", "observed_data")
+    )
+    np.testing.assert_allclose(misfit.angle_B, quaternion.error(predicted, measured), atol=1e-9)
 
 
 def test_the_worst_parameter_is_the_one_whose_ensembles_disagree():
@@ -240,7 +300,11 @@ def test_the_worst_slews_are_drawn_in_flown_order(posteriors):
 @pytest.mark.parametrize("kind", CASES)
 def test_pages_are_complete_safe_and_ask_for_nothing(pages, posteriors, kind):
     page = pages[kind]
-    assert page.count("<section") == len(standard_sections(posteriors[kind])) == page.count("</section>")
+    assert (
+        page.count("<section")
+        == len(standard_sections(posteriors[kind]))
+        == page.count("</section>")
+    )
     assert len(page) < 6e6
     assert "Content-Security-Policy" in page
     assert "default-src 'none'" in page
@@ -251,7 +315,12 @@ def test_pages_are_complete_safe_and_ask_for_nothing(pages, posteriors, kind):
         content = base64.b64decode(payload)
         assert content.startswith(b"\x89PNG" if kind_ == "png" else b"<?xml")
         addresses = set(re.findall(rb"https?://[^\"'< ]+", content)) if kind_ != "png" else set()
-        assert all(a.startswith((b"http://www.w3.org/", b"http://creativecommons.org/", b"http://purl.org/")) for a in addresses)
+        assert all(
+            a.startswith(
+                (b"http://www.w3.org/", b"http://creativecommons.org/", b"http://purl.org/")
+            )
+            for a in addresses
+        )
 
 
 def test_the_style_sheet_is_the_one_that_the_policy_allows(pages):
@@ -280,16 +349,35 @@ def test_a_report_is_quick():
     [
         (
             "good",
-            ["Yes, these numbers can be trusted", "Jxx and K1 are hard to tell apart (correlation −0.9", "robust sd from 3 slews"],
+            [
+                "Yes, these numbers can be trusted",
+                "Jxx and K1 are hard to tell apart (correlation −0.9",
+                "robust sd from 3 slews",
+            ],
             ["weight", "diagnose”"],
         ),
-        ("one_slew", ["does not determine every parameter", "One slew is too few for a robust sd"], ["Use the robust sd", "robust sd from"]),
+        (
+            "one_slew",
+            ["does not determine every parameter", "One slew is too few for a robust sd"],
+            ["Use the robust sd", "robust sd from"],
+        ),
         (
             "thrown",
-            ["Do not use these numbers yet", "an effect is missing", "Use the robust sd", "1/9", "no star-tracker fixes", "9 of 15 slews"],
+            [
+                "Do not use these numbers yet",
+                "an effect is missing",
+                "Use the robust sd",
+                "1/9",
+                "no star-tracker fixes",
+                "9 of 15 slews",
+            ],
             ["chi^2", "`"],
         ),
-        ("many_effects", ["wheel friction: coulomb8", "Only the 16 most correlated of 17 parameters"], []),
+        (
+            "many_effects",
+            ["wheel friction: coulomb8", "Only the 16 most correlated of 17 parameters"],
+            [],
+        ),
     ],
 )
 def test_pages_say_what_is_so(pages, kind, says, says_not):
@@ -303,7 +391,9 @@ def test_the_quoted_uncertainty_is_framed(pages):
     cells = re.findall(r'<td class="n quoted">([^<]*)</td>', pages["good"])
     posterior = made(CASES["good"])
     expected = [
-        wording.number(row["robust_sd"], row["robust_sd"], wording.exponent(row["mean"], row["robust_sd"]))
+        wording.number(
+            row["robust_sd"], row["robust_sd"], wording.exponent(row["mean"], row["robust_sd"])
+        )
         for row in posterior.summary()["parameters"].values()
     ]
     assert cells[:9] == expected
@@ -321,11 +411,17 @@ def summary_of(**changes) -> dict:
     row = {"mean": 1.0, "sd": 1e-3, "robust_sd": 1.1e-3, "prior_sd": 0.1}
     about = _about(CASES["good"]) | {"parameters": {"Jxx": row, "K1": row}}
     passed = {gate["name"]: gate["passed"] for gate in about["gates"]} | changes.pop("passed", {})
-    about["gates"] = [{"name": name, "passed": value, "says": "it says"} for name, value in passed.items()]
+    about["gates"] = [
+        {"name": name, "passed": value, "says": "it says"} for name, value in passed.items()
+    ]
     for key in ("sd", "robust_sd"):
         if key in changes:
             about["parameters"] = about["parameters"] | {"K1": row | {key: changes[key]}}
-    about["fit"] = about["fit"] | {key: changes[key] for key in ("reduced_chi2", "p_white", "starts_agreeing") if key in changes}
+    about["fit"] = about["fit"] | {
+        key: changes[key]
+        for key in ("reduced_chi2", "p_white", "starts_agreeing")
+        if key in changes
+    }
     about["diagnostics"] = about["diagnostics"] | changes.get("diagnostics", {})
     return about
 
@@ -342,13 +438,44 @@ ONLY_TOTAL = {"rate": 1.04, "attitude": 1.04, "momentum": 1.04, "total": 1.08}
         ({"robust_sd": 5e-3}, "good", "scatter more than the model's sd for K1"),
         ({"sd": 0.09}, "caution", "Not determined by this campaign: K1"),
         ({"starts_agreeing": [1, 3]}, "caution", "Only 1 of 3 starts"),
-        ({"passed": {"converged": False}, "diagnostics": {"nested_rhat_max": 1.3}}, "bad", "disagree (nested R-hat 1.300"),
-        ({"passed": {"converged": False}, "diagnostics": {"ess_tail_min": 120.0}}, "bad", "only 120 effective samples"),
-        ({"passed": {"converged": False}, "diagnostics": {"tau_max": 40.0}}, "bad", "50 kept steps are too few"),
-        ({"passed": {"explained": False}, "reduced_chi2": LARGE}, "bad", "residuals (rate) are larger"),
-        ({"passed": {"explained": False}, "p_white": {"rate": 0.3, "attitude": None, "momentum": 1e-9, "total": None}}, "bad", "residuals (momentum)"),
-        ({"passed": {"explained": False}, "reduced_chi2": ONLY_TOTAL}, "bad", "all channels together"),
-        ({"passed": {"explained": False}, "reduced_chi2": SMALL}, "caution", "smaller than the stated noise"),
+        (
+            {"passed": {"converged": False}, "diagnostics": {"nested_rhat_max": 1.3}},
+            "bad",
+            "disagree (nested R-hat 1.300",
+        ),
+        (
+            {"passed": {"converged": False}, "diagnostics": {"ess_tail_min": 120.0}},
+            "bad",
+            "only 120 effective samples",
+        ),
+        (
+            {"passed": {"converged": False}, "diagnostics": {"tau_max": 40.0}},
+            "bad",
+            "50 kept steps are too few",
+        ),
+        (
+            {"passed": {"explained": False}, "reduced_chi2": LARGE},
+            "bad",
+            "residuals (rate) are larger",
+        ),
+        (
+            {
+                "passed": {"explained": False},
+                "p_white": {"rate": 0.3, "attitude": None, "momentum": 1e-9, "total": None},
+            },
+            "bad",
+            "residuals (momentum)",
+        ),
+        (
+            {"passed": {"explained": False}, "reduced_chi2": ONLY_TOTAL},
+            "bad",
+            "all channels together",
+        ),
+        (
+            {"passed": {"explained": False}, "reduced_chi2": SMALL},
+            "caution",
+            "smaller than the stated noise",
+        ),
         ({"passed": {"another": False}}, "bad", "It says."),
     ],
 )
@@ -401,7 +528,15 @@ def test_numbers_are_rounded_by_their_uncertainty(value, sd, power, expected):
 @pytest.mark.parametrize(
     ("drive", "effects", "channels", "wheels", "slews", "says", "does_not_say"),
     [
-        ("measured", [], [], 3, 1, ["momentum is the input", "no star-tracker fixes", "has 1 slew:", "common gain"], ["its momentum residuals"]),
+        (
+            "measured",
+            [],
+            [],
+            3,
+            1,
+            ["momentum is the input", "no star-tracker fixes", "has 1 slew:", "common gain"],
+            ["its momentum residuals"],
+        ),
         (
             "commanded",
             ["wheel_torque_gain"],
@@ -411,19 +546,53 @@ def test_numbers_are_rounded_by_their_uncertainty(value, sd, power, expected):
             ["commanded torques are the input", "comes from their prior", "its momentum residuals"],
             ["star-tracker"],
         ),
-        ("commanded", [], ["attitude"], 3, 8, ["there are no tachometers"], ["its momentum residuals"]),
-        ("commanded", [], ["attitude"], 0, 8, ["there are no wheels", "ratios"], ["common gain", "commanded torques"]),
-        ("commanded", ["inertia_change"], ["attitude", "momentum"], 3, 8, ["J is the tensor before its change"], []),
+        (
+            "commanded",
+            [],
+            ["attitude"],
+            3,
+            8,
+            ["there are no tachometers"],
+            ["its momentum residuals"],
+        ),
+        (
+            "commanded",
+            [],
+            ["attitude"],
+            0,
+            8,
+            ["there are no wheels", "ratios"],
+            ["common gain", "commanded torques"],
+        ),
+        (
+            "commanded",
+            ["inertia_change"],
+            ["attitude", "momentum"],
+            3,
+            8,
+            ["J is the tensor before its change"],
+            [],
+        ),
     ],
 )
 def test_limits(drive, effects, channels, wheels, slews, says, does_not_say):
-    said = " ".join(wording.limits(drive=drive, effects=effects, channels=channels, wheels=wheels, n_slews=slews))
+    said = " ".join(
+        wording.limits(
+            drive=drive, effects=effects, channels=channels, wheels=wheels, n_slews=slews
+        )
+    )
     assert [s for s in says if s not in said] == []
     assert [s for s in does_not_say if s in said] == []
 
 
 @pytest.mark.parametrize(
-    ("r", "expected"), [(0.5, None), (-0.95, "−0.95): raising one while"), (0.9871, "+0.987): raising or lowering both"), (-0.99999, "beyond −0.999")]
+    ("r", "expected"),
+    [
+        (0.5, None),
+        (-0.95, "−0.95): raising one while"),
+        (0.9871, "+0.987): raising or lowering both"),
+        (-0.99999, "beyond −0.999"),
+    ],
 )
 def test_correlation_sentences(r, expected):
     said = wording.correlations(["Jxx", "K1"], [[1.0, r], [r, 1.0]])
@@ -433,10 +602,12 @@ def test_correlation_sentences(r, expected):
 @pytest.mark.slow
 def test_a_real_fit_can_be_reported(flying, setup_type):
     """The made-up posteriors above have the groups that a fit has."""
-    from bayes_inertia.fit import fit
-    from bayes_inertia.sample import Settings
+    from bayes_inertia.app.fit_campaign import fit
+    from bayes_inertia.inference.sampler import Settings
 
-    campaign = flying(1, setup_type(turns=((0.6, 0.1, 0.0), (0.1, 0.5, 0.5)), rows=48, dt=2.0)).campaign
+    campaign = flying(
+        1, setup_type(turns=((0.6, 0.1, 0.0), (0.1, 0.5, 0.5)), rows=48, dt=2.0)
+    ).campaign
     posterior = fit(campaign, settings=Settings(ensembles=2, walkers=24, steps=40, max_steps=40))
     assert render(posterior).count("<figure>") == 6
     assert set(posterior.tree.children) >= set(made(CASES["good"]).tree.children)

@@ -19,16 +19,23 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_inertia import inertia
-from bayes_inertia.chain_file import load_chain, save_chain
-from bayes_inertia.cli import main
+from bayes_inertia.app.cli import main
+from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.errors import OutputError
-from bayes_inertia.estimate import estimate
-from bayes_inertia.io import write_campaign
-from bayes_inertia.model import Model
-from bayes_inertia.moves import IndependenceMove
-from bayes_inertia.posterior import gates
-from bayes_inertia.sample import Diagnostics, Settings, autocorrelation_time, diagnose_chains, sample, steps_wanted
+from bayes_inertia.inference.chain_file import load_chain, save_chain
+from bayes_inertia.inference.moves import IndependenceMove
+from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.inference.posterior import gates
+from bayes_inertia.inference.sampler import (
+    Diagnostics,
+    Settings,
+    autocorrelation_time,
+    diagnose_chains,
+    sample,
+    steps_wanted,
+)
+from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.physics.forward_model import Model
 
 D = 9
 
@@ -79,7 +86,9 @@ def _skewed() -> Target:
     def log_z(z: np.ndarray) -> np.ndarray:
         y = (z[:, :5] - middle) / width
         with np.errstate(over="ignore"):
-            return np.concatenate([-y - np.exp(-y), -4.5 * np.log1p((z[:, 5:] / narrow) ** 2 / 8.0)], 1)
+            return np.concatenate(
+                [-y - np.exp(-y), -4.5 * np.log1p((z[:, 5:] / narrow) ** 2 / 8.0)], 1
+            )
 
     return Target(log_z, laws, _root(6))
 
@@ -103,7 +112,9 @@ def departures(target: Target, moves, steps: int, walkers: int = 64, seed: int =
     upper = np.triu_indices(D)
     means = z.mean(1)
     products = np.einsum("bni,bnj->bij", z, z)[:, *upper] / z.shape[1] - np.eye(D)[upper]
-    below = np.stack([(z[..., None, i] < cuts[i]).mean(1) - LEVELS for i in range(D)], 1).reshape(BATCHES, -1)
+    below = np.stack([(z[..., None, i] < cuts[i]).mean(1) - LEVELS for i in range(D)], 1).reshape(
+        BATCHES, -1
+    )
     found = np.concatenate([means, products, below], 1)
     error = found.std(0, ddof=1) / np.sqrt(BATCHES)
     # What never changes during the run (a sampler that is stuck) is infinitely wrong.
@@ -165,7 +176,11 @@ CONTROLS = {
     "no correction": ("gaussian", lambda t: _NoCorrection(np.zeros(D), t.covariance, 8.0), 1000),
     "stretch with a wrong power": ("gaussian", lambda t: _OneDimensionTooMany(), 10000),
     # Its step is along a Euclidean direction: with scales as far apart as above it only ever moves one component.
-    "emcee's snooker move": ("isotropic", lambda t: [(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)], 6000),
+    "emcee's snooker move": (
+        "isotropic",
+        lambda t: [(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)],
+        6000,
+    ),
 }
 
 
@@ -178,12 +193,16 @@ def test_the_harness_notices_moves_that_sample_another_density(move):
 
 
 def _diagnosed(samples: np.ndarray):
-    return diagnose_chains(samples, tau=1.0, evaluations=samples[..., 0].size, seconds=1.0, acceptance=1.0, discarded=0)
+    return diagnose_chains(
+        samples, tau=1.0, evaluations=samples[..., 0].size, seconds=1.0, acceptance=1.0, discarded=0
+    )
 
 
 def test_a_positive_parameter_is_proposed_on_its_logarithm():
     """With many degrees of freedom the move is a normal and a log-normal distribution, density and draws."""
-    move = IndependenceMove(np.array([1.0, 0.2]), np.diag([4.0, 0.01]), 1e9, np.array([False, True]))
+    move = IndependenceMove(
+        np.array([1.0, 0.2]), np.diag([4.0, 0.01]), 1e9, np.array([False, True])
+    )
     x = np.stack([np.linspace(-3.0, 3.0, 7), np.geomspace(0.02, 2.0, 7)], axis=1)
     expected = stats.norm(1.0, 2.0).logpdf(x[:, 0]) + stats.lognorm(0.5, scale=0.2).logpdf(x[:, 1])
     np.testing.assert_allclose(np.diff(move.log_density(x)), np.diff(expected), atol=1e-5)
@@ -232,7 +251,9 @@ def small_at(flown):
 SHORT = Settings(seed=3, ensembles=2, walkers=32, steps=12, max_steps=12)
 
 
-def test_one_seed_gives_the_same_bytes_whatever_the_threads_and_another_seed_does_not(small_at, tmp_path):
+def test_one_seed_gives_the_same_bytes_whatever_the_threads_and_another_seed_does_not(
+    small_at, tmp_path
+):
     first = sample(small_at, replace(SHORT, threads=1), folder=tmp_path / "a")
     again = sample(small_at, replace(SHORT, threads=2), folder=tmp_path / "b")
     assert first.samples.tobytes() == again.samples.tobytes()
@@ -254,19 +275,25 @@ def test_a_run_killed_when_some_ensembles_are_ahead_goes_on_to_the_same_bits(sma
     resumed = sample(small_at, longer, folder=tmp_path / "killed")
     assert whole.diagnostics.steps == resumed.diagnostics.steps == 24
     assert whole.samples.tobytes() == resumed.samples.tobytes()
-    assert _chain(tmp_path / "whole" / "ensemble_1.h5") == _chain(tmp_path / "killed" / "ensemble_1.h5")
+    assert _chain(tmp_path / "whole" / "ensemble_1.h5") == _chain(
+        tmp_path / "killed" / "ensemble_1.h5"
+    )
 
 
 def test_a_chain_file_holds_what_the_chain_held_and_a_damaged_one_is_refused(tmp_path):
     path, rng = tmp_path / "a.h5", np.random.default_rng(1)
-    sampler = emcee.EnsembleSampler(8, 2, lambda x: -0.5 * np.sum(x**2, -1), vectorize=True, backend=load_chain(path, 8, 2))
+    sampler = emcee.EnsembleSampler(
+        8, 2, lambda x: -0.5 * np.sum(x**2, -1), vectorize=True, backend=load_chain(path, 8, 2)
+    )
     sampler.run_mcmc(rng.normal(size=(8, 2)), 5)
     save_chain(sampler.backend, path)
     again = load_chain(path, 8, 2)
     first, second = sampler.get_last_sample(), again.get_last_sample()
     assert again.get_chain().tobytes() == sampler.get_chain().tobytes()
     assert first.coords.tobytes() == second.coords.tobytes()
-    assert [np.array_equal(a, b) for a, b in zip(first.random_state, second.random_state, strict=True)] == [True] * 5
+    assert [
+        np.array_equal(a, b) for a, b in zip(first.random_state, second.random_state, strict=True)
+    ] == [True] * 5
     with pytest.raises(OutputError, match="shape"):
         load_chain(path, 10, 2)
     path.write_bytes(path.read_bytes()[:1000])
@@ -276,7 +303,10 @@ def test_a_chain_file_holds_what_the_chain_held_and_a_damaged_one_is_refused(tmp
 
 def test_gates_say_which_noise_was_taken_and_fail_where_something_unknown_remains(small_at):
     chains = sample(small_at, SHORT)
-    stated, louder, unknown = (gates(small_at, chains, *more) for more in ((), ({"rate": 2.25, "attitude": 1.0},), (None, "unknown")))
+    stated, louder, unknown = (
+        gates(small_at, chains, *more)
+        for more in ((), ({"rate": 2.25, "attitude": 1.0},), (None, "unknown"))
+    )
     assert "the stated noise predict" in stated[1]["says"]
     assert "rate 2.25" in louder[1]["says"]
     assert "attitude" not in louder[1]["says"]
@@ -290,40 +320,64 @@ def test_walkers_are_at_least_twice_as_many_as_parameters(small_at):
 
 
 @pytest.mark.parametrize("met_by", [0, 1])
-def test_an_interrupt_stops_all_ensembles_soon_whichever_meets_it(small_at, tmp_path, monkeypatch, met_by):
+def test_an_interrupt_stops_all_ensembles_soon_whichever_meets_it(
+    small_at, tmp_path, monkeypatch, met_by
+):
     interrupted = threading.Event()
 
     def save(backend, path):
         if path.name == f"ensemble_{met_by}.h5":
             interrupted.set()
             raise KeyboardInterrupt
-        assert interrupted.wait(60.0)  # however busy the machine is, the other ensemble is not ahead by chance
+        assert interrupted.wait(
+            60.0
+        )  # however busy the machine is, the other ensemble is not ahead by chance
         save_chain(backend, path)
 
-    monkeypatch.setattr("bayes_inertia.sample.save_chain", save)
+    monkeypatch.setattr("bayes_inertia.inference.sampler.save_chain", save)
     with pytest.raises(KeyboardInterrupt):
         sample(small_at, replace(SHORT, steps=2000, max_steps=2000, threads=2), folder=tmp_path)
-    lengths = {p.name: emcee.backends.HDFBackend(str(p), read_only=True).iteration for p in tmp_path.iterdir()}
+    lengths = {
+        p.name: emcee.backends.HDFBackend(str(p), read_only=True).iteration
+        for p in tmp_path.iterdir()
+    }
     assert f"ensemble_{met_by}.h5" not in lengths
     assert all(length < 1000 for length in lengths.values())
 
 
 def _found(**other) -> Diagnostics:
-    fields = {"converged": True, "nested_rhat_max": 1.0, "ess_bulk_min": 8000.0, "ess_tail_min": 4000.0, "tau_max": 2.0, "evaluations": 18_944}
-    fields |= {"ess_per_evaluation": 0.2, "seconds": 1.0, "acceptance": 0.6, "discarded": 12, "steps": 72}
+    fields = {
+        "converged": True,
+        "nested_rhat_max": 1.0,
+        "ess_bulk_min": 8000.0,
+        "ess_tail_min": 4000.0,
+        "tau_max": 2.0,
+        "evaluations": 18_944,
+    }
+    fields |= {
+        "ess_per_evaluation": 0.2,
+        "seconds": 1.0,
+        "acceptance": 0.6,
+        "discarded": 12,
+        "steps": 72,
+    }
     return Diagnostics(**(fields | other))
 
 
 def test_more_steps_are_taken_as_need_be_and_never_more_than_twice_as_many():
     settings = Settings(target_ess=4000.0)
     assert steps_wanted(_found(), settings) == 72
-    assert steps_wanted(_found(), replace(settings, target_ess=5000.0)) == 95  # 12 + 1.1 * 60 * 5 / 4
+    assert (
+        steps_wanted(_found(), replace(settings, target_ess=5000.0)) == 95
+    )  # 12 + 1.1 * 60 * 5 / 4
     assert steps_wanted(_found(tau_max=4.0, converged=False), settings) == 100  # 12 + 1.1 * 20 * 4
     assert steps_wanted(_found(ess_tail_min=400.0), settings) == 144
     assert steps_wanted(_found(ess_tail_min=float("nan"), converged=False), settings) == 144
     assert steps_wanted(_found(ess_tail_min=0.0, converged=False), settings) == 144
     assert steps_wanted(_found(converged=False), replace(settings, max_steps=72)) == 72
-    assert steps_wanted(_found(converged=False), settings) == 84  # something else failed: go on a little
+    assert (
+        steps_wanted(_found(converged=False), settings) == 84
+    )  # something else failed: go on a little
 
 
 def test_shared_code_samples_the_same_posterior(small_at):
@@ -336,7 +390,13 @@ def _chain(path: Path) -> tuple:
     """Everything that emcee keeps, as bytes."""
     backend = emcee.backends.HDFBackend(str(path), read_only=True)
     state = backend.random_state
-    return backend.get_chain().tobytes(), backend.get_log_prob().tobytes(), np.asarray(backend.accepted).tobytes(), state[1].tobytes(), state[2:]
+    return (
+        backend.get_chain().tobytes(),
+        backend.get_log_prob().tobytes(),
+        np.asarray(backend.accepted).tobytes(),
+        state[1].tobytes(),
+        state[2:],
+    )
 
 
 def _command(*arguments: str) -> int:
@@ -349,7 +409,10 @@ def _kill_in_the_middle(campaign: Path, run: Path) -> None:
     """Start `fit` in a process of its own, and SIGKILL it while its chains grow; on a busy machine that may take another try."""
     for _ in range(4):
         _kill(campaign, run)
-        lengths = [emcee.backends.HDFBackend(str(p), read_only=True).iteration for p in sorted((run / "chains").glob("ensemble_*.h5"))]
+        lengths = [
+            emcee.backends.HDFBackend(str(p), read_only=True).iteration
+            for p in sorted((run / "chains").glob("ensemble_*.h5"))
+        ]
         if 0 < sum(lengths) < Settings().ensembles * Settings().steps:
             return
         shutil.rmtree(run)
@@ -357,14 +420,27 @@ def _kill_in_the_middle(campaign: Path, run: Path) -> None:
 
 
 def _kill(campaign: Path, run: Path) -> None:
-    program = "import sys; from bayes_inertia.cli import main; main(sys.argv[1:])"
-    command = [sys.executable, "-c", program, "fit", str(campaign), "-o", str(run), "--seed", "5", "--no-report"]
+    program = "import sys; from bayes_inertia.app.cli import main; main(sys.argv[1:])"
+    command = [
+        sys.executable,
+        "-c",
+        program,
+        "fit",
+        str(campaign),
+        "-o",
+        str(run),
+        "--seed",
+        "5",
+        "--no-report",
+    ]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
     files, seen, deadline = run / "chains", set(), time.monotonic() + 300.0
     try:
         while len(seen) < 8:  # files are replaced every eighth step
             if process.poll() is not None:  # a busy machine let it end unwatched: another try
-                assert (run / "summary.json").exists(), f"the fit failed: {process.stdout.read().decode()}"
+                assert (run / "summary.json").exists(), (
+                    f"the fit failed: {process.stdout.read().decode()}"
+                )
                 return
             assert time.monotonic() < deadline, "the fit never began to sample"
             seen |= {(p.name, p.stat().st_mtime_ns) for p in files.glob("ensemble_*.h5")}
@@ -386,9 +462,13 @@ def test_a_killed_fit_resumes_to_the_bits_of_one_that_was_not_killed(flown, tmp_
     (killed / "chains" / ".ensemble_0.h5.0a1b2c.tmp.h5").write_bytes(b"half a file")
     code = _command("fit", str(campaign), "-o", str(whole), "--seed", "5", "--no-report")
     assert _command("resume", str(killed), "--no-report") == code
-    assert sorted(p.name for p in (killed / "chains").iterdir()) == [f"ensemble_{k}.h5" for k in range(4)]
+    assert sorted(p.name for p in (killed / "chains").iterdir()) == [
+        f"ensemble_{k}.h5" for k in range(4)
+    ]
     for k in range(4):
-        assert _chain(whole / "chains" / f"ensemble_{k}.h5") == _chain(killed / "chains" / f"ensemble_{k}.h5")
+        assert _chain(whole / "chains" / f"ensemble_{k}.h5") == _chain(
+            killed / "chains" / f"ensemble_{k}.h5"
+        )
     summaries = [json.loads((run / "summary.json").read_text()) for run in (whole, killed)]
     for summary in summaries:
         assert summary["diagnostics"].pop("seconds") > 0.0
@@ -401,36 +481,52 @@ def test_a_killed_fit_resumes_to_the_bits_of_one_that_was_not_killed(flown, tmp_
 
 def _independent(chains, n: int, seed: int) -> np.ndarray:
     """n draws (n, d), each of another walker or long after it."""
-    draws = chains.samples[:, :, :: max(1, int(np.ceil(8 * chains.diagnostics.tau_max)))].reshape(-1, chains.samples.shape[-1])
+    draws = chains.samples[:, :, :: max(1, int(np.ceil(8 * chains.diagnostics.tau_max)))].reshape(
+        -1, chains.samples.shape[-1]
+    )
     assert len(draws) >= n
     return np.random.default_rng(seed).permutation(draws)[:n]
 
 
 def _p_values(draws: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    return np.array([stats.ks_2samp(a, b).pvalue for a, b in zip(draws.T, reference.T, strict=True)])
+    return np.array(
+        [stats.ks_2samp(a, b).pvalue for a, b in zip(draws.T, reference.T, strict=True)]
+    )
 
 
 def test_without_motion_the_posterior_is_the_prior_physical_edge_included(flying, setup_type):
     """A quarter of this prior's tensors break the triangle inequality: its edge is sampled, not only its middle."""
-    setup = setup_type(turns=((0.0, 0.0, 0.0),), rows=64, relative_sigma=0.25, product_sigma=0.3, start_rate=(0.0, 0.0, 0.0), start_momentum=0.0)
+    setup = setup_type(
+        turns=((0.0, 0.0, 0.0),),
+        rows=64,
+        relative_sigma=0.25,
+        product_sigma=0.3,
+        start_rate=(0.0, 0.0, 0.0),
+        start_momentum=0.0,
+    )
     model = Model(flying(3, setup).campaign)
     rng = np.random.default_rng(0)
-    assert np.mean(np.asarray(inertia.is_physical(model.space.draw(rng, 2000)[:, :6]))) < 0.9
+    assert np.mean(np.asarray(inertia_tensor.is_physical(model.space.draw(rng, 2000)[:, :6]))) < 0.9
     at = estimate(model)
     chains = sample(at, Settings(steps=144, max_steps=144))
     assert chains.diagnostics.converged
-    assert np.all(np.asarray(inertia.is_physical(chains.flat[:, :6])))
+    assert np.all(np.asarray(inertia_tensor.is_physical(chains.flat[:, :6])))
     draws, prior = _independent(chains, 1000, 1), model.draw_prior(rng, 20_000)
     assert _p_values(draws, prior).min() > 1e-3 / D
     # The smallest distance from the triangle inequality's edge, as the prior has it.
-    edge = [0.5 * m.sum(-1) - m[..., -1] for m in (inertia.principal_moments(x[:, :6]) for x in (draws, prior))]
+    edge = [
+        0.5 * m.sum(-1) - m[..., -1]
+        for m in (inertia_tensor.principal_moments(x[:, :6]) for x in (draws, prior))
+    ]
     assert stats.ks_2samp(*edge).pvalue > 1e-3
     # The same test notices a prior without the constraint.
     assert _p_values(draws, model.space.draw(rng, 20_000)).min() < 1e-4
 
 
 def test_what_one_slew_cannot_see_stays_as_the_prior_has_it(flying, setup_type):
-    setup = setup_type(turns=((0.8, 0.0, 0.0),), rows=64, start_rate=(0.0, 0.0, 0.0), start_momentum=0.0)
+    setup = setup_type(
+        turns=((0.8, 0.0, 0.0),), rows=64, start_rate=(0.0, 0.0, 0.0), start_momentum=0.0
+    )
     at = estimate(Model(flying(3, setup).campaign))
     contraction = 1.0 - (at.sd / at.model.space.sd) ** 2
     unseen = np.flatnonzero(contraction < 0.01)
@@ -438,7 +534,10 @@ def test_what_one_slew_cannot_see_stays_as_the_prior_has_it(flying, setup_type):
     assert contraction[0] > 0.99
     chains = sample(at, Settings())
     assert chains.diagnostics.converged
-    assert np.all(np.asarray(inertia.is_physical(chains.flat[:, :6])))
-    draws, prior = _independent(chains, 700, 2), at.model.draw_prior(np.random.default_rng(1), 20_000)
+    assert np.all(np.asarray(inertia_tensor.is_physical(chains.flat[:, :6])))
+    draws, prior = (
+        _independent(chains, 700, 2),
+        at.model.draw_prior(np.random.default_rng(1), 20_000),
+    )
     assert _p_values(draws[:, unseen], prior[:, unseen]).min() > 1e-3 / len(unseen)
     assert _p_values(draws[:, :1], prior[:, :1]).max() < 1e-6

@@ -10,12 +10,12 @@ import pytest
 from scipy import stats
 
 import bayes_inertia
-from bayes_inertia.cli import main
-from bayes_inertia.compare import NAMES, Achieved
+from bayes_inertia.app.cli import main
+from bayes_inertia.app.study import Study, run_study
+from bayes_inertia.design.comparison import NAMES, Achieved
 from bayes_inertia.errors import OutputError
-from bayes_inertia.plan import paper_like_plan
-from bayes_inertia.plots.study import coverage_picture
-from bayes_inertia.study import Study, run_study
+from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.report.pictures.study import coverage_picture
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 
@@ -30,7 +30,10 @@ def made(n: int, seed: int, shrink: float = 1.0) -> Study:
     """A study of n campaigns whose errors are normal, and whose stated sds are theirs times `shrink`."""
     rng = np.random.default_rng(seed)
     sd = np.geomspace(1e-5, 1e-2, len(NAMES)) * rng.uniform(0.8, 1.2, (n, len(NAMES)))
-    return Study(paper_like_plan(), Achieved(sd * rng.standard_normal(sd.shape), shrink * sd, *np.ones((3, n))))
+    return Study(
+        paper_like_plan(),
+        Achieved(sd * rng.standard_normal(sd.shape), shrink * sd, *np.ones((3, n))),
+    )
 
 
 def test_sound_uncertainties_are_rarely_called_too_small():
@@ -43,7 +46,12 @@ def test_sound_uncertainties_are_rarely_called_too_small():
 
 def test_intervals_hold_the_truth_as_often_as_they_say():
     """The 95 % interval of each share holds the level in about 95 %; with sds halved the 95 % intervals hold the truth in 67 %."""
-    inside = [low <= level <= high for seed in range(100) for level in (0.68, 0.95) for _, low, high in made(200, seed).coverage(level)]
+    inside = [
+        low <= level <= high
+        for seed in range(100)
+        for level in (0.68, 0.95)
+        for _, low, high in made(200, seed).coverage(level)
+    ]
     assert np.mean(inside) > 0.93
     halved = np.mean([share for share, _, _ in made(2000, 0, shrink=0.5).coverage(0.95)])
     assert halved == pytest.approx(2.0 * stats.norm.cdf(0.98) - 1.0, abs=0.02)
@@ -65,7 +73,7 @@ def test_study_of_the_example_goes_on_where_it_was(tmp_path, capsys, monkeypatch
         raise AssertionError("a shard that is there was made again")
 
     (out / "study.json").unlink()
-    monkeypatch.setattr("bayes_inertia.study.achieve", never)
+    monkeypatch.setattr("bayes_inertia.app.study.achieve", never)
     run_study(EXAMPLE, out, campaigns=6)
     assert (out / "study.json").read_bytes() == first
     with pytest.raises(OutputError, match="another study"):
@@ -75,7 +83,7 @@ def test_study_of_the_example_goes_on_where_it_was(tmp_path, capsys, monkeypatch
 
 def test_sds_that_are_too_small_end_with_3(tmp_path, capsys, monkeypatch):
     shrunk = made(25, 3, shrink=0.5).found
-    monkeypatch.setattr("bayes_inertia.study.achieve", lambda *_: shrunk)
+    monkeypatch.setattr("bayes_inertia.app.study.achieve", lambda *_: shrunk)
     assert run("study", EXAMPLE, "-o", tmp_path / "run", "--campaigns", 25) == 3
     assert "TOO SMALL for Jxx" in capsys.readouterr().out
     assert "Jxx" in json.loads((tmp_path / "run" / "study.json").read_text())["too_small"]
@@ -95,4 +103,6 @@ def test_coverage_is_drawn_inside_its_band_or_not():
         study = made(400, 2, shrink)
         right = coverage_picture(NAMES, study.found, study.z).axes[1]
         band = right.collections[0].get_paths()[0].vertices[:, 1].max()
-        assert (max(np.abs(line.get_ydata()).max() for line in right.lines[: len(NAMES)]) > band) == leaves
+        assert (
+            max(np.abs(line.get_ydata()).max() for line in right.lines[: len(NAMES)]) > band
+        ) == leaves

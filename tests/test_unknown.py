@@ -7,19 +7,19 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayes_inertia.effect import Effect
-from bayes_inertia.estimate import estimate
-from bayes_inertia.history import body_torque, cardinal, infer
-from bayes_inertia.linearised import linearise
-from bayes_inertia.maneuver import planned_campaign
-from bayes_inertia.model import Model
-from bayes_inertia.parameters import Normal, scalar
-from bayes_inertia.plan import paper_like_plan
-from bayes_inertia.proportional import CONSTANT
-from bayes_inertia.simulation import draw_flight
-from bayes_inertia.spacecraft import most_like_prior, most_like_spacecraft
-from bayes_inertia.torque_response import torque_response
-from bayes_inertia.unknown import unknown_torque
+from bayes_inertia.diagnosis.driven_disturbances import CONSTANT
+from bayes_inertia.diagnosis.free_signal import body_torque, cardinal, infer
+from bayes_inertia.diagnosis.linearised_fit import linearise
+from bayes_inertia.diagnosis.torque_response import torque_response
+from bayes_inertia.diagnosis.unexplained import unknown_torque
+from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.flight.plan_flight import planned_campaign
+from bayes_inertia.flight.simulated_campaigns import draw_flight
+from bayes_inertia.flight.spacecraft import most_like_prior, most_like_spacecraft
+from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.parameters import Normal, scalar
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,9 @@ class Planted(Effect):
     name: ClassVar[str] = "planted"
 
     def parameters(self, campaign):
-        return tuple(scalar(n, unit="N m", prior=Normal(0.0, 1e-4)) for n in ("sine", "square", "steady"))
+        return tuple(
+            scalar(n, unit="N m", prior=Normal(0.0, 1e-4)) for n in ("sine", "square", "steady")
+        )
 
     def body_torque(self, p, slew, t, state):
         ringing = p["sine"] * jnp.sin(2.0 * jnp.pi * 0.3 * t)
@@ -44,7 +46,9 @@ def planted():
 
     def fly(sine=0.0, square=0.0, steady=0.0, seed=1):
         values = {"planted": {"sine": sine, "square": square, "steady": steady}}
-        return draw_flight(template, plan, seed, effects=(Planted(),), values=values, vary=False).campaign
+        return draw_flight(
+            template, plan, seed, effects=(Planted(),), values=values, vary=False
+        ).campaign
 
     return fly
 
@@ -95,7 +99,11 @@ def test_a_constant_torque(planted):
 def test_evidence_tells_what_a_weak_torque_follows(planted):
     # Squares of rates are nearly constant in these slews, and a constant torque explains most of this one.
     at = fitted(planted(square=8e-7))
-    torques = {name: e for (source, name), e in unknown_torque(at).followed.items() if source == "body torque"}
+    torques = {
+        name: e
+        for (source, name), e in unknown_torque(at).followed.items()
+        if source == "body torque"
+    }
     assert max(torques, key=torques.get) == "square of the body rate"
     assert torques["square of the body rate"] > torques[CONSTANT] + 3.0 > 30.0
     # The other way round, and with nothing there.

@@ -1,16 +1,20 @@
 """What the report says about a diagnosis, as pure functions of the content of diagnosis.json."""
 
 # Printed text has typographic signs on purpose.
-# ruff: noqa: RUF001
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bayes_inertia.diagnose import Rules
+from bayes_inertia.diagnosis.search import Rules
 from bayes_inertia.report.wording import Verdict, exponent, listed, number, unit_text
 
-CHANNEL_NAMES = {"rate": "rate sensor", "attitude": "star tracker", "momentum": "wheel momentum", "total": "all channels"}
+CHANNEL_NAMES = {
+    "rate": "rate sensor",
+    "attitude": "star tracker",
+    "momentum": "wheel momentum",
+    "total": "all channels",
+}
 _LEVELS = {"consistent": "good", "named": "good", "ambiguous": "caution", "unknown": "bad"}
 
 
@@ -28,14 +32,22 @@ def verdict(content: Mapping[str, Any]) -> Verdict:
     title = headline(content)
     sentences = [*_where(content), *_what(content)]
     if content["verdict"] == "unknown":
-        sentences.append("The fit below is the base model's: what is missing may shift J and K by more than their sd.")
+        sentences.append(
+            "The fit below is the base model's: what is missing may shift J and K by more than their sd."
+        )
     elif content["steps"]:
         if content.get("alternatives"):
-            sentences.append(f"The fit below includes {listed([plain(step['added']) for step in content['steps']])}. {whichever_text(content)}")
+            sentences.append(
+                f"The fit below includes {listed([plain(step['added']) for step in content['steps']])}. {whichever_text(content)}"
+            )
         else:
-            sentences.append("The fit below includes the named effects: J and K are estimated together with them.")
+            sentences.append(
+                "The fit below includes the named effects: J and K are estimated together with them."
+            )
         if any(step["added"] == "inertia_change" for step in content["steps"]):
-            sentences.append("J is the tensor before its change: for the next slew add the change, element by element.")
+            sentences.append(
+                "J is the tensor before its change: for the next slew add the change, element by element."
+            )
     else:
         sentences.append("The fit below is the base model's.")
     if content["verdict"] != "unknown" and (doubt := nameless(content)):
@@ -59,9 +71,15 @@ def headline(content: Mapping[str, Any]) -> str:
     names = [plain(n) for n in content["named"]]
     if kind == "ambiguous":
         sets = [f"{listed_or([plain(n) for n in group])}" for group in content["ambiguous_with"]]
-        sure = [plain(n) for n in content["named"] if not any(n in group for group in content["ambiguous_with"])]
+        sure = [
+            plain(n)
+            for n in content["named"]
+            if not any(n in group for group in content["ambiguous_with"])
+        ]
         also = f" Besides: {listed(sure)}." if sure else ""
-        return f"Something is missing: {'; and '.join(sets)}. This campaign cannot tell which.{also}"
+        return (
+            f"Something is missing: {'; and '.join(sets)}. This campaign cannot tell which.{also}"
+        )
     if content["named"] == ["noise_level"]:
         return "No effect is missing, but the noise is larger than stated."
     return f"Found what is missing: {listed(names)}."
@@ -75,7 +93,11 @@ def added(content: Mapping[str, Any]) -> str:
     """
     if not content["steps"]:
         return "with the noise as measured"
-    return "with the effects that were tried" if content["verdict"] == "unknown" else "with the named effects"
+    return (
+        "with the effects that were tried"
+        if content["verdict"] == "unknown"
+        else "with the named effects"
+    )
 
 
 def listed_or(items: Sequence[str]) -> str:
@@ -96,7 +118,13 @@ def probabilities(content: Mapping[str, Any]) -> list[tuple[str, float]]:
     others = content["alternatives"]
     named = listed([plain(name) for name in dict.fromkeys(a["instead_of"] for a in others)])
     several = len({a["instead_of"] for a in others}) > 1
-    rows = [(f"{plain(a['effect'])}{' instead of ' + plain(a['instead_of']) if several else ''}", a["probability"]) for a in others]
+    rows = [
+        (
+            f"{plain(a['effect'])}{' instead of ' + plain(a['instead_of']) if several else ''}",
+            a["probability"],
+        )
+        for a in others
+    ]
     return [(named, 1.0 - sum(p for _, p in rows)), *rows]
 
 
@@ -110,7 +138,9 @@ def whichever_text(content: Mapping[str, Any]) -> str:
     ]
     most, name, effect = max(gaps)
     shares = ", ".join(f"{what} {100.0 * p:.0f} %" for what, p in probabilities(content))
-    said = f"J and K are averaged over what may be true ({shares}), so that they hold whichever it is"
+    said = (
+        f"J and K are averaged over what may be true ({shares}), so that they hold whichever it is"
+    )
     if most < 0.1:
         return f"{said}; it makes no difference to them."
     return f"{said}: if it is {effect}, {name} is {most:.1f} sd from where the first has it."
@@ -143,16 +173,30 @@ def hidden_text(rows: Sequence[Mapping[str, Any]]) -> str:
 def _where(content: Mapping[str, Any]) -> list[str]:
     windows = content["disagreement"]
     if not windows and content["steps"]:
-        return ["The residuals of the base model were searched in every channel, slew and time window: no stretch alone exceeds the noise, all together do."]
+        return [
+            "The residuals of the base model were searched in every channel, slew and time window: no stretch alone exceeds the noise, all together do."
+        ]
     if not windows:
-        return ["The residuals of the base model were searched in every channel, slew and time window: nowhere are they more than noise explains."]
-    channels = [CHANNEL_NAMES[c] for c in ("rate", "attitude", "momentum") if any(w["channel"] == c for w in windows)]
+        return [
+            "The residuals of the base model were searched in every channel, slew and time window: nowhere are they more than noise explains."
+        ]
+    channels = [
+        CHANNEL_NAMES[c]
+        for c in ("rate", "attitude", "momentum")
+        if any(w["channel"] == c for w in windows)
+    ]
     slews = sorted({w["slew"] for w in windows})
     worst = windows[0]
     place = window_text(worst, content.get("slew_start", {}).get(worst["slew"], 0.0))
     if content["verdict"] == "consistent":
-        often = f"one campaign of {round(1.0 / worst['p_value'])}" if worst["p_value"] > 1e-3 else "fewer than one campaign of 1000"
-        return [f"The most conspicuous stretch of the residuals is {place}. Noise alone makes one like it in {often}, and no candidate explains it."]
+        often = (
+            f"one campaign of {round(1.0 / worst['p_value'])}"
+            if worst["p_value"] > 1e-3
+            else "fewer than one campaign of 1000"
+        )
+        return [
+            f"The most conspicuous stretch of the residuals is {place}. Noise alone makes one like it in {often}, and no candidate explains it."
+        ]
     return [
         f"The base model disagrees with the data of the {listed(channels)} in {len(slews)} slew{'s' if len(slews) > 1 else ''}, "
         f"most clearly in {place} ({probability(worst['p_value'])} by chance anywhere in the campaign)."
@@ -179,7 +223,11 @@ def probability(p: float) -> str:
 
 
 def _what(content: Mapping[str, Any]) -> list[str]:
-    said = [_step(step, content) for step in content["steps"]] if content["verdict"] != "unknown" else []
+    said = (
+        [_step(step, content) for step in content["steps"]]
+        if content["verdict"] != "unknown"
+        else []
+    )
     louder = {CHANNEL_NAMES[c]: f for c, f in content["noise"].items() if f > 1.0}
     if content["verdict"] == "unknown":
         # What is fast and unexplained passes for noise.
@@ -196,7 +244,9 @@ def _what(content: Mapping[str, Any]) -> list[str]:
     if content.get("correction_slew"):
         said.append(correction_text(content["correction_slew"]))
     for group in content["ambiguous_with"]:
-        said.append(f"{listed([plain(n) for n in group]).capitalize()} would look so alike in this campaign that naming one of them would be a guess.")
+        said.append(
+            f"{listed([plain(n) for n in group]).capitalize()} would look so alike in this campaign that naming one of them would be a guess."
+        )
     said += [separating_text(slew) for slew in content.get("separating", [])]
     if content["verdict"] == "unknown":
         tried = sum(c["p_value"] is not None for c in content["candidates"])
@@ -208,7 +258,9 @@ def _what(content: Mapping[str, Any]) -> list[str]:
                 "what is named would be an imitation of something that is not among the candidates."
             )
         else:
-            said.append(f"None of the {tried} candidates brings the residuals down to the noise, so none is named.")
+            said.append(
+                f"None of the {tried} candidates brings the residuals down to the noise, so none is named."
+            )
         if content["unknown"]:
             said.append(f"What is left looks like this: {content['unknown']['description']}.")
     missing = [plain(s["effect"]) for s in content["skipped"]]
@@ -222,7 +274,14 @@ def _step(step: Mapping[str, Any], content: Mapping[str, Any]) -> str:
     text = f"Adding {plain(step['added'])} takes the reduced χ² from {before:.4g} to {after:.4g}"
     if step["held_out_before"] is not None:
         text += f", and of slews left out of the fit from {step['held_out_before']:.4g} to {step['held_out_after']:.4g}"
-    values = next((c["parameters"] for c in content["candidates"] if c["effect"] == step["added"] and c["parameters"]), None)
+    values = next(
+        (
+            c["parameters"]
+            for c in content["candidates"]
+            if c["effect"] == step["added"] and c["parameters"]
+        ),
+        None,
+    )
     return f"{text}. {parameters_text(values)}" if values else f"{text}."
 
 
@@ -235,7 +294,9 @@ def separating_text(slew: Mapping[str, Any]) -> str:
     """
     axis = ", ".join(f"{x:.2f}".replace("-", "−") for x in slew["axis"])
     a, b = (plain(n) for n in slew["effects"])
-    least = min(value["after"] / max(value["before"], 1e-12) for value in slew["noncentrality"].values())
+    least = min(
+        value["after"] / max(value["before"], 1e-12) for value in slew["noncentrality"].values()
+    )
     return (
         f"To tell {a} from {b}, fly a slew of {slew['angle_deg']:.3g}° about ({axis}) in body axes, up to {slew['rate_deg_s']:.2g} deg/s: "
         f"what is seen of one and not of the other grows {least:.2g} times in χ² or more "
@@ -249,10 +310,14 @@ def correction_text(forecast: Mapping[str, Any]) -> str:
     >>> correction_text({"axis": "x", "angle_deg": 60.0, "promised": [8e-5, 2e-4], "expected": [8.5e-4, 1e-3], "updated": [1e-4, 2.2e-4]})
     'A slew of 60° about x, flown with J and K of the base model, should need a correction of 17 arcsec (95 %: below 41); with what ...'
     """
-    arcsec = {key: [206264.806 * x for x in forecast[key]] for key in ("promised", "expected", "updated")}
+    arcsec = {
+        key: [206264.806 * x for x in forecast[key]] for key in ("promised", "expected", "updated")
+    }
     # Whole arc seconds from ten on.
     shown = [[f"{x:.0f}" if x >= 10.0 else f"{x:.2g}" for x in pair] for pair in arcsec.values()]
-    promised, expected, updated = (f"{middle} arcsec (95 %: below {most})" for middle, most in shown)
+    promised, expected, updated = (
+        f"{middle} arcsec (95 %: below {most})" for middle, most in shown
+    )
     return (
         f"A slew of {forecast['angle_deg']:.0f}° about {forecast['axis']}, flown with J and K of the base model, should need a correction of {promised}; "
         f"with what was found it will need {expected}, and {updated} when flown with the new J and K."
@@ -301,5 +366,9 @@ def alike_text(content: Mapping[str, Any], most: int = 8) -> list[str]:
         for p in pairs
     ]
     if len(content["alike"]) > most:
-        said.append(f"{len(content['alike']) - most} further pairs correlate beyond 0.6 (see diagnosis.json).")
-    return said or ["No two candidates can imitate each other beyond a canonical correlation of 0.6."]
+        said.append(
+            f"{len(content['alike']) - most} further pairs correlate beyond 0.6 (see diagnosis.json)."
+        )
+    return said or [
+        "No two candidates can imitate each other beyond a canonical correlation of 0.6."
+    ]

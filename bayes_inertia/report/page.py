@@ -12,8 +12,8 @@ from typing import Any
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
-from bayes_inertia.io import write_atomically
-from bayes_inertia.posterior import Posterior
+from bayes_inertia.files import write_atomically
+from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.section import Section, data_uri, packaged
 from bayes_inertia.report.sections import standard_sections
 
@@ -28,7 +28,9 @@ def render(posterior: Posterior, sections: Sequence[Section] | None = None) -> s
     The same posterior always gives the same bytes.
     """
     chosen = standard_sections(posterior) if sections is None else sections
-    environment = Environment(autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+    )
     css = packaged("report.css")
     policy = base64.b64encode(hashlib.sha256(css.encode()).digest()).decode("ascii")
     return environment.from_string(packaged("page.html")).render(
@@ -42,9 +44,16 @@ def render(posterior: Posterior, sections: Sequence[Section] | None = None) -> s
 def _rendered(environment: Environment, section: Section) -> dict[str, Any]:
     pictures = [{"uri": data_uri(p), "caption": p.caption, "alt": p.alt} for p in section.pictures]
     body = Markup(environment.from_string(section.template).render(**section.context))
-    return {"title": section.title, "id": re.sub(r"\W+", "-", section.title.lower()).strip("-"), "body": body, "pictures": pictures}
+    return {
+        "title": section.title,
+        "id": re.sub(r"\W+", "-", section.title.lower()).strip("-"),
+        "body": body,
+        "pictures": pictures,
+    }
 
 
-def write_report(posterior: Posterior, path: str | Path, sections: Sequence[Section] | None = None) -> Path:
+def write_report(
+    posterior: Posterior, path: str | Path, sections: Sequence[Section] | None = None
+) -> Path:
     """Write the report, atomically; returns its path. OutputError if the file cannot be written."""
     return write_atomically(path, render(posterior, sections))

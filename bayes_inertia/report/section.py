@@ -62,10 +62,17 @@ def packaged(name: str) -> str:
 def data_uri(picture: Picture) -> str:
     """The picture as a `data:` address, byte for byte the same every time (no dates, ids from a fixed salt)."""
     file = io.BytesIO()
-    with rc_context({"svg.hashsalt": "bayes-inertia", "svg.fonttype": "path", "path.simplify_threshold": 0.3}):
+    with rc_context(
+        {"svg.hashsalt": "bayes-inertia", "svg.fonttype": "path", "path.simplify_threshold": 0.3}
+    ):
         if picture.dense:
             picture.figure.savefig(file, format="png", dpi=_DPI, metadata={"Software": None})
         else:
-            picture.figure.savefig(file, format="svg", dpi=_DPI, metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+            picture.figure.savefig(
+                file,
+                format="svg",
+                dpi=_DPI,
+                metadata={"Date": None, "Creator": None, "Format": None, "Type": None},
+            )
     kind = "png" if picture.dense else "svg+xml"
     return f"data:image/{kind};base64,{base64.b64encode(file.getvalue()).decode('ascii')}"

@@ -1,7 +1,6 @@
 """What the report says, as pure functions of numbers: every sentence a reader acts on is made (and tested) here."""
 
 # Printed text has typographic signs on purpose.
-# ruff: noqa: RUF001
 from __future__ import annotations
 
 import math
@@ -9,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from bayes_inertia.adequacy import REJECT_BELOW
-from bayes_inertia.posterior import OBSERVABLE_ABOVE
+from bayes_inertia.inference.posterior import OBSERVABLE_ABOVE
+from bayes_inertia.inference.residual_tests import REJECT_BELOW
 
 # Nine tenths of the prior variance gone: the data, not the prior, make the number.
 DETERMINED_ABOVE = 0.9
@@ -40,7 +39,11 @@ def quoted(sd: float, robust_sd: float | None) -> Quoted:
     >>> quoted(1.0, 2.0), quoted(1.0, None)
     (Quoted(sd=2.0, source='robust sd'), Quoted(sd=1.0, source='sd'))
     """
-    return Quoted(robust_sd, "robust sd") if robust_sd is not None and robust_sd > sd else Quoted(sd, "sd")
+    return (
+        Quoted(robust_sd, "robust sd")
+        if robust_sd is not None and robust_sd > sd
+        else Quoted(sd, "sd")
+    )
 
 
 def contraction(sd: float, prior_sd: float) -> float:
@@ -70,7 +73,13 @@ def determined(value: float) -> str:
     >>> determined(0.99), determined(0.6), determined(0.2)
     ('determined', 'partly determined', 'not determined')
     """
-    return "determined" if value >= DETERMINED_ABOVE else "partly determined" if value > OBSERVABLE_ABOVE else "not determined"
+    return (
+        "determined"
+        if value >= DETERMINED_ABOVE
+        else "partly determined"
+        if value > OBSERVABLE_ABOVE
+        else "not determined"
+    )
 
 
 def interval_90(q05: float, q50: float, q95: float, sd: float, used: Quoted) -> tuple[float, float]:
@@ -142,33 +151,60 @@ def verdict(summary: Mapping[str, Any], n_slews: int) -> Verdict:
     if not explained:
         sentences += _unexplained(misfit, small, has_robust)
     else:
-        says = next((gate["says"] for gate in summary["gates"] if gate["name"] == "explained"), "the residuals are as predicted")
+        says = next(
+            (gate["says"] for gate in summary["gates"] if gate["name"] == "explained"),
+            "the residuals are as predicted",
+        )
         sentences.append(f"The model explains the data: {printed(says)}.")
-    other = [printed(gate["says"]) for gate in summary["gates"] if not gate["passed"] and gate["name"] not in ("converged", "explained")]
+    other = [
+        printed(gate["says"])
+        for gate in summary["gates"]
+        if not gate["passed"] and gate["name"] not in ("converged", "explained")
+    ]
     sentences += [f"{text[0].upper()}{text[1:]}." for text in other]
     sentences += _starts(fit["starts_agreeing"])
     if explained and not other:
         sentences += _uncertainty(rows, n_slews, has_robust)
     sentences += _undetermined(rows)
-    return Verdict(*_headline(passed, misfit, bool(other), rows, fit["starts_agreeing"]), tuple(sentences))
+    return Verdict(
+        *_headline(passed, misfit, bool(other), rows, fit["starts_agreeing"]), tuple(sentences)
+    )
 
 
-def _headline(passed: Mapping[str, bool], misfit: list[str], other: bool, rows: Mapping[str, Any], starts: Sequence[int]) -> tuple[str, str]:
+def _headline(
+    passed: Mapping[str, bool],
+    misfit: list[str],
+    other: bool,
+    rows: Mapping[str, Any],
+    starts: Sequence[int],
+) -> tuple[str, str]:
     converged, explained = passed.get("converged", True), passed.get("explained", True)
     if not converged and not explained:
-        return "bad", "Do not use these numbers yet: the sampler has not converged, and the model does not explain the data."
+        return (
+            "bad",
+            "Do not use these numbers yet: the sampler has not converged, and the model does not explain the data.",
+        )
     if not converged:
         return "bad", "Do not use these numbers yet: the sampler has not converged."
     if not explained and misfit:
-        return "bad", "Use with care: the model does not explain the data, something is missing from it."
+        return (
+            "bad",
+            "Use with care: the model does not explain the data, something is missing from it.",
+        )
     if not explained:
-        return "caution", "Usable, but the stated noise is wrong: the residuals are smaller than it predicts."
+        return (
+            "caution",
+            "Usable, but the stated noise is wrong: the residuals are smaller than it predicts.",
+        )
     if other:
         return "bad", "Do not use these numbers yet: a gate failed."
     if starts[0] < starts[1]:
         return "caution", "Usable with care: not every start of the optimizer led to this solution."
     if any(_level(row) == "not determined" for row in rows.values()):
-        return "caution", "The fit can be trusted, but this campaign does not determine every parameter."
+        return (
+            "caution",
+            "The fit can be trusted, but this campaign does not determine every parameter.",
+        )
     return "good", "Yes, these numbers can be trusted."
 
 
@@ -179,19 +215,32 @@ def _sampler(converged: bool, about: Mapping[str, Any]) -> list[str]:
         return [f"The sampler has converged: independently started ensembles agree ({numbers})."]
     kept = about["steps"] - about["discarded"]
     reasons = [
-        (about["nested_rhat_max"] >= 1.01, f"its ensembles disagree (nested R-hat {about['nested_rhat_max']:.3f}, wanted below 1.01)"),
-        (effective < 400.0, f"it has only {effective:,.0f} effective samples of the worst parameter (wanted 400)"),
-        (kept < 20.0 * about["tau_max"], f"{kept} kept steps are too few for an autocorrelation time of {about['tau_max']:.1f} steps (wanted 20 times it)"),
+        (
+            about["nested_rhat_max"] >= 1.01,
+            f"its ensembles disagree (nested R-hat {about['nested_rhat_max']:.3f}, wanted below 1.01)",
+        ),
+        (
+            effective < 400.0,
+            f"it has only {effective:,.0f} effective samples of the worst parameter (wanted 400)",
+        ),
+        (
+            kept < 20.0 * about["tau_max"],
+            f"{kept} kept steps are too few for an autocorrelation time of {about['tau_max']:.1f} steps (wanted 20 times it)",
+        ),
     ]
     said = listed([text for failed, text in reasons if failed]) or "its gate failed"
-    return [f"The sampler has not converged: {said}. Run it for more steps before using any number below."]
+    return [
+        f"The sampler has not converged: {said}. Run it for more steps before using any number below."
+    ]
 
 
 def _misfits(fit: Mapping[str, Any]) -> tuple[list[str], list[str]]:
     """Channels with residuals too large or structured, and channels with residuals that are only too small."""
     large, small = [], []
     for name in ("rate", "attitude", "momentum"):
-        verdict = channel_verdict(fit["reduced_chi2"][name], fit["interval_99"][name], fit["p_white"][name])
+        verdict = channel_verdict(
+            fit["reduced_chi2"][name], fit["interval_99"][name], fit["p_white"][name]
+        )
         if verdict.startswith(("too large", "structured")):
             large.append(name)
         elif verdict.startswith("smaller"):
@@ -205,14 +254,24 @@ def _misfits(fit: Mapping[str, Any]) -> tuple[list[str], list[str]]:
 def _unexplained(large: list[str], small: list[str], has_robust: bool) -> list[str]:
     said = []
     if large:
-        said.append(f"The residuals ({listed(large)}) are larger, or more structured, than the model and the stated noise predict: an effect is missing.")
+        said.append(
+            f"The residuals ({listed(large)}) are larger, or more structured, than the model and the stated noise predict: an effect is missing."
+        )
         if has_robust:
-            said.append("Use the robust sd, which is what the slews themselves support, and do not read the model's sd as the uncertainty.")
+            said.append(
+                "Use the robust sd, which is what the slews themselves support, and do not read the model's sd as the uncertainty."
+            )
         else:
-            said.append("With too few slews for a robust sd, no uncertainty below can be defended: treat the sd as a lower limit.")
-        said.append("Run “bayes-inertia diagnose” to find the missing effect; a bias of the estimate that all slews share shows in neither sd.")
+            said.append(
+                "With too few slews for a robust sd, no uncertainty below can be defended: treat the sd as a lower limit."
+            )
+        said.append(
+            "Run “bayes-inertia diagnose” to find the missing effect; a bias of the estimate that all slews share shows in neither sd."
+        )
     elif small:
-        said.append(f"The residuals ({listed(small)}) are smaller than the stated noise: the sd is probably too large, not too small.")
+        said.append(
+            f"The residuals ({listed(small)}) are smaller than the stated noise: the sd is probably too large, not too small."
+        )
         said.append("Correct the stated sigma of that sensor in campaign.toml and fit again.")
     return said
 
@@ -230,13 +289,25 @@ def _uncertainty(rows: Mapping[str, Any], n_slews: int, has_robust: bool) -> lis
     """Which uncertainty to use where the model explains the data."""
     if not has_robust:
         plural = f"{n_slews} slews are" if n_slews != 1 else "One slew is"
-        return [f"{plural} too few for a robust sd: the quoted sd is the model's own and rests on the model and the stated noise being right."]
-    own = 1.0 / math.sqrt(2.0 * max(n_slews - 1, 1))  # relative error of a standard deviation from n values
-    wide = [name for name, row in rows.items() if row["robust_sd"] is not None and row["robust_sd"] > (1.0 + 2.0 * own) * row["sd"]]
+        return [
+            f"{plural} too few for a robust sd: the quoted sd is the model's own and rests on the model and the stated noise being right."
+        ]
+    own = 1.0 / math.sqrt(
+        2.0 * max(n_slews - 1, 1)
+    )  # relative error of a standard deviation from n values
+    wide = [
+        name
+        for name, row in rows.items()
+        if row["robust_sd"] is not None and row["robust_sd"] > (1.0 + 2.0 * own) * row["sd"]
+    ]
     spread = f"a robust sd from {n_slews} slews is itself uncertain by about {100.0 * own:.0f} %"
     if wide:
-        return [f"The slews scatter more than the model's sd for {listed(wide)}: use the quoted (larger) uncertainty, and mind that {spread}."]
-    return [f"Use the quoted uncertainty, the larger of the two in each row; the model's sd and what the slews support agree ({spread})."]
+        return [
+            f"The slews scatter more than the model's sd for {listed(wide)}: use the quoted (larger) uncertainty, and mind that {spread}."
+        ]
+    return [
+        f"Use the quoted uncertainty, the larger of the two in each row; the model's sd and what the slews support agree ({spread})."
+    ]
 
 
 def _level(row: Mapping[str, Any]) -> str:
@@ -247,10 +318,14 @@ def _undetermined(rows: Mapping[str, Any]) -> list[str]:
     names = [name for name, row in rows.items() if _level(row) == "not determined"]
     if not names:
         return []
-    return [f"Not determined by this campaign: {listed(names)}; what is printed for {'it' if len(names) == 1 else 'them'} is mostly the prior."]
+    return [
+        f"Not determined by this campaign: {listed(names)}; what is printed for {'it' if len(names) == 1 else 'them'} is mostly the prior."
+    ]
 
 
-def channel_verdict(reduced: float | None, interval: Sequence[float] | None, p_white: float | None) -> str:
+def channel_verdict(
+    reduced: float | None, interval: Sequence[float] | None, p_white: float | None
+) -> str:
     """One channel's fit in words.
 
     Parameters
@@ -292,14 +367,23 @@ def correlations(names: Sequence[str], matrix: Sequence[Sequence[float]]) -> lis
     >>> correlations(["Jxx", "K1"], [[1.0, -0.95], [-0.95, 1.0]])
     ['Jxx and K1 are hard to tell apart (correlation −0.95): raising one while lowering the other fits nearly as well.']
     """
-    found = [(matrix[i][j], a, names[j]) for i, a in enumerate(names) for j in range(i) if abs(matrix[i][j]) > STRONG_CORRELATION]
+    found = [
+        (matrix[i][j], a, names[j])
+        for i, a in enumerate(names)
+        for j in range(i)
+        if abs(matrix[i][j]) > STRONG_CORRELATION
+    ]
     said = []
     for r, a, b in sorted(found, key=lambda f: -abs(f[0])):
-        trade = "raising one while lowering the other" if r < 0 else "raising or lowering both together"
+        trade = (
+            "raising one while lowering the other" if r < 0 else "raising or lowering both together"
+        )
         size = "beyond 0.999" if abs(r) > 0.999 else f"{abs(r):.{2 if abs(r) < 0.985 else 3}f}"
         sign = "−" if r < 0 else "+"
         shown = size.replace("0.999", f"{sign}0.999") if abs(r) > 0.999 else sign + size
-        said.append(f"{b} and {a} are hard to tell apart (correlation {shown}): {trade} fits nearly as well.")
+        said.append(
+            f"{b} and {a} are hard to tell apart (correlation {shown}): {trade} fits nearly as well."
+        )
     return said
 
 
@@ -311,7 +395,9 @@ def groups(rows: Mapping[str, Any]) -> dict[str, list[str]]:
     return found
 
 
-def limits(*, drive: str, effects: Sequence[str], channels: Sequence[str], wheels: int, n_slews: int) -> list[str]:
+def limits(
+    *, drive: str, effects: Sequence[str], channels: Sequence[str], wheels: int, n_slews: int
+) -> list[str]:
     """What no fit of this campaign can tell, whatever its numbers say.
 
     Parameters
@@ -326,23 +412,37 @@ def limits(*, drive: str, effects: Sequence[str], channels: Sequence[str], wheel
         "is that of the prior, and no number here shows how wrong it is."
     ]
     if "wheel_torque_gain" in effects:
-        said.append("Wheel gains are fitted along: the part common to all wheels, and so the absolute size of J, comes from their prior.")
+        said.append(
+            "Wheel gains are fitted along: the part common to all wheels, and so the absolute size of J, comes from their prior."
+        )
     if "inertia_change" in effects:
-        said.append("J is the tensor before its change. For slews after it add the change, element by element: that is the tensor to fly with.")
+        said.append(
+            "J is the tensor before its change. For slews after it add the change, element by element: that is the tensor to fly with."
+        )
     if not wheels:
         pass
     elif drive == "measured":
-        said.append("The wheels' measured momentum is the input of the model: errors of commands do not matter, errors of the tachometers do.")
+        said.append(
+            "The wheels' measured momentum is the input of the model: errors of commands do not matter, errors of the tachometers do."
+        )
     else:
-        shows = "shows in its momentum residuals" if "momentum" in channels else "shows only in the motion of the body: there are no tachometers"
-        said.append(f"The commanded torques are the input of the model: a wheel that does not do what it is told {shows}.")
+        shows = (
+            "shows in its momentum residuals"
+            if "momentum" in channels
+            else "shows only in the motion of the body: there are no tachometers"
+        )
+        said.append(
+            f"The commanded torques are the input of the model: a wheel that does not do what it is told {shows}."
+        )
     if "attitude" not in channels:
         said.append(
             "There are no star-tracker fixes: nothing measures angles independently of the rate sensor, so K rests mostly on its prior and on dynamics."
         )
     if n_slews < 5:
         slews = "slew" if n_slews == 1 else "slews"
-        said.append(f"The campaign has {n_slews} {slews}: what the slews disagree about can hardly be seen. Five about different axes are a good campaign.")
+        said.append(
+            f"The campaign has {n_slews} {slews}: what the slews disagree about can hardly be seen. Five about different axes are a good campaign."
+        )
     said.append(
         "J is about the centre of mass, in body axes, and Jxy, Jxz, Jyz are elements of the tensor (not products with the opposite sign). As in the campaign "
         "file, it leaves the wheels' spin inertia out, unless the file says includes_wheel_spin = true."
@@ -358,7 +458,10 @@ def averaged_over(summary: Mapping[str, Any]) -> str:
     """
     rows = summary.get("averaged_over", [])
     sure = set.intersection(*(set(row["effects"]) for row in rows)) if rows else set()
-    return ", ".join(f"{listed([name.replace('_', ' ') for name in row['effects'] if name not in sure])} {100.0 * row['probability']:.0f} %" for row in rows)
+    return ", ".join(
+        f"{listed([name.replace('_', ' ') for name in row['effects'] if name not in sure])} {100.0 * row['probability']:.0f} %"
+        for row in rows
+    )
 
 
 def meaning(name: str) -> str:
@@ -371,7 +474,11 @@ def meaning(name: str) -> str:
         effect, parameter = name.split(".", 1)
         return f"{effect.replace('_', ' ')}: {parameter.replace('_', ' ')}"
     if name[:1] == "J" and len(name) == 3:
-        return f"moment of inertia, body {name[1]}" if name[1] == name[2] else f"inertia tensor element {name[1:]}"
+        return (
+            f"moment of inertia, body {name[1]}"
+            if name[1] == name[2]
+            else f"inertia tensor element {name[1:]}"
+        )
     if name[:1] == "K" and name[1:].isdigit():
         return f"rate-sensor scale factor, axis {name[1:]}"
     return name.replace("_", " ")

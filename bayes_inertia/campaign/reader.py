@@ -1,0 +1,164 @@
+"""From a campaign folder to a `Campaign` in SI units, and the digest that identifies its data."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import reprlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_inertia.campaign.channels import slew_from_table
+from bayes_inertia.campaign.csv_table import read_table
+from bayes_inertia.campaign.records import (
+    Campaign,
+    InertiaPrior,
+    RateSensor,
+    Slew,
+    StarTracker,
+    Wheel,
+)
+from bayes_inertia.campaign.schema import CampaignPart, SlewPart, parse_description
+from bayes_inertia.errors import CampaignError, OutputError
+from bayes_inertia.files import (
+    description_path,
+    make_folder,
+    read_bytes,
+    table_path,
+    text_of,
+    write_atomically,
+)
+
+
+def read_campaign(path: str | Path) -> Campaign:
+    """The campaign in a folder (or described by a TOML file), checked and in SI units and radians.
+
+    Parameters
+    ----------
+    path : folder holding `campaign.toml`, or the path of a description; tables lie in its folder.
+
+    Raises `CampaignError` naming file, line or key for anything that is missing, unknown or contradictory.
+
+    >>> read_campaign("no/such/folder")
+    Traceback (most recent call last):
+    bayes_inertia.errors.CampaignError: no/such/folder: does not exist; give a campaign folder or its campaign.toml
+    """
+    description = description_path(path)
+    parsed = parse_description(text_of(read_bytes(description), str(description)), str(description))
+    tables = _table_paths(parsed, description)
+    try:
+        hardware = _hardware(parsed)
+    except CampaignError as error:
+        raise error.inside(str(description)) from None
+    channels = [
+        _channels(part, table, parsed, hardware["wheels"])
+        for part, table in zip(parsed.slews, tables, strict=True)
+    ]
+    try:
+        slews = tuple(
+            _slew(part, values) for part, values in zip(parsed.slews, channels, strict=True)
+        )
+        return Campaign(name=parsed.name, slews=slews, **hardware)
+    except CampaignError as error:
+        raise error.inside(str(description)) from None
+
+
+def campaign_sha256(path: str | Path) -> str:
+    """SHA-256 (64 hexadecimal digits) of a campaign's description and of every table it names, in its order.
+
+    It changes with any byte of those files, and with nothing else: not with the folder's place or other
+    files in it. Raises `CampaignError` if the description is invalid or a table is missing.
+    """
+    digest = hashlib.sha256()
+    for name, data in _files(path):
+        # Names and lengths delimit the parts, so that no two campaigns share one stream of bytes.
+        digest.update(f"{name}\0{len(data)}\0".encode())
+        digest.update(data)
+    return digest.hexdigest()
+
+
+def copy_campaign(path: str | Path, folder: str | Path) -> Path:
+    """Copy a campaign's description and the tables it names, byte for byte, into another folder (made if absent).
+
+    Raises `CampaignError` as `campaign_sha256` does, `OutputError` if the folder cannot be written, or holds a file of another content
+    (identical ones are fine).
+    """
+    folder = Path(folder)
+    wanted = {folder / name: data for name, data in _files(path)}
+    for target, data in wanted.items():
+        if target.exists() and read_bytes(target) != data:
+            raise OutputError(
+                "would overwrite another file",
+                where=str(target),
+                advice="choose another folder; nothing was overwritten",
+            )
+    for target, data in wanted.items():
+        make_folder(target.parent)
+        write_atomically(target, data)
+    return folder
+
+
+def _files(path: str | Path) -> list[tuple[str, bytes]]:
+    description = description_path(path)
+    content = read_bytes(description)
+    parsed = parse_description(text_of(content, str(description)), str(description))
+    tables = zip(parsed.slews, _table_paths(parsed, description), strict=True)
+    return [("campaign.toml", content), *((part.file, read_bytes(table)) for part, table in tables)]
+
+
+def _table_paths(parsed: CampaignPart, description: Path) -> list[Path]:
+    paths: list[Path] = []
+    for part in parsed.slews:
+        where = f"{description}, key slews.{part.name}.file"
+        path = table_path(description.parent, part.file, where)
+        # Only formats with groups can hold several slews in one file.
+        if path in paths and path.suffix.lower() in (".csv", ".parquet"):
+            raise CampaignError(
+                f"{reprlib.repr(part.file)} is the table of two slews",
+                where=where,
+                advice="give each slew its own table",
+            )
+        paths.append(path)
+    return paths
+
+
+def _given(part: Any) -> dict[str, Any]:
+    return {
+        key: value for key in type(part).model_fields if (value := getattr(part, key)) is not None
+    }
+
+
+def _hardware(parsed: CampaignPart) -> dict[str, Any]:
+    wheels = []
+    for part in parsed.wheels:
+        given = _given(part)
+        wheels.append(Wheel(axis_B=tuple(given.pop("axis")), **given))
+    tracker = parsed.star_tracker
+    if tracker is not None:
+        tracker = StarTracker(tuple(tracker.boresight), tracker.sigma_cross, tracker.sigma_roll)
+    return {
+        "inertia": InertiaPrior(
+            **{**_given(parsed.inertia), "tensor": np.array(parsed.inertia.tensor)}
+        ),
+        "wheels": tuple(wheels),
+        "rate_sensor": RateSensor(**_given(parsed.rate_sensor)),
+        "star_tracker": tracker,
+    }
+
+
+def _channels(
+    part: SlewPart, path: Path, parsed: CampaignPart, wheels: tuple[Wheel, ...]
+) -> dict[str, np.ndarray | None]:
+    names = [name for entry in parsed.columns.given().values() for name in entry.names]
+    table = read_table(path, names, group=part.name)
+    return slew_from_table(
+        table, parsed.columns, np.array([wheel.spin_inertia for wheel in wheels])
+    )
+
+
+def _slew(part: SlewPart, channels: dict[str, np.ndarray | None]) -> Slew:
+    angle = None if part.angle_deg is None else math.radians(part.angle_deg)
+    axis = None if part.axis is None else tuple(part.axis)
+    return Slew(name=part.name, start=part.start, axis_B=axis, angle=angle, **channels)

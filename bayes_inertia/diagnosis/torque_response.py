@@ -1,0 +1,160 @@
+"""What any small body torque would do to the residuals, to first order, without simulating it.
+
+A torque at time t' moves the state by J^-1 tau dt'; carried back to the start of the slew by the
+transition matrix X of the perturbed motion it is a change of the start state, whose effect on all later
+telemetry is known. With c(t) = integral of X(t')^-1 (0, J^-1 tau) dt' the attitude and rate change by
+X(t) c(t). One set of six tangents a slew serves all torque histories.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from bayes_inertia.inference.likelihood import Residuals
+from bayes_inertia.inference.optimizer import Estimate
+from bayes_inertia.maths import inertia_tensor, quaternion
+from bayes_inertia.physics.forward_model import Data, Structure, start_of
+from bayes_inertia.physics.simulator import simulate
+
+
+@dataclass(frozen=True)
+class TorqueResponse:
+    """Linear response of every slew to body torques, at an estimate.
+
+    Attributes
+    ----------
+    time : (slews, n) [s] of the integration grid, from each slew's zero (padding repeats the end).
+    attitude (slews, n, 4), rate_B (slews, n, 3) [rad/s] and wheel_momentum (slews, n, wheels) [N m s] of the estimate.
+    transition : (slews, n, 6, 6) change of (attitude [rad, body axes], rate [rad/s]) per change of the start state.
+    inverse_inertia : (3, 3) [1/(kg m^2)] from body momentum to body rate.
+    """
+
+    at: Estimate
+    time: np.ndarray
+    attitude: np.ndarray
+    rate_B: np.ndarray
+    wheel_momentum: np.ndarray
+    transition: np.ndarray
+    inverse_inertia: np.ndarray
+
+    def residual_change(self, torque_B: np.ndarray) -> Residuals:
+        """Change of the whitened residuals by k torque histories (slews, n, 3, k) [N m]: by channel (slews, numbers, k)."""
+        kick = np.zeros((*torque_B.shape[:2], 6, torque_B.shape[-1]))
+        kick[:, :, 3:] = np.einsum("ij,snjk->snik", self.inverse_inertia, torque_B)
+        rate_of_change = np.linalg.solve(self.transition, kick)
+        step = np.diff(self.time, axis=1)[..., None, None]
+        middle = 0.5 * (rate_of_change[:, 1:] + rate_of_change[:, :-1]) * step
+        carried = np.concatenate([np.zeros_like(kick[:, :1]), np.cumsum(middle, axis=1)], axis=1)
+        moved = self.transition @ carried
+        return self._whitened(moved[:, :, :3], moved[:, :, 3:])
+
+    def reading_change(self, error: np.ndarray) -> np.ndarray:
+        """Size of the change of the whitened residuals (slews, numbers, k) by k errors of the rate sensor's readings (slews, n, 3, k) [rad/s]."""
+        telemetry, white = self.at.model.data.arrays.telemetry, np.asarray(self.at.white.rate)
+        slews = np.arange(len(error))[:, None]
+        own = np.einsum("snij,snjk->snik", white, error[slews, np.asarray(telemetry.sample)])
+        others = self._whitened(
+            np.zeros((*error.shape[:2], 3, 1)), np.zeros((*error.shape[:2], 3, 1))
+        )
+        numbers = sum(np.shape(x)[1] for x in others)
+        columns = np.zeros((len(own), numbers, error.shape[-1]))
+        columns[:, : own.shape[1] * own.shape[2]] = own.reshape(len(own), -1, error.shape[-1])
+        return columns
+
+    def _whitened(self, turn: np.ndarray, rate: np.ndarray) -> Residuals:
+        at, telemetry = self.at, self.at.model.data.arrays.telemetry
+        sample, fix = np.asarray(telemetry.sample), np.asarray(telemetry.fix_row)
+        slews = np.arange(len(sample))[:, None]
+        rate = rate[slews, sample]
+        k, white = rate.shape[-1], at.white
+        sensed = (
+            np.einsum("ij,snjk->snik", at.model.campaign.rate_sensor.axes, rate)
+            / at.theta[6:9][:, None]
+        )
+        of_rate = -np.einsum("snij,snjk->snik", np.asarray(white.rate), sensed)
+        of_attitude = -np.einsum(
+            "sfij,sfjk->sfik", np.asarray(white.attitude), turn[slews, sample[slews, fix]]
+        )
+        campaign = at.model.campaign
+        of_momentum = np.einsum(
+            "snw,w,iw,snik->snwk",
+            np.asarray(white.momentum),
+            campaign.spin_inertias,
+            campaign.wheel_axes_B,
+            rate,
+        )
+        if at.model.structure.drive == "measured":
+            of_momentum = of_momentum[:, :, :0]
+        return Residuals(
+            *(x.reshape(len(sample), -1, k) for x in (of_rate, of_attitude, of_momentum))
+        )
+
+
+def torque_response(at: Estimate) -> TorqueResponse:
+    """The linear response to body torques of all slews of an estimate."""
+    model = at.model
+    time = np.asarray(model.data.arrays.slews.context.time)
+    attitude, rate, momentum, turn, change = (
+        np.asarray(x)
+        for x in tangents(
+            model.structure, jnp.asarray(at.theta), jnp.asarray(at.point.local), model.data
+        )
+    )
+    transition = np.concatenate([turn, change], axis=-2)
+    J = np.array(inertia_tensor.tensor(jnp.asarray(at.theta[:6])))
+    spin = np.array(
+        inertia_tensor.wheel_spin_tensor(
+            jnp.asarray(model.campaign.wheel_axes_B), jnp.asarray(model.campaign.spin_inertias)
+        )
+    )
+    if model.structure.includes_wheel_spin:
+        J = J - spin
+    inverse = np.linalg.inv(J if model.structure.drive == "commanded" else J + spin)
+    return TorqueResponse(at, time, attitude, rate, momentum, transition, inverse)
+
+
+# Compiled without optimization: half the time to compile, a few calls of less than 0.1 s.
+@partial(jax.jit, static_argnums=0, compiler_options={"xla_backend_optimization_level": 0})
+def tangents(structure: Structure, theta: Array, local: Array, data: Data):
+    """Attitude, rate and wheel momentum of every slew, and how attitude (body axes) and rate follow the start state."""
+    values = structure.values(theta)
+    J = inertia_tensor.tensor(theta[:6])
+
+    def of_slew(x, slew, telemetry, reference):
+        J_of = (
+            J
+            - inertia_tensor.wheel_spin_tensor(slew.context.wheel_axes_B, slew.context.spin_inertia)
+            if structure.includes_wheel_spin
+            else J
+        )
+        if structure.drive == "measured" and structure.wheels:
+            noise = (x[6:] * data.scale.local[6:]).reshape(structure.wheels, structure.modes)
+            slew = slew._replace(momentum=slew.momentum - telemetry.tachometer_modes @ noise.T)
+        begin = start_of(structure, data.scale, reference, x)
+
+        def path(y):
+            start = begin._replace(
+                attitude=quaternion.multiply(begin.attitude, quaternion.exp(y[:3])),
+                rate_B=begin.rate_B + y[3:],
+            )
+            trajectory, _ = simulate(slew, start, J_of, structure.effects, values, structure.drive)
+            return trajectory.attitude, trajectory.rate_B, trajectory.wheel_momentum
+
+        (q, w, h), (dq, dw, _) = jax.vmap(
+            lambda v: jax.jvp(path, (jnp.zeros(6),), (v,)),
+            out_axes=((None, None, None), (-1, -1, -1)),
+        )(jnp.eye(6))
+        turn = 2.0 * jax.vmap(
+            lambda d: quaternion.multiply(quaternion.conjugate(q), d)[..., :3],
+            in_axes=-1,
+            out_axes=-1,
+        )(dq)
+        return q, w, h, turn, dw
+
+    return jax.vmap(of_slew)(local, data.arrays.slews, data.arrays.telemetry, data.arrays.reference)

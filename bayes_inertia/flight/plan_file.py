@@ -1,0 +1,213 @@
+"""Plans as TOML files that an operator can read, with angles in degrees."""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from bayes_inertia.errors import CampaignError, OutputError
+from bayes_inertia.files import read_bytes, text_of, write_atomically
+from bayes_inertia.flight.plan import Orbit, Plan, PlannedSlew
+
+FORMAT = "bayes-inertia-plan/1"
+_DEGREE = math.pi / 180.0
+# Key in the file -> field and factor to SI; a factor of None marks what is no single number.
+_SLEW = {
+    "axis": ("axis_B", None),
+    "angle_deg": ("angle", _DEGREE),
+    "rate_deg_per_s": ("rate", _DEGREE),
+    "acceleration_deg_per_s2": ("acceleration", _DEGREE),
+    "profile": ("profile", None),
+    "duration_s": ("duration", 1.0),
+}
+_ORBIT = {
+    "radius_km": ("radius", 1e3),
+    "inclination_deg": ("inclination", _DEGREE),
+    "node_deg": ("node", _DEGREE),
+    "argument_deg": ("argument", _DEGREE),
+}
+_PLAN = {
+    "name": ("name", None),
+    "start_attitude": ("start_attitude", None),
+    "wheel_momentum_Nms": ("wheel_momentum", None),
+    **{
+        f"{key}_s": (key, 1.0)
+        for key in (
+            "telemetry_period",
+            "rest_before",
+            "first_fix",
+            "fix_spacing",
+            "settle",
+            "rest_after",
+            "pause",
+        )
+    },
+}
+_LISTS = {"axis_B": 3, "start_attitude": 4, "wheel_momentum": None}
+
+
+def write_plan(plan: Plan, path: str | Path, *, overwrite: bool = False) -> Path:
+    """Write a plan as TOML that `read_plan` reads back; angles go through degrees, so they agree to rounding.
+
+    Returns the path. Raises `OutputError` if another file is in the way and not to be overwritten.
+
+    >>> from tempfile import TemporaryDirectory
+    >>> from bayes_inertia.flight.plan import paper_like_plan
+    >>> with TemporaryDirectory() as folder: read_plan(write_plan(paper_like_plan(), Path(folder, "plan.toml"))) == paper_like_plan()
+    True
+    """
+    import tomlkit
+
+    path = Path(path)
+    document = tomlkit.document()
+    document["format"] = FORMAT
+    for key, value in _rendered(plan, _PLAN).items():
+        document[key] = value
+    if plan.orbit is not None:
+        document["orbit"] = _rendered(plan.orbit, _ORBIT)
+    slews = tomlkit.aot()
+    for slew in plan.slews:
+        slews.append(tomlkit.item(_rendered(slew, _SLEW)))
+    document["slews"] = slews
+    text = tomlkit.dumps(document)
+    if path.exists() and not overwrite and text_of(read_bytes(path), str(path)) != text:
+        raise OutputError(
+            "would overwrite another file", where=str(path), advice="choose another name"
+        )
+    return write_atomically(path, text)
+
+
+def read_plan(path: str | Path) -> Plan:
+    """The plan in a TOML file.
+
+    Raises `CampaignError` naming the line or key of anything unknown, missing, of the wrong type or impossible.
+
+    >>> read_plan("no/such/plan.toml")
+    Traceback (most recent call last):
+    bayes_inertia.errors.CampaignError: no/such/plan.toml: cannot be read (No such file or directory); check that it is a readable file
+    """
+    label = str(path)
+    text = text_of(read_bytes(Path(path)), label)
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        found = re.search(r"line (\d+)", str(error))
+        where = f"{label}, line {found[1]}" if found else label
+        raise CampaignError(
+            f"not valid TOML ({error})",
+            where=where,
+            advice="text needs quotes, keys no repetition, lists commas",
+        ) from error
+    try:
+        return _plan(document)
+    except CampaignError as error:
+        raise error.inside(label) from None
+
+
+def _plan(document: dict[str, Any]) -> Plan:
+    if document.pop("format", None) != FORMAT:
+        raise CampaignError(
+            "missing or of another version", where="key format", advice=f'write format = "{FORMAT}"'
+        )
+    slews, orbit = document.pop("slews", []), document.pop("orbit", None)
+    if not isinstance(slews, list) or not all(isinstance(slew, dict) for slew in slews):
+        raise CampaignError(
+            "not a list of tables",
+            where="key slews",
+            advice="write [[slews]] and its keys below, once a slew",
+        )
+    fields = _fields(document, _PLAN, "", required=("name",), known=("format", "slews", "orbit"))
+    if orbit is not None:
+        fields["orbit"] = Orbit(**_fields(orbit, _ORBIT, "orbit."))
+    flown = tuple(
+        PlannedSlew(
+            **_fields(
+                slew, _SLEW, f"slews[{i + 1} of {len(slews)}].", required=("axis", "angle_deg")
+            )
+        )
+        for i, slew in enumerate(slews)
+    )
+    return Plan(slews=flown, **fields)
+
+
+def _fields(
+    table: Any,
+    keys: Mapping[str, tuple[str, float | None]],
+    place: str,
+    required: tuple[str, ...] = (),
+    known: tuple[str, ...] = (),
+) -> dict:
+    if not isinstance(table, dict):
+        raise CampaignError(
+            "not a table of keys",
+            where=f"key {place.rstrip('.')}",
+            advice="write it as [table] with keys below",
+        )
+    for key in table:
+        if key not in keys:
+            near = difflib.get_close_matches(key, [*keys, *known], 1, 0.5)
+            advice = (
+                f'did you mean "{near[0]}"?'
+                if near
+                else f"known here: {', '.join([*keys, *known])}"
+            )
+            raise CampaignError("unknown key", where=f"key {place}{key}", advice=advice)
+    for key in required:
+        if key not in table:
+            raise CampaignError("missing key", where=f"key {place}{key}", advice="add it")
+    return {
+        keys[key][0]: _value(value, *keys[key], f"key {place}{key}") for key, value in table.items()
+    }
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _value(value: Any, name: str, factor: float | None, where: str) -> Any:
+    if factor is not None:
+        if not _is_number(value):
+            raise CampaignError(
+                f"{value!r} is not a finite number",
+                where=where,
+                advice="write a number without quotes",
+            )
+        return math.radians(value) if factor == _DEGREE else value * factor
+    if name in _LISTS:
+        n = _LISTS[name]
+        if (
+            not isinstance(value, list)
+            or not all(_is_number(x) for x in value)
+            or n not in (None, len(value))
+        ):
+            raise CampaignError(
+                f"{value!r} is not a list of {n or 'one or more'} numbers",
+                where=where,
+                advice="write [1.0, 0.0, ...]",
+            )
+        return tuple(float(x) for x in value)
+    if not isinstance(value, str):
+        raise CampaignError(f"{value!r} is not text", where=where, advice="write text in quotes")
+    return value
+
+
+def _rendered(part: Any, keys: Mapping[str, tuple[str, float | None]]) -> dict[str, Any]:
+    values = ((key, getattr(part, name), factor) for key, (name, factor) in keys.items())
+    return {key: _shown(value, factor) for key, value, factor in values if value is not None}
+
+
+def _shown(value: Any, factor: float | None) -> Any:
+    if factor is None:
+        return list(value) if isinstance(value, tuple) else value
+    # The fewest digits that read back as the same number.
+    shown = math.degrees(value) if factor == _DEGREE else value / factor
+    candidates = [float(f"{shown:.{digits}g}") for digits in range(6, 18)]
+    exact = [
+        x for x in candidates if (math.radians(x) if factor == _DEGREE else x * factor) == value
+    ]
+    return (exact or candidates[-1:])[0]

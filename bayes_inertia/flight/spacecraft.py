@@ -1,0 +1,157 @@
+"""A spacecraft as it really is, and the attitude controller that flies it with what it believes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from bayes_inertia.campaign.records import InertiaPrior, RateSensor, StarTracker, Vector, Wheel
+from bayes_inertia.errors import CampaignError, EffectError
+from bayes_inertia.physics.effect import Effect
+
+
+@dataclass(frozen=True)
+class Spacecraft:
+    """The spacecraft as it really is.
+
+    Parameters
+    ----------
+    inertia_B : (3, 3) [kg m^2], of everything except the wheels' spin.
+    scale_factor : true K. rate_sensor : its axes and noise, and what was known of K and bias before flight.
+    bias : true rate bias [rad/s]; None draws it from the sensor's prior in every flight.
+    effects, values : what else acts, and {effect: {parameter: value}} at which strength.
+
+    Raises `CampaignError` for an inertia tensor that no body has, `EffectError` for an effect without values.
+
+    >>> Spacecraft(np.diag([3., 2., 2.]), (1.01, 1.0, 1.0), (), RateSensor(sigma=2e-5)).scale_factor
+    (1.01, 1.0, 1.0)
+    """
+
+    inertia_B: np.ndarray
+    scale_factor: Vector
+    wheels: tuple[Wheel, ...]
+    rate_sensor: RateSensor
+    star_tracker: StarTracker | None = None
+    bias: Vector | None = None
+    effects: tuple[Effect, ...] = ()
+    values: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+    def __post_init__(self):
+        object.__setattr__(self, "inertia_B", InertiaPrior(self.inertia_B, 1.0, 1.0).tensor)
+        object.__setattr__(self, "scale_factor", tuple(float(k) for k in self.scale_factor))
+        object.__setattr__(self, "wheels", tuple(self.wheels))
+        object.__setattr__(self, "effects", tuple(self.effects))
+        missing = [effect.name for effect in self.effects if effect.name not in self.values]
+        if missing:
+            raise EffectError(
+                "has no values",
+                where=missing[0],
+                advice="give values = {effect name: {parameter: value}}",
+            )
+
+    @property
+    def wheel_axes_B(self) -> np.ndarray:
+        """G (3, wheels): unit spin axes as columns."""
+        return np.array([w.axis_B for w in self.wheels]).reshape(-1, 3).T
+
+
+@dataclass(frozen=True)
+class Controller:
+    """What the attitude control believes, and how firmly it acts.
+
+    Parameters
+    ----------
+    inertia_B : (3, 3) [kg m^2], without the wheels' spin: feedforward and gains. scale_factor : K that scales the readings.
+    bandwidth [rad/s], damping : natural frequency and damping ratio of the attitude loop.
+    snapshot_time : how long before each slew readings at rest are averaged for the bias [s]; 0 trusts the sensor's prior.
+    rest_rate_sigma [rad/s], rest_attitude_sigma [rad] : how still and how well aimed the rest before a slew is.
+
+    >>> Controller(np.eye(3)).scale_factor
+    (1.0, 1.0, 1.0)
+    """
+
+    inertia_B: np.ndarray
+    scale_factor: Vector = (1.0, 1.0, 1.0)
+    bandwidth: float = 0.17
+    damping: float = math.sqrt(0.5)
+    snapshot_time: float = 20.0
+    rest_rate_sigma: float = 1e-5
+    rest_attitude_sigma: float = 5e-5
+
+    def __post_init__(self):
+        object.__setattr__(self, "inertia_B", np.array(self.inertia_B, dtype=float))
+        for key in ("bandwidth", "damping"):
+            if not getattr(self, key) > 0.0:
+                raise CampaignError(
+                    f"{getattr(self, key)!r} is not positive",
+                    where=f"controller {key}",
+                    advice="give a positive number",
+                )
+
+    @classmethod
+    def from_prior(
+        cls,
+        prior: InertiaPrior,
+        sensor: RateSensor,
+        wheels: Sequence[Wheel] = (),
+        **settings: float,
+    ) -> Controller:
+        """A controller that believes what was known before flight."""
+        return cls(
+            without_spin(prior.tensor, prior.includes_wheel_spin, wheels),
+            sensor.scale_factor,
+            **settings,
+        )
+
+
+def most_like_spacecraft() -> Spacecraft:
+    """A microsatellite like MOST in Ferguson's simulations: three wheels, a star tracker with 5" across and 30" about its boresight.
+
+    >>> most_like_spacecraft().scale_factor
+    (1.01, 1.02, 0.98)
+    """
+    J = np.array([[3.3311, -0.0119, 0.0027], [-0.0119, 2.2024, 0.0161], [0.0027, 0.0161, 1.8033]])
+    axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    limits = {"max_torque": 0.02, "max_momentum": 0.3, "momentum_sigma": 5e-6}
+    wheels = tuple(
+        Wheel(f"wheel_{name}", axis, 1e-3, **limits) for name, axis in zip("xyz", axes, strict=True)
+    )
+    sensor = RateSensor(sigma=(2e-5, 2e-5, 2e-5), bias_sigma=(2e-6, 2e-6, 2e-6))
+    tracker = StarTracker((0.0, 0.0, 1.0), math.radians(5.0 / 3600.0), math.radians(30.0 / 3600.0))
+    return Spacecraft(J, (1.01, 1.02, 0.98), wheels, sensor, tracker)
+
+
+def most_like_prior() -> InertiaPrior:
+    """What is known of the MOST-like spacecraft before flight: each moment of inertia is 2 to 4 % wrong.
+
+    >>> most_like_prior().relative_sigma
+    0.04
+    """
+    tensor = most_like_spacecraft().inertia_B * np.array(
+        [[0.97, 1.02, 0.97], [1.02, 0.98, 0.98], [0.97, 0.98, 1.04]]
+    )
+    return InertiaPrior(tensor, 0.04, 0.03)
+
+
+def spin_tensor(wheels: Sequence[Wheel]) -> np.ndarray:
+    """sum Js g g^T (3, 3) [kg m^2]: what J_locked has more than J.
+
+    >>> spin_tensor([Wheel("x", (1., 0., 0.), 1e-3)])[0, 0].item()
+    0.001
+    """
+    return sum((w.spin_inertia * np.outer(w.axis_B, w.axis_B) for w in wheels), np.zeros((3, 3)))
+
+
+def without_spin(
+    tensor: np.ndarray, includes_wheel_spin: bool, wheels: Sequence[Wheel]
+) -> np.ndarray:
+    """J (..., 3, 3) of everything except the wheels' spin, from J_locked if that is what is given.
+
+    >>> without_spin(np.eye(3), True, [Wheel("x", (1., 0., 0.), 1e-3)])[0, 0].item()
+    0.999
+    """
+    return tensor - spin_tensor(wheels) if includes_wheel_spin else tensor

@@ -1,0 +1,153 @@
+"""Does the model explain the data? Tests of whitened residuals, and what misfit does to the noise.
+
+Where residuals are larger than the stated noise, or correlated in time, the stated noise understates
+the uncertainty by far: n correlated numbers carry the information of n / (chi^2 tau), with chi^2
+their mean square and tau their integrated autocorrelation time. `dispersion` measures that factor
+slew by slew; the estimate then counts each slew with its inverse.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from emcee.autocorr import integrated_time
+from scipy import stats
+
+from bayes_inertia.physics.packing import CHANNELS
+
+# False alarms on perfect data: three channels, two tests each, in all about six per mille.
+REJECT_BELOW = 1e-3
+_LAGS = 10
+
+
+@dataclass(frozen=True)
+class ChannelTest:
+    """Tests of one channel's residuals, all slews together.
+
+    Attributes
+    ----------
+    reduced_chi2, interval : mean square per degree of freedom, and its central 99 % interval if the model is right; None without data.
+    p_chi2 : two-sided p-value of chi^2. p_white : p-value of no autocorrelation (Ljung-Box); None where it cannot be tested.
+    """
+
+    reduced_chi2: float | None
+    interval: tuple[float, float] | None
+    p_chi2: float | None
+    p_white: float | None
+
+    @property
+    def rejected(self) -> bool:
+        """Whether the residuals are not what the model and the stated noise predict."""
+        return any(p is not None and p < REJECT_BELOW for p in (self.p_chi2, self.p_white))
+
+    @property
+    def too_large(self) -> bool:
+        """Whether they are larger or smoother than predicted (smaller ones mean overstated noise: no danger)."""
+        smooth = self.p_white is not None and self.p_white < REJECT_BELOW
+        return smooth or (
+            self.rejected and self.reduced_chi2 is not None and self.reduced_chi2 > 1.0
+        )
+
+
+def chi2_test(chi2: float, dof: float, p_white: float | None = None) -> ChannelTest:
+    """Test a sum of squares against its degrees of freedom; no test where the fit leaves less than half of one.
+
+    >>> chi2_test(130.0, 100.0).rejected, chi2_test(200.0, 100.0).rejected
+    (False, True)
+    """
+    if dof < 0.5:
+        return ChannelTest(None, None, None, None)
+    tails = 2.0 * min(stats.chi2.cdf(chi2, dof), stats.chi2.sf(chi2, dof))
+    interval = tuple((stats.chi2.ppf([0.005, 0.995], dof) / dof).tolist())
+    return ChannelTest(float(chi2 / dof), interval, float(min(1.0, tails)), p_white)
+
+
+def channel_tests(
+    series: dict[str, list[np.ndarray]], chi2: np.ndarray, dof: np.ndarray
+) -> dict[str, ChannelTest]:
+    """Test every channel, and the total.
+
+    Parameters
+    ----------
+    series : {channel: [(rows, components) residuals a slew, NaN where nothing was measured]}.
+    chi2, dof : (3,) sums of squares and degrees of freedom by channel.
+    """
+    tests = {}
+    for i, channel in enumerate(CHANNELS):
+        # Star-tracker fixes come in a few bursts: no series to correlate.
+        p_white = None if channel == "attitude" else whiteness(series[channel])
+        tests[channel] = chi2_test(float(chi2[i]), float(dof[i]), p_white)
+    tests["total"] = chi2_test(float(chi2.sum()), float(dof.sum()))
+    return tests
+
+
+def _columns(slews: list[np.ndarray]) -> list[np.ndarray]:
+    columns = [slew[np.isfinite(slew[:, i]), i] for slew in slews for i in range(slew.shape[1])]
+    return [c for c in columns if len(c) > 5 * _LAGS]
+
+
+def whiteness(slews: list[np.ndarray]) -> float | None:
+    """p-value of white residuals, all components and slews together; None if the series are too short.
+
+    Two tests, the smaller p-value counted twice: Ljung and Box's of correlation over a few samples, and the highest line of the
+    periodogram summed over all series (Fisher's g without its single series), which sees a small ripple that lasts.
+
+    >>> rng = np.random.default_rng(1)
+    >>> whiteness([rng.normal(size=(400, 3))]) > 1e-3, whiteness([rng.normal(size=(400, 3)).cumsum(0)]) < 1e-3
+    (True, True)
+    >>> ripple = 0.3 * np.sin(0.3 * np.arange(400.0))[:, None]
+    >>> whiteness([rng.normal(size=(400, 3)) + ripple for _ in range(5)]) < 1e-6
+    True
+    """
+    columns = _columns(slews)
+    if not columns:
+        return None
+    smallest = min(_ljung_box(columns), _highest_line(columns))
+    return float(-np.expm1(2.0 * np.log1p(-min(smallest, 1.0 - 1e-16))))
+
+
+def _ljung_box(columns: list[np.ndarray]) -> float:
+    total = 0.0
+    for x in columns:
+        x = x - x.mean()
+        n, power = len(x), float(x @ x)
+        correlation = np.array([x[lag:] @ x[:-lag] for lag in range(1, _LAGS + 1)]) / max(
+            power, 1e-300
+        )
+        total += n * (n + 2) * float(np.sum(correlation**2 / (n - np.arange(1, _LAGS + 1))))
+    return float(stats.chi2.sf(total, _LAGS * len(columns)))
+
+
+def _highest_line(columns: list[np.ndarray]) -> float:
+    """Sidak's p-value of the highest line of the summed periodogram, at frequencies in cycles a sample."""
+    n = max(len(x) for x in columns)
+    lines = sum(
+        2.0
+        * np.abs(np.fft.rfft(x - x.mean(), n)) ** 2
+        / max(float(np.sum((x - x.mean()) ** 2)), 1e-300)
+        for x in columns
+    )
+    inside = lines[
+        1 : (n - 1) // 2 + 1
+    ]  # without the mean, and the line at half the sampling rate, which has one degree of freedom
+    single = float(stats.chi2.sf(inside.max(), 2 * len(columns)))
+    return float(-np.expm1(len(inside) * np.log1p(-min(single, 1.0 - 1e-16))))
+
+
+def dispersion(slew: np.ndarray, *, bursts: bool = False) -> float:
+    """Factor (>= 1) by which one slew's residuals (rows, components) carry less information than white unit noise would.
+
+    `bursts` : star-tracker fixes, taken as fully correlated within each half of the slew.
+
+    >>> dispersion(2.0 * np.random.default_rng(1).normal(size=(4000, 3))) < 6.0
+    True
+    """
+    finite = slew[np.isfinite(slew)]
+    if len(finite) == 0:
+        return 1.0
+    size = float(np.mean(finite**2))
+    if bursts:
+        return max(1.0, size * len(finite) / slew.shape[1] / 2.0) if size > 1.0 else 1.0
+    taus = [float(integrated_time(x, quiet=True, tol=0)[0]) for x in _columns([slew])]
+    return max(1.0, size * max(1.0, float(np.mean(taus)) if taus else 1.0))

@@ -1,0 +1,60 @@
+"""Linear algebra of normal matrices of any scaling: solve, invert, and compare what two groups of columns can do."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy import linalg
+
+# Signal-to-noise power, for an effect of prior size, below which a direction is invisible.
+VISIBLE = 1.0
+
+
+def solve(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
+    """x with matrix x = vector for a symmetric positive definite matrix (n, n) of any scaling.
+
+    >>> solve(np.diag([4.0, 0.25]), np.ones(2)).tolist()
+    [0.25, 4.0]
+    """
+    root = inverse_root(matrix)
+    return root.T @ (root @ vector)
+
+
+def inverse(matrix: np.ndarray) -> np.ndarray:
+    """Inverse of a symmetric positive definite matrix (n, n), scaled to unit diagonal first.
+
+    >>> inverse(np.diag([4.0, 0.25])).tolist()
+    [[0.25, 0.0], [0.0, 4.0]]
+    """
+    root = inverse_root(matrix)
+    return root.T @ root
+
+
+def inverse_root(matrix: np.ndarray) -> np.ndarray:
+    """Lower triangular R (n, n) with R^T R the inverse of a symmetric positive definite matrix (n, n).
+
+    >>> inverse_root(np.diag([4.0, 1.0])).tolist()
+    [[0.5, 0.0], [0.0, 1.0]]
+    """
+    scale = np.sqrt(np.diag(matrix))
+    factor = np.linalg.cholesky(matrix / np.outer(scale, scale))
+    return linalg.solve_triangular(factor, np.eye(len(scale)), lower=True) / scale
+
+
+def canonical_correlation(matrix: np.ndarray, first: int) -> float:
+    """Largest correlation between what an effect with the `first` columns of a projected normal matrix can do, and the other with the rest.
+
+    Directions in which an effect of prior size moves the residuals by less than one sigma do not count.
+
+    >>> round(canonical_correlation(np.array([[4.0, 3.0], [3.0, 9.0]]), 1), 9)
+    0.5
+    """
+    sides = []
+    for block in (matrix[:first, :first], matrix[first:, first:]):
+        powers, directions = np.linalg.eigh(block)
+        keep = powers > VISIBLE
+        sides.append(directions[:, keep] / np.sqrt(powers[keep]))
+    if not all(side.shape[1] for side in sides):
+        return 0.0
+    return float(
+        min(1.0, np.linalg.svd(sides[0].T @ matrix[:first, first:] @ sides[1], compute_uv=False)[0])
+    )

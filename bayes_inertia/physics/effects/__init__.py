@@ -1,0 +1,101 @@
+"""The effect library: one small file per effect, and the explicit tuple of those that are tried by default.
+
+The membership of `LIBRARY` decides how many comparisons a diagnosis makes. An effect of your own
+belongs in a file of your own: hand an instance to `Model` (see `analyses/outside_effect.py`).
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Sequence
+
+from bayes_inertia.errors import EffectError
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effects.constant_torque import ConstantTorque
+from bayes_inertia.physics.effects.each_slew import EachSlew
+from bayes_inertia.physics.effects.flexible_mode import FlexibleMode
+from bayes_inertia.physics.effects.gravity_gradient import GravityGradient
+from bayes_inertia.physics.effects.inertia_change import InertiaChange
+from bayes_inertia.physics.effects.magnetic_dipole import MagneticDipole
+from bayes_inertia.physics.effects.rate_bias import RateBias
+from bayes_inertia.physics.effects.rate_bias_drift import RateBiasDrift
+from bayes_inertia.physics.effects.rate_sensor_delay import RateSensorDelay
+from bayes_inertia.physics.effects.rate_sensor_misalignment import RateSensorMisalignment
+from bayes_inertia.physics.effects.rate_sensor_nonlinearity import RateSensorNonlinearity
+from bayes_inertia.physics.effects.star_tracker_misalignment import StarTrackerMisalignment
+from bayes_inertia.physics.effects.star_tracker_shift import StarTrackerShift
+from bayes_inertia.physics.effects.star_tracker_time_offset import StarTrackerTimeOffset
+from bayes_inertia.physics.effects.viscous_torque import ViscousTorque
+from bayes_inertia.physics.effects.wheel_command_lag import WheelCommandLag
+from bayes_inertia.physics.effects.wheel_friction import WheelFriction
+from bayes_inertia.physics.effects.wheel_misalignment import WheelMisalignment
+from bayes_inertia.physics.effects.wheel_torque_gain import WheelTorqueGain
+
+LIBRARY: tuple[Effect, ...] = (
+    RateBias(),
+    RateBiasDrift(),
+    RateSensorMisalignment(),
+    RateSensorDelay(),
+    RateSensorNonlinearity(),
+    StarTrackerMisalignment(),
+    StarTrackerShift(),
+    StarTrackerTimeOffset(),
+    WheelTorqueGain(),
+    WheelMisalignment(),
+    WheelFriction(),
+    WheelCommandLag(),
+    ConstantTorque(),
+    MagneticDipole(),
+    GravityGradient(),
+    ViscousTorque(),
+    FlexibleMode(),
+    InertiaChange(),
+)
+
+__all__ = [
+    "LIBRARY",
+    "ConstantTorque",
+    "EachSlew",
+    "FlexibleMode",
+    "GravityGradient",
+    "InertiaChange",
+    "MagneticDipole",
+    "RateBias",
+    "RateBiasDrift",
+    "RateSensorDelay",
+    "RateSensorMisalignment",
+    "RateSensorNonlinearity",
+    "StarTrackerMisalignment",
+    "StarTrackerShift",
+    "StarTrackerTimeOffset",
+    "ViscousTorque",
+    "WheelCommandLag",
+    "WheelFriction",
+    "WheelMisalignment",
+    "WheelTorqueGain",
+    "by_name",
+]
+
+
+def by_name(names: Sequence[str]) -> tuple[Effect, ...]:
+    """The library's effects with these names, in the order given.
+
+    Raises
+    ------
+    EffectError : a name is not in the library (the error lists the nearest ones), or is given twice.
+
+    >>> [effect.name for effect in by_name(["rate_bias"])]
+    ['rate_bias']
+    """
+    known = {effect.name: effect for effect in LIBRARY}
+    for name in names:
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=3, cutoff=0.4) or list(known)
+            raise EffectError(
+                f"no effect of this name: {name!r}",
+                where="effects",
+                advice=f"perhaps {', '.join(near)}",
+            )
+        if list(names).count(name) > 1:
+            raise EffectError("the same effect twice", where=name, advice="name each effect once")
+    return tuple(known[name] for name in names)

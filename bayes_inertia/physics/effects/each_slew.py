@@ -1,0 +1,110 @@
+"""Any effect, with parameters of its own in every slew."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import jax.numpy as jnp
+from jax import Array
+
+from bayes_inertia.campaign.records import Campaign
+from bayes_inertia.physics.effect import Effect, SlewContext
+from bayes_inertia.physics.parameters import Parameter
+
+
+@dataclass(frozen=True)
+class EachSlew(Effect):
+    """An effect that differs from slew to slew: a torque that depends on the weather, a sensor that was bumped in between.
+
+    Its parameters are those of `inner` once for every slew, each with inner's prior, so that one slew tells nothing of
+    the next. What is found to need this may be real, or may be a shared cause that the inner effect describes badly.
+    Make it with `EachSlew.of`.
+
+    Parameters
+    ----------
+    inner : the effect. slews : of the campaign. scalars : names of inner's parameters without components.
+    """
+
+    inner: Effect
+    slews: int
+    scalars: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, inner: Effect, campaign: Campaign) -> EachSlew:
+        """`inner`, different in each slew of a campaign.
+
+        >>> from bayes_inertia.physics.effects.wheel_command_lag import WheelCommandLag
+        >>> from bayes_inertia.physics.check_effect import small_campaign
+        >>> EachSlew.of(WheelCommandLag(), small_campaign()).parameters(small_campaign())[0].names[:2]
+        ('tau_1', 'tau_2')
+        """
+        scalars = tuple(p.name for p in inner.parameters(campaign) if not p.components)
+        return cls(inner, len(campaign.slews), scalars)
+
+    @property
+    def name(self) -> str:
+        """The inner effect's name."""
+        return self.inner.name
+
+    @property
+    def needs(self) -> tuple[str, ...]:
+        """The inner effect's environment columns."""
+        return self.inner.needs
+
+    def acts(self, hook: str) -> bool:
+        return self.inner.acts(hook)
+
+    def max_step(self, campaign):
+        return self.inner.max_step(campaign)
+
+    def parameters(self, campaign):
+        return tuple(self._repeated(p) for p in self.inner.parameters(campaign))
+
+    def _repeated(self, p: Parameter) -> Parameter:
+        labels = tuple(
+            "_".join(filter(None, (str(k + 1), c)))
+            for k in range(self.slews)
+            for c in (p.components or ("",))
+        )
+        return Parameter(p.name, p.unit, p.priors * self.slews, p.null, labels)
+
+    def _call(self, hook: str, p: Mapping[str, Array], slew: SlewContext, *rest: Any) -> Array:
+        """The inner effect's hook with the parameters of this slew."""
+        own = {name: jnp.reshape(value, (self.slews, -1))[slew.index] for name, value in p.items()}
+        own = {name: value[0] if name in self.scalars else value for name, value in own.items()}
+        return getattr(self.inner, hook)(own, slew, *rest)
+
+    def inertia(self, p, slew, inertia_B):
+        return self._call("inertia", p, slew, inertia_B)
+
+    def wheel_axes(self, p, slew, axes_B):
+        return self._call("wheel_axes", p, slew, axes_B)
+
+    def delivered_torque(self, p, slew, torque):
+        return self._call("delivered_torque", p, slew, torque)
+
+    def wheel_torque(self, p, slew, t, state):
+        return self._call("wheel_torque", p, slew, t, state)
+
+    def body_torque(self, p, slew, t, state):
+        return self._call("body_torque", p, slew, t, state)
+
+    def initial_state(self, p, slew, rate_B):
+        return self._call("initial_state", p, slew, rate_B)
+
+    def state_rate(self, p, slew, t, state):
+        return self._call("state_rate", p, slew, t, state)
+
+    def internal_momentum(self, p, slew, own):
+        return self._call("internal_momentum", p, slew, own)
+
+    def rate_output(self, p, slew, trajectory, rate_S):
+        return self._call("rate_output", p, slew, trajectory, rate_S)
+
+    def attitude_output(self, p, slew, trajectory, attitude):
+        return self._call("attitude_output", p, slew, trajectory, attitude)
+
+    def momentum_output(self, p, slew, trajectory, momentum):
+        return self._call("momentum_output", p, slew, trajectory, momentum)

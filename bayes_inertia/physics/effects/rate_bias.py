@@ -1,0 +1,41 @@
+"""A rate bias larger than the campaign file allows."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.parameters import Normal, vector
+
+
+@dataclass(frozen=True)
+class RateBias(Effect):
+    """A constant bias of the rate sensor beyond the prior that the campaign file states: C_rate w + b + bias.
+
+    A small bias within that prior is always fitted as a nuisance; this one is for a sensor whose bias moved
+    after calibration (turn-on to turn-on shifts of MEMS and fibre-optic gyros are several times the in-run figure).
+
+    Parameters
+    ----------
+    sigma : prior sd [rad/s]; None takes ten times the largest `bias_sigma` of the campaign.
+
+    >>> RateBias(sigma=1e-5).parameters(None)[0].names
+    ('bias_x', 'bias_y', 'bias_z')
+    """
+
+    name: ClassVar[str] = "rate_bias"
+    sigma: float | None = None
+
+    def parameters(self, campaign):
+        sigma = (
+            self.sigma
+            if self.sigma is not None
+            else 10.0 * float(np.max(campaign.rate_sensor.bias_sigma))
+        )
+        return (vector("bias", "xyz", unit="rad/s", prior=Normal(0.0, sigma)),)
+
+    def rate_output(self, p, slew, trajectory, rate_S):
+        return rate_S + p["bias"]

@@ -1,0 +1,40 @@
+"""A rate bias that drifts during the campaign."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.parameters import Normal, vector
+
+
+@dataclass(frozen=True)
+class RateBiasDrift(Effect):
+    """The rate bias changes linearly in CAMPAIGN time, through zero at the campaign's middle (warming up, ageing).
+
+    Counting from the middle keeps the drift apart from the mean bias, which is a nuisance of its own.
+
+    Parameters
+    ----------
+    sigma : prior sd [rad/s^2]; None lets the bias move ten times the largest `bias_sigma` of the campaign
+        between its middle and its end.
+
+    >>> RateBiasDrift(sigma=1e-8).parameters(None)[0].unit
+    'rad/s^2'
+    """
+
+    name: ClassVar[str] = "rate_bias_drift"
+    sigma: float | None = None
+
+    def parameters(self, campaign):
+        sigma = self.sigma
+        if sigma is None:
+            first, last = campaign.span
+            sigma = 20.0 * float(np.max(campaign.rate_sensor.bias_sigma)) / (last - first)
+        return (vector("drift", "xyz", unit="rad/s^2", prior=Normal(0.0, sigma)),)
+
+    def rate_output(self, p, slew, trajectory, rate_S):
+        return rate_S + (slew.start + slew.time - slew.middle)[:, None] * p["drift"]

@@ -1,0 +1,240 @@
+"""A campaign as padded arrays for compiled code: integration grids, measurements, masks, noise.
+
+Slews of different length are padded to one shape (steps of zero length, weights of zero), so that
+one compiled function serves all slews, and all campaigns of similar size.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from bayes_inertia.campaign.records import Campaign, Slew
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.physics.effect import SlewContext
+from bayes_inertia.physics.simulator import SlewInput
+
+CHANNELS = ("rate", "attitude", "momentum")
+# Rows are padded to a multiple of this so that campaigns of similar length share compiled code.
+_PAD = 32
+_MOST_POINTS = 1e6
+
+
+class Telemetry(NamedTuple):
+    """Measurements of one slew (leading axis: slews, when stacked).
+
+    `sample` (n,) index of each row in the integration grid; `rate` (n, 3) [rad/s], `rate_valid` (n, 3) bool;
+    `fix_row` (f,) rows with a star-tracker fix, `attitude` (f, 4), `fix_valid` (f,) bool;
+    `momentum` (n, wheels) [N m s], `momentum_valid` (n, wheels) bool; `tachometer_modes` (grid, modes)
+    orthonormal shapes of slow tachometer noise.
+    """
+
+    sample: Array
+    rate: Array
+    rate_valid: Array
+    fix_row: Array
+    attitude: Array
+    fix_valid: Array
+    momentum: Array
+    momentum_valid: Array
+    tachometer_modes: Array
+
+
+class Reference(NamedTuple):
+    """Where the nuisance parameters of one slew are counted from: `rate_B` (3,), `attitude` (4,), `wheel_momentum` (wheels,)."""
+
+    rate_B: Array
+    attitude: Array
+    wheel_momentum: Array
+
+
+class Arrays(NamedTuple):
+    """All slews of a campaign, stacked: `slews`, `telemetry`, `reference`."""
+
+    slews: SlewInput
+    telemetry: Telemetry
+    reference: Reference
+
+
+def refined_grid(time: np.ndarray, max_step: float | None) -> tuple[np.ndarray, np.ndarray]:
+    """Integration times that contain every sample time with no step above `max_step` [s], and the samples' indices.
+
+    Raises `CampaignError` if that takes more than a million steps.
+
+    >>> refined_grid(np.array([0.0, 1.0, 1.5]), 0.5)
+    (array([0. , 0.5, 1. , 1.5]), array([0, 2, 3]))
+    """
+    if max_step is None:
+        return time, np.arange(len(time))
+    wanted = np.maximum(1.0, np.ceil(np.diff(time) / max_step - 1e-9))
+    if not wanted.sum() < _MOST_POINTS:
+        what = f"integrating {time[-1] - time[0]:.6g} s in steps of {max_step:.3g} s is too much"
+        raise CampaignError(
+            what,
+            where="rate columns",
+            advice="check the unit of the rates and of time: such fast rotation is not plausible",
+        )
+    parts = wanted.astype(int)
+    sample = np.concatenate([[0], np.cumsum(parts)])
+    steps = np.repeat(np.diff(time) / parts, parts)
+    grid = np.concatenate([[time[0]], time[0] + np.cumsum(steps)])
+    grid[sample] = time
+    return grid, sample
+
+
+def longest_step(campaign: Campaign) -> float:
+    """Integration step [s] that resolves the campaign's fastest rotation to far below its noise.
+
+    Measured: with 0.05 rad a step, 100 steps of a tumble at 1 rad/s are right to 3e-7 rad/s. The fastest rotation is
+    taken from the 95th percentile of the readings, so that a few glitches do not refine the whole campaign.
+
+    >>> from bayes_inertia.campaign.records import InertiaPrior, RateSensor
+    >>> slew = Slew("a", 0.0, np.arange(3.0), rate=np.ones((3, 3)))
+    >>> round(longest_step(Campaign("c", InertiaPrior(np.eye(3), 0.1, 0.1), (), RateSensor(sigma=1e-5), None, (slew,))), 3)
+    0.008
+    """
+    rates = np.concatenate([np.linalg.norm(s.rate, axis=1) for s in campaign.slews])
+    rates = rates[np.isfinite(rates)]
+    fastest = 2.0 * float(np.quantile(rates, 0.95)) if len(rates) else 0.0
+    # A power of two, so that the grid does not change with every reading.
+    return float(2.0 ** np.floor(np.log2(0.05 / max(fastest, 1e-9))))
+
+
+def pack(campaign: Campaign, *, max_step: float | None = None, modes: int = 0) -> Arrays:
+    """The campaign as stacked, padded arrays.
+
+    Parameters
+    ----------
+    max_step : longest integration step [s]; None for the telemetry's own.
+    modes : number of slow tachometer-noise shapes per wheel (measured drive).
+
+    >>> from bayes_inertia.campaign.records import InertiaPrior, RateSensor
+    >>> slew = Slew("a", 0.0, np.arange(3.0), rate=np.zeros((3, 3)))
+    >>> pack(Campaign("c", InertiaPrior(np.eye(3), 0.1, 0.1), (), RateSensor(sigma=1e-5), None, (slew,))).telemetry.rate.shape
+    (1, 32, 3)
+    """
+    step = longest_step(campaign) if max_step is None else min(max_step, longest_step(campaign))
+    grids = [refined_grid(s.time - s.time[0], step) for s in campaign.slews]
+    n_grid = _padded(max(len(g) for g, _ in grids))
+    n_rows = _padded(max(len(s.time) for s in campaign.slews))
+    n_fixes = max(int(s.fixes.sum()) for s in campaign.slews)
+    packed = [
+        _pack_slew(campaign, i, *grids[i], n_grid, n_rows, n_fixes, modes)
+        for i in range(len(campaign.slews))
+    ]
+    return Arrays(*(_stack_tuples(parts) for parts in zip(*packed, strict=True)))
+
+
+def _padded(n: int) -> int:
+    return -(-n // _PAD) * _PAD
+
+
+def _stack_tuples(parts):
+    first = parts[0]
+    if isinstance(first, tuple):
+        return type(first)(*(_stack_tuples(field) for field in zip(*parts, strict=True)))
+    return jnp.asarray(np.stack(parts))
+
+
+def _extend(rows: np.ndarray, n: int) -> np.ndarray:
+    """Rows repeated at the end up to n."""
+    return np.concatenate([rows, np.repeat(rows[-1:], n - len(rows), axis=0)])
+
+
+def _on_grid(slew: Slew, key: str, grid: np.ndarray, width: int) -> np.ndarray:
+    values = getattr(slew, key)
+    if values is None:
+        return np.zeros((len(grid), width))
+    if not width:
+        return np.zeros((len(grid), 0))
+    time = slew.time - slew.time[0]
+    return np.stack([_bridged(grid, time, column) for column in values.T], -1)
+
+
+def _bridged(grid: np.ndarray, time: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """One column on the grid, straight lines across its gaps; zero where nothing at all was measured."""
+    given = np.isfinite(column)
+    return np.interp(grid, time[given], column[given]) if given.any() else np.zeros(len(grid))
+
+
+def _pack_slew(campaign: Campaign, index: int, grid, sample, n_grid, n_rows, n_fixes, modes):
+    slew, wheels = campaign.slews[index], len(campaign.wheels)
+    held = np.searchsorted(sample, np.arange(len(grid)), side="right") - 1
+    torque = np.zeros((len(grid), wheels)) if slew.wheel_torque is None else slew.wheel_torque[held]
+    step = np.append(np.diff(grid), 0.0)
+    boresight = campaign.star_tracker.boresight_B if campaign.star_tracker else (0.0, 0.0, 1.0)
+    context = SlewContext(
+        index=np.array(index),
+        slews=np.array(len(campaign.slews)),
+        start=np.array(slew.start),
+        middle=np.array(0.5 * sum(campaign.span)),
+        time=_extend(grid, n_grid),
+        step=np.concatenate([step, np.zeros(n_grid - len(step))]),
+        torque=_extend(torque, n_grid),
+        wheel_axes_B=campaign.wheel_axes_B,
+        spin_inertia=campaign.spin_inertias,
+        boresight_B=np.array(boresight),
+        rate_axes=campaign.rate_sensor.axes,
+    )
+    field, position = (
+        _extend(_on_grid(slew, key, grid, 3), n_grid) for key in ("magnetic_field_N", "position_N")
+    )
+    momentum = _extend(_on_grid(slew, "wheel_momentum", grid, wheels), n_grid)
+    inputs = SlewInput(context, momentum, field, position)
+    telemetry = _pack_telemetry(campaign, slew, sample, n_grid, n_rows, n_fixes, modes, len(grid))
+    return inputs, telemetry, _reference(campaign, slew)
+
+
+def _pack_telemetry(campaign, slew, sample, n_grid, n_rows, n_fixes, modes, n) -> Telemetry:
+    wheels, rows = len(campaign.wheels), len(slew.time)
+    spare = n_rows - rows
+    valid = campaign.valid_readings(slew)
+    fixes = np.flatnonzero(slew.fixes)
+    attitude = np.zeros((n_fixes, 4))
+    attitude[:, 3] = 1.0
+    if len(fixes):
+        attitude[: len(fixes)] = slew.attitude[fixes]
+    measured = (
+        slew.wheel_momentum if slew.wheel_momentum is not None else np.full((rows, wheels), np.nan)
+    )
+    sensed = np.array([w.momentum_sigma is not None for w in campaign.wheels], dtype=bool)
+    fraction = (np.arange(n) + 0.5) / n
+    shapes = (
+        np.cos(np.pi * np.arange(modes) * fraction[:, None])
+        * np.where(np.arange(modes) == 0, 1.0, np.sqrt(2.0))
+        / np.sqrt(rows)
+    )
+    return Telemetry(
+        sample=np.concatenate([sample, np.full(spare, n - 1)]),
+        rate=_extend(np.where(valid, slew.rate, 0.0), n_rows),
+        rate_valid=np.concatenate([valid, np.zeros((spare, 3), bool)]),
+        fix_row=np.concatenate([fixes, np.zeros(n_fixes - len(fixes), int)]),
+        attitude=attitude,
+        fix_valid=np.arange(n_fixes) < len(fixes),
+        momentum=_extend(np.nan_to_num(measured), n_rows),
+        momentum_valid=np.concatenate(
+            [np.isfinite(measured) & sensed, np.zeros((spare, wheels), bool)]
+        ),
+        tachometer_modes=_extend(shapes, n_grid),
+    )
+
+
+def _reference(campaign: Campaign, slew: Slew) -> Reference:
+    """Rough start state from the first readings; what is not measured starts from zero."""
+    sensor = campaign.rate_sensor
+    readings = slew.rate[np.isfinite(slew.rate).all(axis=1)]
+    first = (
+        readings[: max(1, min(8, len(readings) // 50))].mean(axis=0)
+        if len(readings)
+        else np.zeros(3)
+    )
+    rate_B = np.linalg.solve(
+        sensor.axes, np.array(sensor.scale_factor) * first - np.array(sensor.bias)
+    )
+    fixes = np.flatnonzero(slew.fixes)
+    attitude = slew.attitude[fixes[0]] if len(fixes) else np.array([0.0, 0.0, 0.0, 1.0])
+    momentum = _on_grid(slew, "wheel_momentum", np.zeros(1), len(campaign.wheels))[0]
+    return Reference(rate_B, attitude, momentum)

@@ -1,0 +1,250 @@
+"""Parameters with unit, prior and null value, and the flat space that a sampler sees."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from scipy import stats
+
+
+@dataclass(frozen=True)
+class Normal:
+    """Gaussian prior, truncated to (lower, upper) where those are given.
+
+    >>> Normal(0.0, 2.0).sd, Normal(0.0, 1.0, lower=0.0).sd
+    (2.0, 0.602...)
+    """
+
+    mean: float
+    scale: float
+    lower: float = -np.inf
+    upper: float = np.inf
+    logarithmic = False
+
+    @property
+    def distribution(self) -> stats.rv_continuous:
+        """The same distribution from `scipy.stats`."""
+        a, b = (self.lower - self.mean) / self.scale, (self.upper - self.mean) / self.scale
+        return stats.truncnorm(a, b, loc=self.mean, scale=self.scale)
+
+    @property
+    def sd(self) -> float:
+        """Standard deviation, in the parameter's unit."""
+        if np.isinf(self.lower) and np.isinf(self.upper):
+            return float(self.scale)
+        return float(self.distribution.std())
+
+
+@dataclass(frozen=True)
+class LogNormal:
+    """Prior of a positive quantity known to a factor: log(x / median) is Gaussian with sd `scale`.
+
+    >>> round(LogNormal(0.5, 0.1).sd, 4)
+    0.0504
+    """
+
+    median: float
+    scale: float
+    lower: float = 0.0
+    upper: float = np.inf
+    logarithmic = True
+
+    @property
+    def mean(self) -> float:
+        """Logarithm of the median: the centre of the Gaussian that log(x) follows."""
+        return float(np.log(self.median))
+
+    @property
+    def distribution(self) -> stats.rv_continuous:
+        """The same distribution from `scipy.stats`."""
+        return stats.lognorm(self.scale, scale=self.median)
+
+    @property
+    def sd(self) -> float:
+        """Standard deviation, in the parameter's unit."""
+        return float(self.distribution.std())
+
+
+Prior = Normal | LogNormal
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One named quantity, scalar or with named components.
+
+    Parameters
+    ----------
+    name : identifier, unique within its owner.
+    unit : SI unit as printed ("" for a pure number).
+    priors : one prior a component.
+    null : the value at which the parameter does nothing (the same for all components).
+    components : labels of the components; empty for a scalar.
+
+    >>> Parameter("tau", "s", (Normal(0., 1.),)).names
+    ('tau',)
+    """
+
+    name: str
+    unit: str
+    priors: tuple[Prior, ...]
+    null: float = 0.0
+    components: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the components: `name_component`, or just the name."""
+        return (
+            tuple(f"{self.name}_{c}" for c in self.components) if self.components else (self.name,)
+        )
+
+
+def scalar(name: str, *, unit: str, prior: Prior, null: float = 0.0) -> Parameter:
+    """A parameter that is one number; effects read it as `p[name]`, shape ().
+
+    >>> scalar("lag", unit="s", prior=Normal(0.0, 0.1)).unit
+    's'
+    """
+    return Parameter(name, unit, (prior,), null)
+
+
+def vector(
+    name: str, components: Sequence[str], *, unit: str, prior: Prior, null: float = 0.0
+) -> Parameter:
+    """A parameter with components ("xyz", wheel names, ...) that share one prior; `p[name]` has shape (n,).
+
+    >>> vector("torque", "xyz", unit="N m", prior=Normal(0.0, 1e-5)).names
+    ('torque_x', 'torque_y', 'torque_z')
+    """
+    return Parameter(name, unit, (prior,) * len(components), null, tuple(components))
+
+
+@dataclass(frozen=True)
+class ParameterSpace:
+    """All sampled parameters in one flat vector: blocks of parameters, each with its owner's name.
+
+    A base parameter has the owner "" and keeps its plain name ("Jxx"); an effect's is called
+    "effect.parameter". Flat vectors hold physical values in the unit of each parameter.
+
+    >>> space = ParameterSpace((("", scalar("K1", unit="", prior=Normal(1.0, 0.03), null=1.0)),))
+    >>> space.names, space.sd.tolist()
+    (('K1',), [0.03])
+    """
+
+    entries: tuple[tuple[str, Parameter], ...]
+    names: tuple[str, ...] = field(init=False, repr=False, compare=False)
+    units: tuple[str, ...] = field(init=False, repr=False, compare=False)
+    priors: tuple[Prior, ...] = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self):
+        names = [f"{owner}.{n}" if owner else n for owner, p in self.entries for n in p.names]
+        object.__setattr__(self, "names", tuple(names))
+        object.__setattr__(self, "units", tuple(p.unit for _, p in self.entries for _ in p.names))
+        object.__setattr__(
+            self, "priors", tuple(prior for _, p in self.entries for prior in p.priors)
+        )
+
+    @property
+    def size(self) -> int:
+        """Number of scalar parameters."""
+        return len(self.names)
+
+    @property
+    def nulls(self) -> np.ndarray:
+        """The vector at which every effect does nothing (size,)."""
+        return np.array([p.null for _, p in self.entries for _ in p.names])
+
+    @property
+    def mean(self) -> np.ndarray:
+        """Prior means (medians of log-normal priors) (size,)."""
+        return np.array([p.median if p.logarithmic else p.mean for p in self.priors])
+
+    @property
+    def sd(self) -> np.ndarray:
+        """Prior standard deviations (size,)."""
+        return np.array([p.sd for p in self.priors])
+
+    @property
+    def lower(self) -> np.ndarray:
+        """Lower ends of the priors' supports (size,)."""
+        return np.array([p.lower for p in self.priors])
+
+    @property
+    def upper(self) -> np.ndarray:
+        """Upper ends of the priors' supports (size,)."""
+        return np.array([p.upper for p in self.priors])
+
+    def slice_of(self, owner: str) -> slice:
+        """Where the parameters of one owner stand in the flat vector."""
+        start = 0
+        for name, group in self._groups().items():
+            stop = start + sum(len(p.names) for p in group)
+            if name == owner:
+                return slice(start, stop)
+            start = stop
+        return slice(start, start)
+
+    def _groups(self) -> dict[str, list[Parameter]]:
+        groups: dict[str, list[Parameter]] = {}
+        for owner, parameter in self.entries:
+            groups.setdefault(owner, []).append(parameter)
+        return groups
+
+    def split(self, flat: Array) -> Mapping[str, Mapping[str, Array]]:
+        """The flat vector (size,) as {owner: {parameter: array}}; traceable by JAX."""
+        values: dict[str, dict[str, Array]] = {}
+        start = 0
+        for owner, p in self.entries:
+            stop = start + len(p.names)
+            values.setdefault(owner, {})[p.name] = flat[start:stop] if p.components else flat[start]
+            start = stop
+        return values
+
+    def constants(self) -> dict[str, Array]:
+        """The one-dimensional priors as arrays (size,) `logarithmic`, `mean`, `scale`, `lower`, `upper`, for compiled code."""
+        columns = {
+            "logarithmic": [p.logarithmic for p in self.priors],
+            "mean": [p.mean for p in self.priors],
+            "scale": [p.scale for p in self.priors],
+            "lower": [p.lower for p in self.priors],
+            "upper": [p.upper for p in self.priors],
+        }
+        return {k: jnp.asarray(np.array(v)) for k, v in columns.items()}
+
+    def draw(self, rng: np.random.Generator, n: int) -> np.ndarray:
+        """n independent draws of the one-dimensional priors (n, size)."""
+        return np.stack(
+            [p.distribution.rvs(n, random_state=rng) for p in self.priors], axis=-1
+        ).reshape(n, self.size)
+
+
+def prior_residual(constants: Mapping[str, Array], flat: Array) -> Array:
+    """Whitened distance of every parameter from its prior's centre (..., size).
+
+    >>> space = ParameterSpace((("", scalar("K1", unit="", prior=Normal(1.0, 0.5))),))
+    >>> prior_residual(space.constants(), jnp.array([2.0])).tolist()
+    [2.0]
+    """
+    positive = jnp.where(constants["logarithmic"], jnp.maximum(flat, 1e-300), 1.0)
+    value = jnp.where(constants["logarithmic"], jnp.log(positive), flat)
+    return (value - constants["mean"]) / constants["scale"]
+
+
+def log_prior(constants: Mapping[str, Array], flat: Array) -> Array:
+    """Log prior density (...) up to the constant of the Gaussians' and truncations' norms; -inf outside the support.
+
+    >>> space = ParameterSpace((("", scalar("tau", unit="s", prior=Normal(0.0, 1.0, lower=0.0))),))
+    >>> log_prior(space.constants(), jnp.array([[2.0], [-1.0]])).tolist()
+    [-2.0, -inf]
+    """
+    inside = (
+        (flat >= constants["lower"])
+        & (flat <= constants["upper"])
+        & ~(constants["logarithmic"] & (flat <= 0.0))
+    )
+    measure = jnp.where(constants["logarithmic"], jnp.log(jnp.maximum(flat, 1e-300)), 0.0)
+    density = -0.5 * jnp.sum(prior_residual(constants, flat) ** 2, -1) - jnp.sum(measure, -1)
+    return jnp.where(jnp.all(inside, -1), density, -jnp.inf)

@@ -1,0 +1,99 @@
+"""Do the independent ensembles agree?"""
+
+# Printed text has typographic signs on purpose.
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from scipy import stats
+
+from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.report.pictures import data, style
+
+_BINS = 20
+
+
+@style.styled
+def chains(posterior: Posterior) -> Figure:
+    """Trace of the parameter whose ensembles agree least, rank histogram of each ensemble, and the log posterior.
+
+    The sampler's gates (nested R-hat, effective samples, acceptance) are written above the panels.
+    """
+    about, n = posterior.attributes["diagnostics"], data.ensembles(posterior)
+    name = worst_parameter(posterior)
+    variable = posterior.tree["posterior"][name]
+    values = _by_ensemble(variable.values, n)
+    mean, sd = float(values.mean()), float(values.std())
+    scale = style.scale(name, str(variable.attrs.get("units", "")), mean, 3.0 * sd)
+    figure, cells = style.grid(3.05, 1, 3, left=0.8, top=0.95, bottom=0.55, gap_x=0.85)
+    trace, ranks, height = (figure.add_axes(cell) for cell in cells)
+    _trace(trace, scale(values), scale.label, about["discarded"])
+    trace.set_title(f"trace of {name}: mean and 90 % of walkers")
+    _ranks(ranks, values, about["tau_max"])
+    ranks.set_title(f"ranks of {name}")
+    lp = _by_ensemble(posterior.tree["sample_stats"]["lp"].values, n)
+    _trace(height, lp - lp.max(), "below the highest draw [nat]", about["discarded"])
+    height.set_title("log posterior")
+    gates = f"nested R-hat {about['nested_rhat_max']:.4f} (< 1.01)    effective samples {min(about['ess_bulk_min'], about['ess_tail_min']):,.0f} (> 400)"
+    gates += f"    acceptance {about['acceptance']:.2f}    autocorrelation time {about['tau_max']:.1f} steps"
+    figure.text(0.015, 0.945, gates, va="center", fontsize=8.5)
+    handles = [trace.lines[i] for i in range(n)]
+    figure.legend(
+        handles,
+        [f"ensemble {i + 1}" for i in range(n)],
+        loc="upper left",
+        ncols=min(n, 8),
+        bbox_to_anchor=(0.005, 0.925),
+        fontsize=8,
+    )
+    return figure
+
+
+def worst_parameter(posterior: Posterior) -> str:
+    """The parameter whose ensembles' means differ most, in units of its sd."""
+    n = data.ensembles(posterior)
+
+    def distance(name: str) -> float:
+        values = _by_ensemble(posterior.tree["posterior"][name].values, n)
+        return float(values.mean((1, 2)).std() / max(values.std(), 1e-300))
+
+    return max(posterior.names, key=distance)
+
+
+def _by_ensemble(values: np.ndarray, n: int) -> np.ndarray:
+    """(chain, draw) to (ensembles, walkers, draw)."""
+    return values.reshape(n, -1, values.shape[-1])
+
+
+def _trace(axes: Axes, values: np.ndarray, label: str, discarded: int) -> None:
+    step = discarded + np.arange(values.shape[-1])
+    for i, walkers in enumerate(values):
+        x, y = style.envelope(step, walkers.mean(0), 800)
+        axes.plot(x, y, color=style.color(i), ls=style.DASHES[i % 6], lw=1.2)
+    for i, walkers in enumerate(values):
+        keep = slice(None, None, max(1, len(step) // 400))
+        low, high = np.quantile(walkers[:, keep], [0.05, 0.95], axis=0)
+        axes.fill_between(step[keep], low, high, color=style.color(i), alpha=0.10, lw=0)
+    axes.set(xlabel="step of the ensemble", ylabel=label)
+
+
+def _ranks(axes: Axes, values: np.ndarray, tau: float) -> None:
+    """Share of each ensemble's draws in equal-population bins of all draws; 99 % band for independent ensembles."""
+    ranks = stats.rankdata(values.ravel()).reshape(len(values), -1) / values.size
+    edges = np.linspace(0.0, 1.0, _BINS + 1)
+    for i, own in enumerate(ranks):
+        share = np.histogram(own, edges)[0] * _BINS / own.size
+        axes.stairs(
+            share, edges, color=style.color(i), ls=style.DASHES[i % 6], lw=1.1, baseline=None
+        )
+    effective = ranks.shape[1] / max(tau, 1.0)
+    half = 2.576 * np.sqrt((_BINS - 1) / effective)
+    axes.axhspan(1.0 - half, 1.0 + half, color=style.PALE, alpha=0.6, lw=0, zorder=0)
+    axes.axhline(1.0, color=style.MUTED, lw=0.6)
+    axes.set(
+        xlabel="rank among all draws [–]",
+        ylabel="density of ranks [–]",
+        xlim=(0, 1),
+        ylim=(min(0.6, 1 - 1.6 * half), max(1.4, 1 + 1.6 * half)),
+    )

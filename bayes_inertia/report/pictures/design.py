@@ -1,0 +1,142 @@
+"""Plans side by side: sds expected and achieved, the slews themselves, and what they cost."""
+
+# Printed text has typographic signs on purpose.
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bayes_inertia.design.comparison import NAMES, Contender
+from bayes_inertia.report.pictures import style
+
+
+@style.styled
+def comparison(contenders: Sequence[Contender]) -> Figure:
+    """Above: sd of every parameter, expected (mark) and achieved in simulated campaigns (dot with 2 sd of Monte Carlo error).
+    Below: each plan's slews as angle by axis, and time, momentum and torque used."""
+    n = len(contenders)
+    figure = Figure(figsize=(style.WIDTH, 5.0 + 0.28 * n), layout="constrained")
+    top, bottom = figure.subfigures(2, 1, height_ratios=(3.0, 1.5 + 0.28 * n))
+    left, right = top.subplots(1, 2, width_ratios=(2.0, 1.0))
+    _sds(left, contenders, range(6), "sd [kg m²]")
+    _sds(right, contenders, range(6, 9), "sd of K [–]")
+    left.legend(loc="upper right", ncols=1 if n < 4 else 2)
+    slews, costs = bottom.subplots(1, 2, width_ratios=(2.0, 1.0), sharey=True)
+    _slews(slews, contenders)
+    _costs(costs, contenders)
+    return figure
+
+
+def _sds(axes: Axes, contenders: Sequence[Contender], which: range, label: str) -> None:
+    x = np.arange(len(which))
+    width = 0.7 / len(contenders)
+    for k, contender in enumerate(contenders):
+        at = x + (k - 0.5 * (len(contenders) - 1)) * width
+        color = style.color(k)
+        axes.bar(
+            at,
+            contender.expected[list(which)],
+            0.85 * width,
+            color=color,
+            alpha=0.35 if contender.achieved else 0.9,
+            label=f"{contender.name}",
+        )
+        if contender.achieved:
+            sd, error = (
+                v[list(which)] for v in (contender.achieved.sd, contender.achieved.sd_error)
+            )
+            axes.errorbar(
+                at,
+                sd,
+                2.0 * error,
+                fmt=style.MARKERS[k % 6],
+                ms=4.0,
+                color=color,
+                capsize=2.0,
+                lw=1.0,
+            )
+    achieved = any(c.achieved for c in contenders)
+    axes.set(xticks=x, xticklabels=[NAMES[i] for i in which], ylabel=label, ylim=(0.0, None))
+    axes.set_title(
+        "bars: expected" + (", marks: achieved in simulated campaigns (± 2 se)" if achieved else "")
+        if which.start == 0
+        else ""
+    )
+    highest = axes.get_ylim()[1]
+    axes.set_ylim(0.0, highest * (1.25 if which.start == 0 else 1.05))
+    axes.ticklabel_format(axis="y", style="sci", scilimits=(-2, 3), useMathText=True)
+
+
+def _slews(axes: Axes, contenders: Sequence[Contender]) -> None:
+    """Each slew as a bar from its start to its end, as long as it lasts, with its angle."""
+    for y, contender in enumerate(contenders):
+        plan = contender.plan
+        for slew, start in zip(plan.slews, plan.starts, strict=True):
+            begin = (start + plan.rest_before) / 60.0
+            axes.barh(y, slew.motion_time / 60.0, left=begin, height=0.5, color=style.color(y))
+            axes.text(
+                begin,
+                y - 0.3,
+                f"{np.degrees(slew.angle):.0f}° {_axis(slew.axis_B)}",
+                fontsize=7.0,
+                va="bottom",
+                color=style.MUTED,
+            )
+        axes.plot([0.0, contender.total_time / 60.0], [y, y], color=style.PALE, lw=1.0, zorder=0)
+    axes.set(
+        yticks=range(len(contenders)),
+        yticklabels=[_short(c.name) for c in contenders],
+        ylim=(len(contenders) - 0.4, -0.7),
+        xlabel="time [min]",
+    )
+    axes.set_title("slews: angle, and body axes that they turn about")
+
+
+def _axis(axis_B: Sequence[float]) -> str:
+    """The body axes that an axis is nearest to.
+
+    >>> _axis((0.0, -1.0, 0.0)), _axis((0.6, 0.1, -0.79))
+    ('−y', '+x−z')
+    """
+    return "".join(
+        f"{'+' if x > 0.0 else '−'}{name}"
+        for x, name in zip(axis_B, "xyz", strict=True)
+        if abs(x) > 0.4
+    )
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= 26 else f"{name[:25]}…"
+
+
+def _costs(axes: Axes, contenders: Sequence[Contender]) -> None:
+    """Share used of each limit, wheel torque and momentum."""
+    for y, contender in enumerate(contenders):
+        for offset, key, label in ((-0.16, "momentum", "momentum"), (0.16, "torque", "torque")):
+            shares = [
+                100.0 * m.used / m.allowed
+                for m in contender.margins
+                if m.limit.startswith(f"{key} of")
+            ]
+            if shares:
+                axes.barh(
+                    y + offset,
+                    max(shares),
+                    height=0.28,
+                    color=style.color(y),
+                    alpha=1.0 if key == "momentum" else 0.5,
+                )
+                text = axes.text(
+                    max(shares) + 1.5,
+                    y + offset,
+                    f"{label} {max(shares):.0f} %",
+                    va="center",
+                    fontsize=7.5,
+                    color=style.MUTED,
+                )
+                text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 0.5})
+    axes.axvline(100.0, color=style.MUTED, ls=(0, (4, 2)), zorder=0)
+    axes.set(xlim=(0.0, 150.0), xlabel="largest use of a wheel's limit [%]")

@@ -1,0 +1,134 @@
+"""What a campaign tells about each parameter: prior to posterior, what is lost to whom, and when the cross terms' information arrives."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+
+from bayes_inertia.observability.result import Arrival, Observability, in_windows
+from bayes_inertia.report.pictures import style
+
+_CROSS = ("Jxy", "Jxz", "Jyz")
+_MOST_SLEWS = 6
+
+
+@style.styled
+def observability(found: Observability) -> Figure:
+    """Left: sd over prior sd, filled bar; open bar were everything else known. Right: factors of the variance by which each
+    group of unknowns widens it. Below: when the cross terms' information arrives, in the (at most six) slews that tell most of them."""
+    shown = [name for name in _CROSS if name in found.names] or list(found.names)[:3]
+    arrivals = _telling(found, shown)
+    n, slews = len(found.parameters), len(arrivals)
+    bars, below, top, gap = 0.34 * n + 0.3, 2.2, 0.75, 1.15
+    height = top + bars + gap + below + 0.55
+    figure = Figure(figsize=(style.WIDTH, height))
+    place = (height - top - bars) / height
+    left = figure.add_axes((0.13, place, 0.36, bars / height))
+    _bars(left, found)
+    right = figure.add_axes((0.56, place, 0.42, bars / height), sharey=left)
+    _inflation(right, found)
+    width = 0.87 / slews
+    panels = [
+        figure.add_axes((0.11 + s * width, 0.55 / height, 0.86 * width, below / height))
+        for s in range(slews)
+    ]
+    _times(panels, found, arrivals, shown)
+    return figure
+
+
+def _telling(found: Observability, shown: list[str]) -> list[Arrival]:
+    """The slews that tell most of the shown parameters, in the order flown."""
+    parts = np.sum([found[name].share.sum(1) for name in shown], axis=0)
+    return [found.arrivals[s] for s in sorted(np.argsort(-parts)[:_MOST_SLEWS])]
+
+
+def _bars(axes: Axes, found: Observability) -> None:
+    y = np.arange(len(found.parameters))
+    sd = np.array([p.sd / p.prior_sd for p in found.parameters])
+    known = np.array([p.conditional_sd / p.prior_sd for p in found.parameters])
+    low = 0.5 * min(known.min(), sd.min())
+    colors = [
+        {
+            "determined": style.BLUE,
+            "partly": style.SKY,
+            "weakly": style.ORANGE,
+            "prior": style.VERMILLION,
+        }[p.verdict]
+        for p in found.parameters
+    ]
+    axes.barh(y, sd - low, left=low, height=0.55, color=colors)
+    axes.plot(known, y, "|", color=style.INK, ms=10, mew=1.4)
+    axes.axvline(1.0, color=style.MUTED, ls=(0, (4, 2)))
+    axes.set(
+        xscale="log",
+        xlim=(low, 1.6),
+        yticks=y,
+        yticklabels=found.names,
+        ylim=(len(y) - 0.4, -0.6),
+        xlabel="sd / prior sd (mark: all else known)",
+    )
+    axes.set_title("prior to posterior")
+
+
+def _inflation(axes: Axes, found: Observability) -> None:
+    groups = list(found.parameters[0].inflation)
+    for y, p in enumerate(found.parameters):
+        start = 0.0
+        for k, group in enumerate(groups):
+            length = max(0.0, 0.5 * np.log10(p.inflation[group]))
+            axes.barh(
+                y,
+                length,
+                left=start,
+                height=0.55,
+                color=style.COLORS[k % 6],
+                hatch="///" if k % 2 else None,
+                ec="white",
+                lw=0,
+            )
+            start += length
+        axes.text(
+            start,
+            y,
+            f"  ×{np.sqrt(p.variance_inflation):.2g}",
+            va="center",
+            fontsize=7.5,
+            color=style.MUTED,
+        )
+    axes.tick_params(axis="y", labelleft=False)
+    most = max(0.5 * np.log10(max(p.variance_inflation, 1.0)) for p in found.parameters)
+    axes.set(xlim=(0.0, 1.2 * max(most, 0.1)), xlabel="decades of sd lost to not knowing …")
+    handles = [
+        Patch(fc=style.COLORS[k % 6], hatch="///" if k % 2 else None, ec="white", label=g)
+        for k, g in enumerate(groups)
+    ]
+    axes.legend(
+        handles=handles,
+        loc="lower left",
+        bbox_to_anchor=(-0.02, 1.0),
+        ncols=min(len(groups), 4),
+        columnspacing=1.2,
+    )
+
+
+def _times(
+    panels: list[Axes], found: Observability, arrivals: list[Arrival], shown: list[str]
+) -> None:
+    highest = 0.0
+    for s, (axes, arrival) in enumerate(zip(panels, arrivals, strict=True)):
+        edges, precision = in_windows(arrival)
+        for k, name in enumerate(shown):
+            share = 100.0 * precision[..., found.names.index(name)].sum(1) * found[name].sd ** 2
+            highest = max(highest, float(share.max()))
+            axes.stairs(share, edges, color=style.COLORS[k], ls=style.DASHES[k], lw=1.2, label=name)
+        axes.set(xlabel="time in the slew [s]")
+        axes.set_title(arrival.slew)
+        axes.locator_params(axis="x", nbins=3)
+        if s:
+            axes.tick_params(labelleft=False)
+    for axes in panels:
+        axes.set_ylim(0.0, 1.08 * highest if highest else 1.0)
+    panels[0].set_ylabel("part of what is known [%]")
+    panels[0].legend(loc="upper center", handlelength=1.6)

@@ -1,0 +1,217 @@
+"""Pair plot of the posterior: every pair of parameters in one picture, drawn in one axes so that it is quick."""
+
+# Printed text has typographic signs on purpose.
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from scipy.ndimage import gaussian_filter
+
+from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.report.pictures import data, style
+
+_PIXELS = 44
+_SPAN = 3.4  # cells show the mean +- this many of the larger sd
+_RADIUS_90 = float(np.sqrt(2.0 * np.log(10.0)))  # of the 90 % ellipse of a bivariate normal
+_GAP = 0.06
+_UPRIGHT = 10  # more labels than this are turned
+
+
+@style.styled
+def pairs(posterior: Posterior, most: int = 16) -> Figure:
+    """Lower triangle: density and 90 % ellipse of each pair; diagonal: density; upper triangle: correlation.
+
+    The dashed orange ellipse is what the slews themselves support (robust covariance); it is drawn
+    where the model does not explain the data. At most `most` parameters: those with the strongest correlations.
+    """
+    index = _chosen(posterior.samples, most)
+    draws = posterior.samples[:, index]
+    names = [posterior.names[i] for i in index]
+    robust = None if posterior.trusted else data.robust_covariance(posterior)
+    robust = None if robust is None else robust[np.ix_(index, index)]
+    covariance = np.atleast_2d(np.cov(draws.T))
+    sd = np.sqrt(np.diag(covariance))
+    half = _SPAN * (sd if robust is None else np.maximum(sd, np.sqrt(np.diag(robust))))
+    z = (draws - draws.mean(0)) / half
+    d = len(names)
+    size = min(style.WIDTH, 2.6 + 0.72 * d)
+    figure = Figure(figsize=(size, size * 0.98))
+    bottom = 0.05 if d <= _UPRIGHT else 0.09
+    axes = figure.add_axes([0.15, bottom, 0.84, 0.95 - bottom])
+    _densities(axes, z)
+    _diagonal(axes, z)
+    _ellipses(axes, covariance / np.outer(half, half), color=style.BLUE, ls="-")
+    if robust is not None:
+        _ellipses(axes, robust / np.outer(half, half), color=style.ORANGE, ls=(0, (3, 2)))
+    _correlations(axes, np.atleast_2d(np.corrcoef(draws.T)))
+    _labels(axes, names, posterior, draws.mean(0), half)
+    axes.set(xlim=(-0.02, d + 0.02), ylim=(d + 0.02, -0.02), xticks=[], yticks=[])
+    axes.spines[:].set_visible(False)
+    handles = [
+        Patch(fc=style.BLUE, alpha=0.5, label="posterior draws"),
+        Line2D([], [], color=style.BLUE, label="90 % (model)"),
+    ]
+    if robust is not None:
+        handles.append(
+            Line2D(
+                [],
+                [],
+                color=style.ORANGE,
+                ls=(0, (3, 2)),
+                label="90 % (robust: what the slews support)",
+            )
+        )
+    figure.legend(handles=handles, loc="upper right", ncols=3)
+    return figure
+
+
+def _chosen(samples: np.ndarray, most: int) -> list[int]:
+    """Indices of the parameters that are shown, in their order."""
+    d = samples.shape[1]
+    if d <= most:
+        return list(range(d))
+    strength = np.abs(np.corrcoef(samples.T) - np.eye(d)).max(0)
+    return sorted(np.argsort(-strength, kind="stable")[:most].tolist())
+
+
+def _place(z: np.ndarray, cell: int, flip: bool = False) -> np.ndarray:
+    """Positions in [-1, 1] of a cell on the picture's axes (rows count downwards: `flip`)."""
+    inside = 0.5 * (1.0 - _GAP)
+    return cell + 0.5 + (-inside if flip else inside) * z
+
+
+def _densities(axes: Axes, z: np.ndarray) -> None:
+    """All 2-D histograms as one image."""
+    d = z.shape[1]
+    image = np.full((d * _PIXELS, d * _PIXELS), np.nan)
+    pad = round(0.5 * _GAP * _PIXELS)
+    n = _PIXELS - 2 * pad
+    for row in range(d):
+        for column in range(row):
+            counts = np.histogram2d(z[:, row], z[:, column], bins=n, range=[[-1, 1], [-1, 1]])[0]
+            smooth = gaussian_filter(counts, 1.2)[::-1]
+            y, x = row * _PIXELS + pad, column * _PIXELS + pad
+            image[y : y + n, x : x + n] = smooth / smooth.max()
+    shades = _blues()
+    axes.imshow(
+        image,
+        extent=(0, d, d, 0),
+        cmap=shades,
+        vmin=0.0,
+        vmax=1.0,
+        interpolation="nearest",
+        aspect="auto",
+        zorder=1,
+    )
+    frame = [_box(row, column) for row in range(d) for column in range(row + 1)]
+    axes.add_collection(LineCollection(frame, colors=style.PALE, linewidths=0.6, zorder=2))
+
+
+def _blues():
+    from matplotlib.colors import LinearSegmentedColormap
+
+    return LinearSegmentedColormap.from_list(
+        "posterior", ["#ffffff", "#cfe3f1", "#7db4d8", "#2f84bd", "#003f66"]
+    ).with_extremes(bad="#ffffff")
+
+
+def _box(row: int, column: int) -> np.ndarray:
+    corners = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1], [-1, -1]], float)
+    return np.column_stack([_place(corners[:, 0], column), _place(corners[:, 1], row, flip=True)])
+
+
+def _diagonal(axes: Axes, z: np.ndarray) -> None:
+    for i in range(z.shape[1]):
+        x, p = style.density(z[:, i], -1.0, 1.0, 80)
+        heights = -1.0 + 1.8 * p / p.max()
+        axes.fill_between(
+            _place(x, i),
+            _place(np.full_like(x, -1.0), i, flip=True),
+            _place(heights, i, flip=True),
+            color=style.BLUE,
+            alpha=0.35,
+            lw=0,
+        )
+        axes.plot(_place(x, i), _place(heights, i, flip=True), color=style.BLUE, lw=1.0)
+
+
+def _ellipses(axes: Axes, covariance: np.ndarray, **line) -> None:
+    """90 % ellipses of all pairs in cell units."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 61)
+    circle = _RADIUS_90 * np.stack([np.cos(angle), np.sin(angle)])
+    paths = []
+    for row in range(len(covariance)):
+        for column in range(row):
+            pair = covariance[np.ix_([column, row], [column, row])]
+            values, vectors = np.linalg.eigh(pair)
+            x, y = vectors @ (np.sqrt(np.maximum(values, 0.0))[:, None] * circle)
+            paths.append(np.column_stack([_place(x, column), _place(y, row, flip=True)]))
+    axes.add_collection(
+        LineCollection(
+            paths, colors=line["color"], linestyles=[line["ls"]], linewidths=1.0, zorder=3
+        )
+    )
+
+
+def _correlations(axes: Axes, correlation: np.ndarray) -> None:
+    """Numbers in the upper triangle, larger and darker where stronger."""
+    d = len(correlation)
+    for row in range(d):
+        for column in range(row + 1, d):
+            r = correlation[row, column]
+            strong = abs(r)
+            if strong > 0.9:
+                axes.add_patch(_square(row, column))
+            axes.text(
+                column + 0.5,
+                row + 0.5,
+                f"{r:+.2f}",
+                ha="center",
+                va="center",
+                fontsize=6.5 + 3.0 * strong,
+                color=style.INK if strong > 0.3 else "#9a9a9a",
+                weight="bold" if strong > 0.9 else "normal",
+            )
+
+
+def _square(row: int, column: int):
+    from matplotlib.patches import Rectangle
+
+    return Rectangle(
+        (column + 0.5 * _GAP, row + 0.5 * _GAP),
+        1 - _GAP,
+        1 - _GAP,
+        fc="#fdf0d5",
+        ec=style.ORANGE,
+        lw=0.8,
+    )
+
+
+def _short(value: float, half: float) -> str:
+    decimals = int(np.clip(1 - np.floor(np.log10(half)), 0, 9))
+    return f"{value:.{decimals}f}" if decimals <= 6 else f"{value:.4g}"
+
+
+def _labels(
+    axes: Axes, names: list[str], posterior: Posterior, mean: np.ndarray, half: np.ndarray
+) -> None:
+    """Names left and below; left also the unit, and centre and half width of the cells."""
+    d = len(names)
+    place = {"rotation": 45, "ha": "right"} if d > _UPRIGHT else {"ha": "center"}
+    for i, name in enumerate(names):
+        unit = style.unit_text(str(posterior.tree["posterior"][name].attrs.get("units", ""))) or "–"
+        short = name.replace(".", "\n")
+        axes.text(
+            -0.06,
+            i + 0.5,
+            f"{short} [{unit}]\n{_short(mean[i], half[i])} ± {half[i]:.1g}",
+            ha="right",
+            va="center",
+            fontsize=7.5,
+            clip_on=False,
+        )
+        axes.text(i + 0.5, d + 0.06, short, va="top", fontsize=7.5, clip_on=False, **place)

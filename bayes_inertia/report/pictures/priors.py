@@ -1,0 +1,154 @@
+"""Prior against posterior of every parameter."""
+
+# Printed text has typographic signs on purpose.
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.report.pictures import style
+
+# Below this ratio of quoted to prior sd the prior would look flat: it is shown in a strip of its own.
+_ZOOM = 0.12
+_STRIP = (0.80, 0.98)  # height of that strip in axes fractions
+
+
+@style.styled
+def prior_posterior(posterior: Posterior) -> Figure:
+    """Small multiples: posterior density with sd (blue) and robust sd (orange) intervals, and where it lies in the prior.
+
+    Where the data narrow the prior by more than a factor of eight, the panel zooms in on the posterior
+    and a strip above it shows its place (blue mark) inside the prior's +-3 sd range.
+    """
+    summary = posterior.summary()["parameters"]
+    names = posterior.names
+    columns = 3 if len(names) <= 12 else 4
+    rows = -(-len(names) // columns)
+    figure, cells = style.grid(
+        0.75 + 1.95 * rows, rows, columns, left=0.25, top=0.5, bottom=0.5, gap_x=0.3, gap_y=0.62
+    )
+    prior = posterior.tree["prior"]
+    for i, (name, cell) in enumerate(zip(names, cells, strict=False)):
+        center = float(posterior.tree["estimate"]["prior_mean"][i])
+        _panel(
+            figure.add_axes(cell),
+            name,
+            summary[name],
+            posterior.averaged_samples[:, i],
+            prior[name].values.ravel(),
+            center,
+        )
+    handles = [
+        Patch(fc=style.BLUE, alpha=0.35, ec=style.BLUE, label="posterior"),
+        Line2D([], [], color=style.MUTED, ls=(0, (4, 2)), label="prior"),
+        Line2D([], [], color=style.BLUE, lw=3, label="mean ± sd (model)"),
+    ]
+    if any(row["robust_sd"] is not None for row in summary.values()):
+        handles.append(
+            Line2D(
+                [], [], color=style.ORANGE, lw=3, marker="|", ms=9, label="mean ± robust sd (slews)"
+            )
+        )
+    figure.legend(handles=handles, loc="upper left", ncols=4, bbox_to_anchor=(0.01, 1.0))
+    return figure
+
+
+def _panel(
+    axes: Axes, name: str, row: dict, draws: np.ndarray, prior: np.ndarray, prior_mean: float
+) -> None:
+    mean, sd, robust = row["mean"], row["sd"], row["robust_sd"]
+    quoted = max(sd, robust or 0.0)
+    zoomed = quoted < _ZOOM * row["prior_sd"]
+    low, high = mean - 4.5 * quoted, mean + 4.5 * quoted
+    if not zoomed:
+        low, high = (
+            min(low, prior_mean - 3.2 * row["prior_sd"]),
+            max(high, prior_mean + 3.2 * row["prior_sd"]),
+        )
+    scale = style.scale(name, row["unit"], mean, 0.5 * (high - low))
+    x, p = style.density(draws, low, high)
+    top = p.max()
+    axes.fill_between(scale(x), p / top, color=style.BLUE, alpha=0.35, lw=0, rasterized=False)
+    axes.plot(scale(x), p / top, color=style.BLUE)
+    if not zoomed:
+        x, p = style.density(prior, low, high)
+        axes.plot(scale(x), p / top, color=style.MUTED, ls=(0, (4, 2)))
+    for half, shade, height, cap in (
+        (sd, style.BLUE, -0.09, False),
+        (robust, style.ORANGE, -0.2, True),
+    ):
+        if half is not None:
+            axes.plot(
+                scale(np.array([mean - half, mean + half])),
+                [height] * 2,
+                color=shade,
+                lw=3,
+                marker="|" if cap else None,
+                ms=9,
+                solid_capstyle="butt",
+            )
+            axes.plot(
+                [scale(mean)], [height], marker="o", ms=3.2, color="white", mec=shade, mew=0.9
+            )
+    axes.set(xlim=(scale(low), scale(high)), ylim=(-0.3, 1.75), yticks=[], xlabel=scale.label)
+    axes.spines["left"].set_visible(False)
+    axes.locator_params(axis="x", nbins=5)
+    if zoomed:
+        _strip(axes, (mean - prior_mean) / row["prior_sd"])
+    gain = row["prior_sd"] / quoted
+    text = (
+        f"{gain:,.0f}× sharper than the prior"
+        if gain >= 10
+        else f"{gain:.1f}× sharper than the prior"
+        if gain >= 1.05
+        else "no sharper than the prior"
+    )
+    axes.text(
+        0.99,
+        0.74,
+        text,
+        transform=axes.transAxes,
+        ha="right",
+        va="top",
+        fontsize=7.5,
+        color=style.MUTED,
+    )
+
+
+def _strip(axes: Axes, place: float) -> None:
+    """The prior over +-3.2 sd, and the posterior's place in it [prior sd]."""
+    z = np.linspace(-3.2, 3.2, 60)
+    bottom, top = _STRIP
+    x = 0.5 + z / 6.4
+    axes.fill_between(
+        x,
+        bottom,
+        bottom + (top - bottom) * np.exp(-0.5 * z**2),
+        transform=axes.transAxes,
+        color=style.PALE,
+        lw=0,
+    )
+    axes.plot(
+        x,
+        bottom + (top - bottom) * np.exp(-0.5 * z**2),
+        transform=axes.transAxes,
+        color=style.MUTED,
+        ls=(0, (4, 2)),
+        lw=0.8,
+    )
+    at = 0.5 + np.clip(place, -3.2, 3.2) / 6.4
+    axes.plot([at, at], [bottom, top], transform=axes.transAxes, color=style.BLUE, lw=1.6)
+    axes.text(
+        0.0,
+        top,
+        "prior\n±3 sd",
+        transform=axes.transAxes,
+        ha="left",
+        va="top",
+        fontsize=6.5,
+        color=style.MUTED,
+    )

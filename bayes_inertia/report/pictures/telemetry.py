@@ -1,0 +1,158 @@
+"""Measured against simulated rates, and whitened residuals of rates and wheel momentum."""
+
+# Printed text has typographic signs on purpose.
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+
+from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.report.pictures import data, style
+
+
+def _columns(n: int) -> int:
+    return 1 if n == 1 else 2 if n <= 4 else 3
+
+
+@style.styled
+def rates(posterior: Posterior, slews: Sequence[int] | None = None) -> Figure | None:
+    """Rates as measured and as the posterior predicts them (90 % band), whitened residuals under each slew.
+
+    Parameters
+    ----------
+    slews : indices of the slews to draw, default all. Returns None if the fit predicted no rates.
+    """
+    channel = data.channel(posterior, "rate")
+    if channel is None:
+        return None
+    chosen = range(len(channel.slews)) if slews is None else slews
+    columns = _columns(len(chosen))
+    rows = -(-len(chosen) // columns)
+    figure, cells = style.grid(
+        0.6 + 2.9 * rows, rows, columns, left=0.7, top=0.7, gap_x=0.6, gap_y=0.55
+    )
+    span = max(
+        (
+            np.abs(channel.measured[s][np.isfinite(channel.measured[s])]).max(initial=1e-12)
+            for s in chosen
+        ),
+        default=1.0,
+    )
+    scale = style.scale("rate", "rad/s", 0.0, float(span))
+    for k, s in enumerate(chosen):
+        left, bottom, width, height = cells[k]
+        above = figure.add_axes([left, bottom + 0.44 * height, width, 0.56 * height])
+        below = figure.add_axes([left, bottom, width, 0.38 * height], sharex=above)
+        _rate_panel(above, channel, s, scale)
+        residual_panel(below, channel, s)
+        above.tick_params(labelbottom=False)
+        if k % columns == 0:
+            above.set_ylabel(scale.label)
+            below.set_ylabel("residual [σ]")
+        if k >= len(chosen) - columns:
+            below.set_xlabel("time in slew [s]")
+    handles = [
+        Line2D([], [], color=style.color(i), ls=style.DASHES[i], label=f"simulated, {c}")
+        for i, c in enumerate(channel.components)
+    ]
+    measured = Line2D([], [], color=style.MUTED, marker=".", ms=4, ls="", label="measured")
+    handles += [
+        measured,
+        Patch(fc=style.PALE, label="90 % predicted"),
+        Line2D([], [], color="#555555", lw=0.7, ls=(0, (4, 3)), label="±1, 2, 3 σ"),
+    ]
+    figure.legend(
+        handles=handles, loc="upper left", ncols=6, bbox_to_anchor=(0.01, 1.0), columnspacing=1.2
+    )
+    return figure
+
+
+def _rate_panel(axes: Axes, channel: data.Channel, s: int, scale: style.Scale) -> None:
+    time = channel.time[s]
+    for i in range(len(channel.components)):
+        measured, predicted, spread = (
+            channel.measured[s, :, i],
+            channel.predicted[s, :, i],
+            channel.spread[s, :, i],
+        )
+        x, y = style.envelope(time, measured)
+        axes.plot(
+            x, scale(y), ".", ms=1.8, color=style.color(i), alpha=0.45, mew=0, rasterized=True
+        )
+        _, high = style.envelope(time, predicted + 1.645 * spread)
+        at, low = style.envelope(time, predicted - 1.645 * spread)
+        if len(low) == len(high):
+            axes.fill_between(
+                at, scale(low), scale(high), color=style.color(i), alpha=0.2, lw=0, rasterized=True
+            )
+        x, y = style.envelope(time, predicted, 600)
+        axes.plot(
+            x,
+            scale(y),
+            color=style.color(i),
+            ls=style.DASHES[i % 6],
+            lw=1.4,
+            zorder=4,
+            rasterized=True,
+        )
+    axes.axhline(0.0, color=style.PALE, lw=0.6, zorder=0)
+    axes.set_title(channel.slews[s])
+
+
+def residual_panel(axes: Axes, channel: data.Channel, s: int) -> None:
+    """Whitened residuals of one slew with guides at +-1, 2, 3 sigma."""
+    style.sigma_guides(axes)
+    for i in range(channel.residual.shape[-1]):
+        x, y = style.envelope(channel.time[s], channel.residual[s, :, i])
+        axes.plot(
+            x,
+            y,
+            ls="",
+            marker=style.MARKERS[i % 6],
+            ms=1.9,
+            mew=0,
+            color=style.color(i),
+            alpha=0.65,
+            rasterized=True,
+        )
+    limit = style.symmetric_limit(channel.residual[s])
+    finite = channel.time[s][np.isfinite(channel.time[s])]
+    axes.set(ylim=(-limit, limit))
+    if limit < 6.0:
+        axes.set_yticks([-3, 0, 3])
+    if finite.size > 1:
+        axes.set_xlim(finite.min(), finite.max())
+
+
+@style.styled
+def momentum(posterior: Posterior, slews: Sequence[int] | None = None) -> Figure | None:
+    """Whitened residuals of the wheels' measured momentum, one panel a slew; None where momentum is not predicted."""
+    channel = data.channel(posterior, "momentum")
+    if channel is None:
+        return None
+    chosen = range(len(channel.slews)) if slews is None else slews
+    columns = _columns(len(chosen))
+    rows = -(-len(chosen) // columns)
+    figure, cells = style.grid(
+        0.6 + 1.75 * rows, rows, columns, left=0.95, top=0.7, gap_x=0.6, gap_y=0.5
+    )
+    for k, s in enumerate(chosen):
+        axes = figure.add_axes(cells[k])
+        residual_panel(axes, channel, s)
+        axes.set_title(channel.slews[s])
+        if k % columns == 0:
+            axes.set_ylabel("momentum\nresidual [σ]")
+        if k >= len(chosen) - columns:
+            axes.set_xlabel("time in slew [s]")
+    handles = [
+        Line2D([], [], color=style.color(i), marker=style.MARKERS[i % 6], ms=4, ls="", label=c)
+        for i, c in enumerate(channel.components)
+    ]
+    handles.append(Line2D([], [], color="#555555", lw=0.7, ls=(0, (4, 3)), label="±1, 2, 3 σ"))
+    figure.legend(handles=handles, loc="upper left", ncols=7, bbox_to_anchor=(0.01, 1.0))
+    return figure
