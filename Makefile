@@ -1,4 +1,5 @@
 # `make demo` and `make test` are all the set-up there is: each makes the environment it needs.
+# `make test-all` adds the slow tests, the formatter and the type checker.
 # PYTHON=... chooses an interpreter; otherwise the first that is 3.12 or newer.
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.14 python3 python; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 12))' 2>/dev/null && echo $$p && break; done)
@@ -6,17 +7,24 @@ VENV := .venv
 BIN := $(VENV)/bin
 DEMO ?= demo_run
 
-.PHONY: demo test lint analyses clean
+.PHONY: demo test test-all lint types clean
 
 demo: $(VENV)/ready
 	$(BIN)/bayes-inertia demo -o $(DEMO)
 
 test: $(VENV)/ready-test
 	$(BIN)/ruff check .
-	$(BIN)/python -m pytest -q -n 2 --dist loadfile
+	$(BIN)/python -m pytest -q -n 2 --dist worksteal -m "not slow"
+
+test-all: test lint types
+	$(BIN)/python -m pytest -q -n 2 --dist worksteal -m slow
 
 lint: $(VENV)/ready-test
-	$(BIN)/ruff check . && $(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+types: $(VENV)/ready-test
+	$(BIN)/mypy
 
 $(VENV)/ready: pyproject.toml constraints.txt
 	@test -n "$(PYTHON)" || { echo "no Python 3.12 or newer found: install one, or call make PYTHON=/path/to/python"; exit 1; }
