@@ -7,14 +7,9 @@ import numpy as np
 import pytest
 
 from bayes_inertia.app.run_folder import with_measured_noise
-from bayes_inertia.diagnosis.driven_disturbances import log_evidence
 from bayes_inertia.diagnosis.noise_level import noise_factors, white_factor
-from bayes_inertia.diagnosis.projection import projection
-from bayes_inertia.diagnosis.torque_response import torque_response
-from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.check_effect import small_campaign
 from bayes_inertia.physics.effects import RateSensorNonlinearity
-from bayes_inertia.physics.forward_model import Model
 
 
 def noise(n, *sigmas, seed=3):
@@ -85,16 +80,3 @@ def test_a_reading_outside_the_range_sets_no_priors():
     assert spoilt.scale_of_motion() == pytest.approx(ranged.scale_of_motion(), rel=0.02)
     sd = [RateSensorNonlinearity().parameters(c)[0].priors[0].sd for c in (spoilt, ranged)]
     assert sd[0] == pytest.approx(sd[1], rel=1e-9)
-
-
-def test_coasting_wheels_are_no_driver():
-    campaign = small_campaign()
-    coasting = replace(
-        campaign,
-        slews=tuple(replace(s, wheel_torque=np.zeros_like(s.wheel_torque)) for s in campaign.slews),
-    )
-    at = estimate(Model(coasting), starts=1)
-    found = log_evidence(at, torque_response(at), projection(at))
-    assert found
-    assert not any("torque" in driver for _, driver in found)
-    assert np.isfinite(list(found.values())).all()

@@ -40,9 +40,10 @@ def drivers(response: TorqueResponse) -> dict[str, np.ndarray]:
         ),
         "angular acceleration": np.concatenate([slope, slope[:, -1:]], axis=1),
         "time in the slew": time[..., None],
-        "time in the campaign": (time + np.array([s.start for s in campaign.slews])[:, None])[
-            ..., None
-        ],
+        # From the middle: on the clock of an epoch it would not differ from a constant.
+        "time in the campaign": (
+            time + np.array([s.start for s in campaign.slews])[:, None] - 0.5 * sum(campaign.span)
+        )[..., None],
     }
     if campaign.wheels:
         known["wheel momentum"] = response.wheel_momentum

@@ -1,0 +1,49 @@
+"""Disturbances that follow something known: what they may follow, and how well each explains what a fit leaves."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayes_inertia.diagnosis.driven_disturbances import CONSTANT, drivers, log_evidence
+from bayes_inertia.diagnosis.projection import projection
+from bayes_inertia.diagnosis.torque_response import torque_response
+from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.physics.check_effect import small_campaign
+from bayes_inertia.physics.forward_model import Model
+
+TIME = "time in the campaign"
+
+
+def estimate_of(campaign):
+    return estimate(Model(campaign), starts=1)
+
+
+def evidence_in(estimate):
+    return log_evidence(estimate, torque_response(estimate), projection(estimate))
+
+
+def test_coasting_wheels_are_no_driver():
+    campaign = small_campaign()
+    coasting = replace(
+        campaign,
+        slews=tuple(replace(s, wheel_torque=np.zeros_like(s.wheel_torque)) for s in campaign.slews),
+    )
+    evidence = evidence_in(estimate_of(coasting))
+    assert evidence
+    assert not any("torque" in driver for _, driver in evidence)
+    assert np.isfinite(list(evidence.values())).all()
+
+
+def test_the_campaigns_clock_may_count_from_any_epoch():
+    """With seconds counted from 1970 the time in the campaign is no twin of a constant."""
+    campaign = small_campaign()
+    late = replace(campaign, slews=tuple(replace(s, start=s.start + 1.7e9) for s in campaign.slews))
+    now, then = estimate_of(campaign), estimate_of(late)
+    times = [drivers(torque_response(at))[TIME] for at in (now, then)]
+    np.testing.assert_allclose(times[1], times[0], atol=1e-5)
+    assert abs(times[1].min() + times[1].max()) < 1e-5
+    before, after = evidence_in(now), evidence_in(then)
+    for source in ("body torque", "rate sensor"):
+        assert after[source, TIME] == pytest.approx(before[source, TIME], abs=1e-5)
+        assert abs(after[source, TIME] - after[source, CONSTANT]) > 1e-4
