@@ -1,13 +1,18 @@
-"""How many effective samples a second? This package's sampler and five others on one posterior, on one core.
+"""How many effective samples a second? This package's sampler and five others on one posterior, on
+one core.
 
-The campaign: five simulated slews of a MOST-like spacecraft with telemetry at 2 Hz; the posterior: J and K, nine parameters.
+The campaign: five simulated slews of a MOST-like spacecraft with telemetry at 2 Hz; the posterior:
+J and K, nine parameters.
 
     python analyses/benchmark.py
 
-writes `figures/benchmark.png` and `analyses/results/benchmark.{md,json}` within five minutes of an idle core. Needs the extra `benchmark`.
+writes `figures/benchmark.png` and `analyses/results/benchmark.{md,json}` within five minutes of an
+idle core. Needs the extra `benchmark`.
 
-Times are processor seconds of this process, so that other work on the machine does not enter; compiling is not in them, nor is
-the optimizer, which gives every sampler its start and scale. Effective samples are those of the worst parameter, the
+Times are processor seconds of this process, so that other work on the machine does not enter;
+compiling is not in them, nor is
+the optimizer, which gives every sampler its start and scale. Effective samples are those of the
+worst parameter, the
 smaller of ArviZ's bulk count and emcee's draws over autocorrelation time.
 """
 
@@ -97,7 +102,8 @@ QUICK = Effort(
 
 @dataclass(frozen=True)
 class Result:
-    """One sampler: `ess` of the worst parameter among the kept draws; `evaluations` and `seconds` of the kept draws and of warm-up
+    """One sampler: `ess` of the worst parameter among the kept draws; `evaluations` and `seconds`
+    of the kept draws and of warm-up
     (gradients count as evaluations). `note` says how it was measured."""
 
     name: str
@@ -136,7 +142,9 @@ def the_campaign(effort: Effort, seed: int) -> tuple[Campaign, np.ndarray]:
 
 
 def effective_samples(chains: np.ndarray) -> float:
-    """Of the worst parameter of (chains, draws, d): the smaller of ArviZ's bulk count and draws over autocorrelation time."""
+    """Of the worst parameter of (chains, draws, d): the smaller of ArviZ's bulk count and draws
+    over autocorrelation time.
+    """
     import arviz as az
 
     with warnings.catch_warnings():
@@ -175,7 +183,9 @@ def run_ours(at: Estimate, effort: Effort, seed: int) -> Result:
 def run_emcee(
     at: Estimate, log_density: LogDensity, name: str, move: emcee.moves.Move, steps: int, seed: int
 ) -> Result:
-    """One ensemble of an emcee move on this package's compiled posterior, from draws of the Laplace approximation."""
+    """One ensemble of an emcee move on this package's compiled posterior, from draws of the Laplace
+    approximation.
+    """
     walkers = WALKERS
     random = np.random.RandomState(seed)
     starts = IndependenceMove(at.theta, at.covariance).draw(random, walkers)
@@ -186,7 +196,8 @@ def run_emcee(
     sampler.run_mcmc(state, steps)
     each = (process_time() - began) / (steps * walkers)
     chain = np.swapaxes(sampler.get_chain(), 0, 1)
-    # It starts in the posterior to a few per cent, so that one autocorrelation time of warm-up is plenty.
+    # It starts in the posterior to a few per cent, so that one autocorrelation time of warm-up is
+    # plenty.
     discard = min(
         steps // 2,
         math.ceil(float(np.max(integrated_time(sampler.get_chain(), quiet=True, tol=0)))),
@@ -204,9 +215,11 @@ def run_emcee(
 
 
 def run_nuts(at: Estimate, effort: Effort, seed: int) -> Result:
-    """NUTS with window adaptation, in coordinates whitened by the Laplace approximation; gradients by reverse mode.
+    """NUTS with window adaptation, in coordinates whitened by the Laplace approximation; gradients
+    by reverse mode.
 
-    One chain after another: chains under `vmap` wait for the longest trajectory among them and were slower on one core.
+    One chain after another: chains under `vmap` wait for the longest trajectory among them and were
+    slower on one core.
     """
     import blackjax
 
@@ -252,7 +265,10 @@ def run_nuts(at: Estimate, effort: Effort, seed: int) -> Result:
         warm, seconds = warm + middle - began, seconds + process_time() - middle
         chains.append(at.theta + np.asarray(z) @ np.asarray(root).T)
         gradients, spent = gradients + int(steps.sum()), spent + int(used)
-    note = f"{effort.nuts_chains} chains, {effort.nuts_warmup} steps of window adaptation, {effort.nuts_draws} draws, gradients counted"
+    note = (
+        f"{effort.nuts_chains} chains, {effort.nuts_warmup} steps of window adaptation, "
+        f"{effort.nuts_draws} draws, gradients counted"
+    )
     return Result(NUTS, effective_samples(np.array(chains)), gradients, spent, seconds, warm, note)
 
 
@@ -266,7 +282,8 @@ def _compiled(adapt: Callable, draw: Callable, seed: int, d: int) -> tuple[Calla
 def run_by_hand(
     at: Estimate, campaign: Campaign, truth: np.ndarray, effort: Effort, stretch: Result
 ) -> list[Result]:
-    """What a user would write alone. Times are those of real evaluations at draws around the truth; effective samples per
+    """What a user would write alone. Times are those of real evaluations at draws around the truth;
+    effective samples per
     evaluation are those of `StretchMove` above, which is generous (see `by_hand`)."""
     # Of the solvers and tolerances tried, the fastest whose error is far below the noise.
     density = ByHand(campaign, "LSODA", 1e-8, 1e-10)
@@ -336,13 +353,16 @@ def run(effort: Effort, seed: int) -> list[Result]:
 
 def _say(result: Result) -> None:
     print(
-        f"{result.name}: {result.milliseconds:.3f} ms, {result.per_second(warmup=False):.3g} effective samples a second",
+        f"{result.name}: {result.milliseconds:.3f} ms, {result.per_second(warmup=False):.3g} "
+        "effective samples a second",
         file=sys.stderr,
     )
 
 
 def claims(results: Sequence[Result]) -> list[dict]:
-    """What the package promises, and what was measured (warm-up counted: the less favourable way for the package is taken)."""
+    """What the package promises, and what was measured (warm-up counted: the less favourable way
+    for the package is taken).
+    """
     by_name = {r.name: r for r in results}
     ours = by_name[OURS]
 
@@ -387,7 +407,8 @@ def report(results: Sequence[Result], seed: int, seconds: float) -> str:
         "",
     ]
     lines += [
-        f"Made by `python analyses/benchmark.py` (seed {seed}) in {seconds:.0f} processor seconds, compiling included."
+        f"Made by `python analyses/benchmark.py` (seed {seed}) in {seconds:.0f} processor seconds, "
+        "compiling included."
     ]
     lines += [
         "Ratios are to this package; the absolute times are those of one core of one machine.",
@@ -422,13 +443,16 @@ def report(results: Sequence[Result], seed: int, seconds: float) -> str:
     ]
     lines += ["| promised | wanted | measured | reached |", "|---|---|---|---|"]
     lines += [
-        f"| {c['claim']} | {c['wanted']:g} | {c['measured']:,.3g} | {'yes' if c['reached'] else 'NO'} |"
+        f"| {c['claim']} | {c['wanted']:g} | {c['measured']:,.3g} | "
+        f"{'yes' if c['reached'] else 'NO'} |"
         for c in claims(results)
     ]
     lines += [
         "",
-        "Measured figures are the smaller of those with and without warm-up. One evaluation is one posterior density, for NUTS one density with its",
-        "gradient. The do-it-yourself baseline is treated kindly: it is given the sampling efficiency of nine dimensions, although its start states,",
+        "Measured figures are the smaller of those with and without warm-up. "
+        "One evaluation is one posterior density, for NUTS one density with its",
+        "gradient. The do-it-yourself baseline is treated kindly: "
+        "it is given the sampling efficiency of nine dimensions, although its start states,",
         "held at the first readings, do not fit the data and would have to be sampled along.",
         "",
     ]
@@ -437,7 +461,9 @@ def report(results: Sequence[Result], seed: int, seconds: float) -> str:
 
 @styled
 def picture(results: Sequence[Result]) -> Figure:
-    """How many times fewer effective samples others give per evaluation and per second, on logarithmic bars."""
+    """How many times fewer effective samples others give per evaluation and per second, on
+    logarithmic bars.
+    """
     ours = results[0]
     figure = Figure(figsize=(10.0, 3.6), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)

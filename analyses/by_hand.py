@@ -1,7 +1,10 @@
-"""The baseline of the benchmark: the log posterior that a user would write alone, in NumPy and `scipy.integrate.solve_ivp`.
+"""The baseline of the benchmark: the log posterior that a user would write alone, in NumPy and
+`scipy.integrate.solve_ivp`.
 
-J and K are sampled; each slew starts from the first readings (nothing is integrated out, which spares this baseline 48
-dimensions), the rate bias is taken as zero, wheels follow the commands, J and K have the campaign's Gaussian prior.
+J and K are sampled; each slew starts from the first readings (nothing is integrated out, which
+spares this baseline 48
+dimensions), the rate bias is taken as zero, wheels follow the commands, J and K have the campaign's
+Gaussian prior.
 """
 
 from __future__ import annotations
@@ -17,11 +20,13 @@ from bayes_inertia.campaign.records import Campaign, Slew
 
 @dataclass(frozen=True)
 class ByHand:
-    """Log posterior densities of theta = (Jxx, Jyy, Jzz, Jxy, Jxz, Jyz, K1, K2, K3) for a campaign with three or more wheels' commands.
+    """Log posterior densities of theta = (Jxx, Jyy, Jzz, Jxy, Jxz, Jyz, K1, K2, K3) for a campaign
+    with three or more wheels' commands.
 
     Parameters
     ----------
-    method, rtol, atol : of `solve_ivp`. rest : seconds at the beginning of each slew in which the spacecraft rests.
+    method, rtol, atol : of `solve_ivp`. rest : seconds at the beginning of each slew in which the
+        spacecraft rests.
     """
 
     campaign: Campaign
@@ -43,7 +48,9 @@ class ByHand:
         return -0.5 * chi2 + self._log_prior(theta)
 
     def batch(self, thetas: np.ndarray) -> np.ndarray:
-        """The densities at many thetas (n, 9), all walkers and slews integrated as one system of equations."""
+        """The densities at many thetas (n, 9), all walkers and slews integrated as one system of
+        equations.
+        """
         n, slews = len(thetas), self.campaign.slews
         longest = max(slews, key=lambda slew: len(slew.time))
         J, K = np.array([_tensor(theta) for theta in thetas]), thetas[:, 6:9]
@@ -77,7 +84,9 @@ class ByHand:
         return np.where(physical, found, -np.inf)
 
     def start(self, slew: Slew, K: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Start states (n, 7), attitude and rate, and wheel momenta (n, wheels), from the first readings; K (n, 3)."""
+        """Start states (n, 7), attitude and rate, and wheel momenta (n, wheels), from the first
+        readings; K (n, 3).
+        """
         resting = slew.time - slew.time[0] < self.rest
         fixes = slew.attitude[resting & np.isfinite(slew.attitude).all(1)]
         attitude = Rotation.from_quat(fixes).mean().as_quat()
@@ -94,7 +103,9 @@ class ByHand:
         wheel: np.ndarray,
         J: np.ndarray,
     ) -> np.ndarray:
-        """Attitude, rate and wheel momentum relative to the body (n, rows, 7 + wheels): commands (n, rows, wheels) are held until the next row."""
+        """Attitude, rate and wheel momentum relative to the body (n, rows, 7 + wheels): commands
+        (n, rows, wheels) are held until the next row.
+        """
         axes, spin = self.campaign.wheel_axes_B, self.campaign.spin_inertias
         time = time - time[0]
         inverse, n = np.linalg.inv(J), len(start)

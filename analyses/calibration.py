@@ -1,13 +1,17 @@
 """Are the stated uncertainties right? Simulation-based calibration of J and K (Talts et al. 2018).
 
-Every campaign has a truth drawn from the prior, is flown in closed loop with noise, and is fitted in full. If all of
-prior, simulator, likelihood and sampler belong together, the truth's rank among posterior draws is uniform, and
+Every campaign has a truth drawn from the prior, is flown in closed loop with noise, and is fitted
+in full. If all of
+prior, simulator, likelihood and sampler belong together, the truth's rank among posterior draws is
+uniform, and
 intervals contain it as often as they say. Two deliberate errors show that the test would notice.
 
     python analyses/calibration.py [--campaigns 400] [--jobs 1]
 
-writes `figures/calibration.png` and `analyses/results/calibration.{md,parquet}`. Finished fits are kept in
-`run_calibration/`, each shard written all or nothing, so that a killed run goes on where it was. Needs the extra
+writes `figures/calibration.png` and `analyses/results/calibration.{md,parquet}`. Finished fits are
+kept in
+`run_calibration/`, each shard written all or nothing, so that a killed run goes on where it was.
+Needs the extra
 `parquet`.
 """
 
@@ -55,7 +59,9 @@ RANKS = {
 
 @dataclass(frozen=True)
 class Study:
-    """Campaigns of one plan; `number` separates its random numbers from those of others, `share` is its part of the campaigns asked for."""
+    """Campaigns of one plan; `number` separates its random numbers from those of others, `share` is
+    its part of the campaigns asked for.
+    """
 
     name: str
     number: int
@@ -65,7 +71,9 @@ class Study:
 
 
 def studies() -> tuple[Study, ...]:
-    """Five slews with information on all axes, and two that leave several parameters to the prior; telemetry at 1 Hz."""
+    """Five slews with information on all axes, and two that leave several parameters to the prior;
+    telemetry at 1 Hz.
+    """
     five = replace(paper_like_plan(), telemetry_period=1.0)
     two = replace(
         five, slews=(PlannedSlew((1.0, 0.0, 0.0), 1.0), PlannedSlew((0.0, 1.0, 1.0), 1.0))
@@ -77,7 +85,7 @@ def studies() -> tuple[Study, ...]:
 
 
 def fit_one(study: Study, seed: int, i: int) -> pd.DataFrame:
-    """Campaign i of a study: one row a parameter with truth, mean, sd, quantiles, ranks and gates."""
+    """Campaign i of a study, a row a parameter: truth, mean, sd, quantiles, ranks, gates."""
     flight = draw_flight(
         planned_campaign(study.plan, most_like_spacecraft(), most_like_prior()),
         study.plan,
@@ -106,7 +114,8 @@ def _row_of(
     # The last draws of different walkers: hardly correlated, as nearly every step proposes anew.
     ranked = samples[:, :, -1].reshape(-1, len(truth))[:RANKED]
     mean, sd = flat.mean(0), flat.std(0, ddof=1)
-    # With the nuisances held, the posterior's Laplace approximation is as wide as the Hessian's own block says.
+    # With the nuisances held, the posterior's Laplace approximation is as wide as the Hessian's own
+    # block says.
     held = rng.multivariate_normal(
         at.theta, inverse(at.hessian[: len(truth), : len(truth)]), RANKED
     )
@@ -130,7 +139,9 @@ def _row_of(
 def shards(
     campaigns: int, seed: int, chosen: Sequence[Study]
 ) -> Iterator[tuple[Study, int, range, str]]:
-    """The work: (study, seed, campaigns, file name); a file's name changes with everything that decides its content."""
+    """The work: (study, seed, campaigns, file name); a file's name changes with everything that
+    decides its content.
+    """
     for study in chosen:
         digest = hashlib.sha256(repr((study, seed, SETTINGS, RANKED)).encode()).hexdigest()[:8]
         wanted = math.ceil(campaigns * study.share)
@@ -174,7 +185,8 @@ def run(
 
 
 def band(n: int, level: float, *, seed: int = 0, trials: int = 4000) -> float:
-    """Half width, in standard errors sqrt(p (1 - p) / n), of the band that contains the whole ECDF of n uniform ranks with
+    """Half width, in standard errors sqrt(p (1 - p) / n), of the band that contains the whole ECDF
+    of n uniform ranks with
     probability `level` (Säilynoja, Bürkner and Vehtari 2022, by simulation).
 
     >>> 2.5 < band(200, 0.95, trials=500) < 3.6
@@ -185,14 +197,18 @@ def band(n: int, level: float, *, seed: int = 0, trials: int = 4000) -> float:
 
 
 def departure(ranks: np.ndarray) -> np.ndarray:
-    """ECDF of ranks minus that of uniform ones, in standard errors, at each possible rank but the last (99,)."""
+    """ECDF of ranks minus that of uniform ones, in standard errors, at each possible rank but the
+    last (99,).
+    """
     p = np.arange(1, RANKED + 1) / (RANKED + 1)
     below = np.searchsorted(np.sort(ranks), np.arange(RANKED), side="right") / len(ranks)
     return (below - p) / np.sqrt(p * (1.0 - p) / len(ranks))
 
 
 def uniformity(table: pd.DataFrame) -> pd.DataFrame:
-    """Largest departure of each study's, parameter's and rank's ECDF, and the band for nine parameters at once (95 %)."""
+    """Largest departure of each study's, parameter's and rank's ECDF, and the band for nine
+    parameters at once (95 %).
+    """
     rows = []
     for study, group in table.groupby("study", sort=False):
         n = group.campaign.nunique()
@@ -214,7 +230,9 @@ def uniformity(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def coverage(table: pd.DataFrame) -> pd.DataFrame:
-    """How often intervals contain the truth, by study, parameter, level and kind, with 95 % Clopper-Pearson intervals."""
+    """How often intervals contain the truth, by study, parameter, level and kind, with 95 %
+    Clopper-Pearson intervals.
+    """
     rows = []
     for (study, parameter), own in table.groupby(["study", "parameter"], sort=False):
         z = (own.truth - own["mean"]) / own.sd
@@ -240,7 +258,9 @@ def coverage(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def scores(table: pd.DataFrame) -> pd.DataFrame:
-    """Mean and sd of z = (truth - mean) / sd by study and parameter, and how much of the prior's variance the data removed."""
+    """Mean and sd of z = (truth - mean) / sd by study and parameter, and how much of the prior's
+    variance the data removed.
+    """
     z = table.assign(
         z=(table.truth - table["mean"]) / table.sd,
         contraction=1.0 - (table.sd / table.prior_sd) ** 2,
@@ -254,7 +274,9 @@ def scores(table: pd.DataFrame) -> pd.DataFrame:
 
 @styled
 def picture(table: pd.DataFrame) -> Figure:
-    """ECDFs of the ranks minus that of uniform ones with their simultaneous 95 % band; deliberate errors on the right."""
+    """ECDFs of the ranks minus that of uniform ones with their simultaneous 95 % band; deliberate
+    errors on the right.
+    """
     names = list(dict.fromkeys(table.study))
     figure = Figure(figsize=(10.0, 2.7 * len(names) + 0.5), layout="constrained")
     axes = figure.subplots(len(names), 3, sharex=True, squeeze=False)
@@ -320,10 +342,12 @@ def report(table: pd.DataFrame, seconds: float | None) -> str:
     lines += [
         "## Ranks",
         "",
-        "Largest departure of the rank's ECDF from uniform over the nine parameters, in standard errors, and the simultaneous",
+        "Largest departure of the rank's ECDF from uniform over the nine parameters, in standard "
+        "errors, and the simultaneous",
     ]
     lines += [
-        "95 % band for nine parameters; the last two rows of each study are deliberate errors that the test must notice.",
+        "95 % band for nine parameters; the last two rows of each study are deliberate errors that "
+        "the test must notice.",
         "",
     ]
     lines += [
@@ -334,7 +358,8 @@ def report(table: pd.DataFrame, seconds: float | None) -> str:
         outside = ", ".join(own[own.leaves].parameter) or "none"
         verdict = "leaves the band" if own.leaves.any() else "inside the band"
         lines.append(
-            f"| {study} | {RANKS[key]} | {own.largest.max():.2f} | {own.band.iloc[0]:.2f} | {outside} | {verdict} |"
+            f"| {study} | {RANKS[key]} | {own.largest.max():.2f} | {own.band.iloc[0]:.2f} | "
+            f"{outside} | {verdict} |"
         )
     lines += [
         "",
@@ -346,20 +371,21 @@ def report(table: pd.DataFrame, seconds: float | None) -> str:
     for _, r in z.iterrows():
         n = table[table.study == r.study].campaign.nunique()
         lines.append(
-            f"| {r.study} | {r.parameter} | {r.mean_z:+.3f} ± {1 / math.sqrt(n):.3f} | {r.sd_z:.3f} ± {1 / math.sqrt(2 * n):.3f} | {r.contraction:.3f} |"
+            f"| {r.study} | {r.parameter} | {r.mean_z:+.3f} ± {1 / math.sqrt(n):.3f} | "
+            f"{r.sd_z:.3f} ± {1 / math.sqrt(2 * n):.3f} | {r.contraction:.3f} |"
         )
     lines += ["", *_overall(table)]
     lines += [
         "",
         "## Coverage",
         "",
-        "Share of campaigns whose interval contains the truth, in %, with its 95 % binomial interval.",
+        "Share of campaigns whose interval contains the truth, in %, with its 95 % binomial "
+        "interval.",
         "",
     ]
-    lines += [
-        f"| study | parameter | {' | '.join(f'{100 * level:g} %, {kind}' for level in LEVELS for kind in ('sd', 'quantiles'))} |",
-        "|---" * 8 + "|",
-    ]
+    kinds = ("sd", "quantiles")
+    columns = " | ".join(f"{100 * level:g} %, {kind}" for level in LEVELS for kind in kinds)
+    lines += [f"| study | parameter | {columns} |", "|---" * 8 + "|"]
     for (study, parameter), own in covered.groupby(["study", "parameter"], sort=False):
         cells = [
             f"{100 * r.share:.1f} [{100 * r.low:.1f}, {100 * r.high:.1f}]"
@@ -369,21 +395,26 @@ def report(table: pd.DataFrame, seconds: float | None) -> str:
     outside = covered[(covered.level < covered.low) | (covered.level > covered.high)]
     lines += [
         "",
-        f"{len(outside)} of {len(covered)} binomial intervals miss their level (5 % of them would by chance; those of one parameter are alike).",
+        f"{len(outside)} of {len(covered)} binomial intervals miss their level (5 % of them would "
+        "by chance; those of one parameter are alike).",
         "",
     ]
     return "\n".join(lines)
 
 
 def _overall(table: pd.DataFrame) -> list[str]:
-    """Mean z^2 over all parameters, with a standard error that treats a campaign's nine errors as one number."""
+    """Mean z^2 over all parameters, with a standard error that treats a campaign's nine errors as
+    one number.
+    """
     lines = []
     for study, group in table.assign(
         square=((table.truth - table["mean"]) / table.sd) ** 2
     ).groupby("study", sort=False):
         each = group.groupby("campaign").square.mean()
         lines.append(
-            f"All nine parameters together, {study}: mean z² = {each.mean():.3f} ± {each.std() / math.sqrt(len(each)):.3f} (1 if sd is right)."
+            f"All nine parameters together, {study}: "
+            f"mean z² = {each.mean():.3f} ± {each.std() / math.sqrt(len(each)):.3f} (1 if sd is "
+            "right)."
         )
     return lines
 
@@ -391,8 +422,10 @@ def _overall(table: pd.DataFrame) -> list[str]:
 def _introduction(table: pd.DataFrame, seconds: float | None) -> list[str]:
     about = {study.name: study for study in studies()}
     lines = [
-        "Truth (J, K, rate bias) drawn from the prior, slews of 20 to 60 degrees with random senses and start attitudes flown in closed loop with noise at",
-        "1 Hz telemetry, each campaign fitted in full (three starts of the optimizer, sampling in two ensembles of 64 walkers); the truth is ranked among",
+        "Truth (J, K, rate bias) drawn from the prior, slews of 20 to 60 degrees with random "
+        "senses and start attitudes flown in closed loop with noise at",
+        "1 Hz telemetry, each campaign fitted in full (three starts of the optimizer, sampling in "
+        "two ensembles of 64 walkers); the truth is ranked among",
         f"{RANKED} nearly independent draws. Made by `python analyses/calibration.py`.",
         "",
     ]
@@ -400,8 +433,10 @@ def _introduction(table: pd.DataFrame, seconds: float | None) -> list[str]:
         each = group.groupby("campaign").first()
         passed = stats.binomtest(int(each.explained.sum()), len(each)).proportion_ci(0.95)
         lines.append(
-            f'- {name} ({about[name].says}): {len(each)} campaigns; the gate "explained" passes in {100 * each.explained.mean():.1f} % '
-            f"[{100 * passed.low:.1f}, {100 * passed.high:.1f}] of these perfect fits; reduced chi² {each.reduced_chi2.mean():.4f} on average; "
+            f"- {name} ({about[name].says}): {len(each)} campaigns; "
+            f'the gate "explained" passes in {100 * each.explained.mean():.1f} % '
+            f"[{100 * passed.low:.1f}, {100 * passed.high:.1f}] of these perfect fits; "
+            f"reduced chi² {each.reduced_chi2.mean():.4f} on average; "
             f"nested R-hat of these short runs at most {each.nested_rhat.max():.3f}."
         )
     if seconds is not None:

@@ -1,4 +1,5 @@
-"""Claims about disturbances: a stale bias snapshot, and a magnetic dipole against the time the campaign takes.
+"""Claims about disturbances: a stale bias snapshot, and a magnetic dipole against the time the
+campaign takes.
 
 Run it with `python analyses/claim_disturbances.py` (about two minutes).
 """
@@ -41,9 +42,11 @@ HALF_ORBIT = math.pi / math.sqrt(3.986004418e14 / Orbit().radius ** 3)  # [s]
 
 
 def stale(offsets: np.ndarray, seeds: int) -> dict[str, np.ndarray]:
-    """Errors (offsets, seeds, 9) of WLS when the bias has moved by `offsets` [rad/s] on every axis since the snapshot.
+    """Errors (offsets, seeds, 9) of WLS when the bias has moved by `offsets` [rad/s] on every axis
+    since the snapshot.
 
-    "trusted": the snapshot is taken as exact, as the paper does. "fitted": the bias is one of the unknowns.
+    "trusted": the snapshot is taken as exact, as the paper does. "fitted": the bias is one of the
+    unknowns.
     """
     found = {"trusted": [], "fitted": []}
     for offset in offsets:
@@ -71,7 +74,9 @@ def campaign_time(pause: float) -> float:
 
 
 def dipole_errors(pause: float, arguments: np.ndarray) -> dict[str, np.ndarray]:
-    """rms errors (arguments, 9) over dipoles of any direction, and the sd with the dipole fitted; to first order."""
+    """rms errors (arguments, 9) over dipoles of any direction, and the sd with the dipole fitted;
+    to first order.
+    """
     found = {"not modelled": [], "constant torque fitted": [], "dipole fitted (sd)": []}
     for argument in arguments:
         campaign = flown(
@@ -172,7 +177,8 @@ def dipole_picture(
                 label=kind,
             )
         for at, errors in checks.items():
-            # One draw of each dipole component where the lines have their rms: chi-square scatter of a handful.
+            # One draw of each dipole component where the lines have their rms: chi-square scatter
+            # of a handful.
             value = float(np.sqrt(np.mean(np.square(errors[:, index]))))
             ax.errorbar(
                 at,
@@ -223,22 +229,32 @@ def analysis(quick: bool = False):
     claims = [
         (
             "a stale bias snapshot spoils the estimate",
-            f"20 deg/h taken as exact: {100 * np.max(rms['trusted'][-1, :3] / TRUTH[:3]):.2f} % in the diagonal, {1e3 * rms['trusted'][-1, worst]:.2f}e-3 "
+            f"20 deg/h taken as exact: {100 * np.max(rms['trusted'][-1, :3] / TRUTH[:3]):.2f} % in "
+            f"the diagonal, {1e3 * rms['trusted'][-1, worst]:.2f}e-3 "
             f"kg m² in {NAMES[worst]}, "
-            f"{100 * np.max(rms['trusted'][-1, 6:]):.2f} % in K; fitted along: {100 * np.max(rms['fitted'][-1, :3] / TRUTH[:3]):.3f} %, "
+            f"{100 * np.max(rms['trusted'][-1, 6:]):.2f} % in K; fitted along: "
+            f"{100 * np.max(rms['fitted'][-1, :3] / TRUTH[:3]):.3f} %, "
             f"{1e3 * rms['fitted'][-1, worst]:.2f}e-3, {100 * np.max(rms['fitted'][-1, 6:]):.3f} %",
-            "yes if it is taken as exact; **no** once the bias is one of the unknowns: the readings at rest in every slew are the fresh snapshot",
+            "yes if it is taken as exact; **no** once the bias is one of the unknowns: "
+            "the readings at rest in every slew are the fresh snapshot",
         ),
         (
             "magnetic torque (half-orbit period) matters where the campaign takes long",
-            f"a dipole of {DIPOLE} A m² a component, not modelled: rms error of J {1e3 * spread.min():.2f}e-3 to {1e3 * spread.max():.2f}e-3 kg m² from "
+            f"a dipole of {DIPOLE} A m² a component, not modelled: "
+            f"rms error of J {1e3 * spread.min():.2f}e-3 to {1e3 * spread.max():.2f}e-3 kg m² from "
             f"{halves[0]:.1f} to {halves[-1]:.1f} half orbits; "
-            f"a fitted constant torque leaves {100 * gain[0]:.0f} % of it in the shortest campaign and {100 * gain[-1]:.0f} % in the longest; the fitted "
+            f"a fitted constant torque leaves {100 * gain[0]:.0f} % of it in the shortest campaign "
+            f"and {100 * gain[-1]:.0f} % in the longest; the fitted "
             f"dipole costs sd {1e3 * np.sqrt(np.mean(fitted[:, :6] ** 2)):.2f}e-3 kg m²",
-            f"**{'hardly' if spread.max() < 2 * spread.min() else 'in part'}**: the torque acts during the slews, whose start states are free; the "
+            f"**{'hardly' if spread.max() < 2 * spread.min() else 'in part'}**: "
+            "the torque acts during the slews, whose start states are free; the "
             "waiting between them changes little. "
             "What waiting does change is whether a constant torque can stand in for it: "
-            f"{'it cannot even at the shortest' if gain[0] > 0.5 else 'only while the campaign is short'}",
+            + (
+                "it cannot even at the shortest"
+                if gain[0] > 0.5
+                else "only while the campaign is short"
+            ),
         ),
     ]
     rows = [
@@ -259,11 +275,13 @@ def analysis(quick: bool = False):
     figures = [
         (
             "claim_stale_bias.png",
-            "Errors when the bias has moved since the snapshot, on all axes (rms over 4 flights; bands: the flights)",
+            "Errors when the bias has moved since the snapshot, on all axes (rms over 4 flights; "
+            "bands: the flights)",
         ),
         (
             "claim_magnetic.png",
-            f"Errors from a dipole of {DIPOLE} A m² a component against the campaign's length; bands: six places on the orbit to begin; dots: 16 refitted "
+            f"Errors from a dipole of {DIPOLE} A m² a component against the campaign's length; "
+            "bands: six places on the orbit to begin; dots: 16 refitted "
             "flights",
         ),
     ]

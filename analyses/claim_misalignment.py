@@ -38,7 +38,9 @@ TRUTH = SIMULATION.truth
 
 
 def by_angle(angles: np.ndarray, seeds: int) -> np.ndarray:
-    """Final error (seeds, angles, 3) [rad] of slews about x with the rate sensor turned about y, which the controller does not know."""
+    """Final error (seeds, angles, 3) [rad] of slews about x with the rate sensor turned about y,
+    which the controller does not know.
+    """
     slews = tuple(PlannedSlew((1.0, 0.0, 0.0), a, duration=265.0) for a in angles)
     plan = Plan("angles", slews, wheel_momentum=paper_like_plan().wheel_momentum)
     effect = RateSensorMisalignment()
@@ -52,14 +54,18 @@ def by_angle(angles: np.ndarray, seeds: int) -> np.ndarray:
 
 
 def turned(angle_B: np.ndarray) -> np.ndarray:
-    """C_rate (3, 3) of a sensor that is turned by a small rotation vector [rad], as `RateSensorMisalignment` has it."""
+    """C_rate (3, 3) of a sensor that is turned by a small rotation vector [rad], as
+    `RateSensorMisalignment` has it.
+    """
     from scipy.spatial.transform import Rotation
 
     return Rotation.from_rotvec(angle_B).as_matrix().T
 
 
 def soaked(sizes: np.ndarray, direction: np.ndarray, seeds: int) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of WLS (sizes, seeds, 9) and reduced chi^2 of the rates (sizes, seeds) when a misalignment [rad] is not modelled."""
+    """Errors of WLS (sizes, seeds, 9) and reduced chi^2 of the rates (sizes, seeds) when a
+    misalignment [rad] is not modelled.
+    """
     errors, chi2 = [], []
     for size in sizes:
         for seed in range(seeds):
@@ -211,10 +217,13 @@ def analysis(quick: bool = False):
     claims = [
         (
             "misalignment error goes with the sine of the slew angle, none at 180 degrees",
-            f'{np.max(np.abs(across)):.0f}" across at 90 deg and {abs(across[-1]):.0f}" at 180 deg, but along the misalignment axis 1 − cos(angle): the '
+            f'{np.max(np.abs(across)):.0f}" across at 90 deg and {abs(across[-1]):.0f}" at 180 '
+            "deg, but along the misalignment axis 1 − cos(angle): the "
             "whole is 2 sin(angle/2), "
-            f'{at_180:.0f}" at 180 deg for {TURN / DEG} deg (closed loop, agrees with the formula to {rms:.0f}")',
-            "**no**: true of one component of two. The correction slew is LARGEST at 180 degrees, twice the misalignment",
+            f'{at_180:.0f}" at 180 deg for {TURN / DEG} deg (closed loop, agrees with the formula '
+            f'to {rms:.0f}")',
+            "**no**: true of one component of two. The correction slew is LARGEST at 180 degrees, "
+            "twice the misalignment",
         )
     ]
     numbers = {
@@ -225,7 +234,8 @@ def analysis(quick: bool = False):
     figures = [
         (
             "claim_misalignment_angle.png",
-            f"Final error of closed-loop slews about x, rate sensor turned {TURN / DEG} deg about y; points simulated with noise, lines closed form",
+            f"Final error of closed-loop slews about x, rate sensor turned {TURN / DEG} deg about "
+            "y; points simulated with noise, lines closed form",
         )
     ]
     if quick:
@@ -236,7 +246,8 @@ def analysis(quick: bool = False):
     figures.append(
         (
             "claim_misalignment_soaked.png",
-            "What J and K make of a rate sensor turned about (1, 1, 1) that is not modelled; bars ±2 sd of the model",
+            "What J and K make of a rate sensor turned about (1, 1, 1) that is not modelled; "
+            "bars ±2 sd of the model",
         )
     )
     result = Result(
@@ -286,24 +297,32 @@ def _soaking():
             ]
         )
     table = Table(
-        "Error for each degree of misalignment about x, y, z that is not modelled; sd; and what is left at 0.5 deg when it is fitted",
+        "Error for each degree of misalignment about x, y, z that is not modelled; sd; "
+        "and what is left at 0.5 deg when it is fitted",
         ("", "x", "y", "z", "sd", "fitted along"),
         rows,
     )
     worst = 100.0 * np.max(np.linalg.norm(jacobian[6:], axis=1)) * DEG
     most = np.max(np.abs(with_effect.theta[:9] - TRUTH) / with_effect.sd[:9])
+    share_of_K = soaked_by["K"]
+    agrees = "yes" if share_of_K > 0.5 else "in part" if share_of_K > 0.1 else "hardly"
     claim = (
         "K soaks up misalignment",
-        f"of the squared misfit that start states and bias leave, K alone takes {100 * soaked_by['K']:.0f} %, J alone {100 * soaked_by['J']:.0f} %, both "
+        "of the squared misfit that start states and bias leave, K alone takes "
+        f"{100 * soaked_by['K']:.0f} %, J alone {100 * soaked_by['J']:.0f} %, both "
         f"{100 * soaked_by['all']:.0f} %. "
-        f"K errs by up to {worst:.2f} % for each degree, products of inertia by {1e3 * np.max(np.abs(jacobian[3:6])) * DEG:.1f}e-3 kg m²; "
-        f"the rates' reduced χ² rises to {chi2[-1].mean():.1f} at 0.5 deg. Fitted along, the errors are at most {most:.1f} sd",
-        f"**{'yes' if soaked_by['K'] > 0.5 else 'in part' if soaked_by['K'] > 0.1 else 'hardly'}**: K is the parameter that errs most in its own sd "
-        f"({np.max(np.abs(jacobian[6:]) / sd[6:, None]) * DEG:.0f} sd for a degree; J {np.max(np.abs(jacobian[:6]) / sd[:6, None]) * DEG:.0f}), but "
+        f"K errs by up to {worst:.2f} % for each degree, products of inertia by "
+        f"{1e3 * np.max(np.abs(jacobian[3:6])) * DEG:.1f}e-3 kg m²; "
+        f"the rates' reduced χ² rises to {chi2[-1].mean():.1f} at 0.5 deg. "
+        f"Fitted along, the errors are at most {most:.1f} sd",
+        f"**{agrees}**: K is the parameter that errs most in its own sd "
+        f"({np.max(np.abs(jacobian[6:]) / sd[6:, None]) * DEG:.0f} sd for a degree; "
+        f"J {np.max(np.abs(jacobian[:6]) / sd[:6, None]) * DEG:.0f}), but "
         f"{100 * (1 - soaked_by['all']):.0f} % of the misfit stays to be seen",
     )
     note = (
-        "A turned sensor couples axes, K only scales them. What K can soak up is the part that the five slews' axes cannot tell from a scale: "
+        "A turned sensor couples axes, K only scales them. "
+        "What K can soak up is the part that the five slews' axes cannot tell from a scale: "
         "on a slew about a diagonal, the reading that another axis adds."
     )
     return claim, table, soak_picture(sizes, errors, slopes, chi2, sd), note

@@ -32,7 +32,9 @@ FAST, SLOW = 20.0, 60.0  # ramp times [s]
 
 @dataclass(frozen=True)
 class WithoutGyricTorque(Effect):
-    """A world without the term w x (J w + G H): what is left of J's influence is angular acceleration."""
+    """A world without the term w x (J w + G H): what is left of J's influence is angular
+    acceleration.
+    """
 
     name: ClassVar[str] = "without_gyric_torque"
 
@@ -42,7 +44,9 @@ class WithoutGyricTorque(Effect):
 
 
 def plan_of(rate: float, ramp: float = FAST) -> Plan:
-    """The paper-like axes at another rate [rad/s], ramps of `ramp` seconds, equal duration and (for all ramps) equal angle at equal rate."""
+    """The paper-like axes at another rate [rad/s], ramps of `ramp` seconds, equal duration and (for
+    all ramps) equal angle at equal rate.
+    """
     base = paper_like_plan()
     settings = {"rate": rate, "acceleration": rate / ramp, "duration": DURATION}
     # The angle is a hair larger than the ramps need, so that the rate is reached.
@@ -226,18 +230,24 @@ def analysis(quick: bool = False):
     claims = [
         (
             "about 1 deg/s is needed for the gyric motion to show the cross terms",
-            f"sd {at_slow:.1e} kg m² at 0.05 deg/s, {at_one:.1e} at 1 deg/s, {of['both'][-1]:.1e} at 2, at our noise: better than the paper's initial "
+            f"sd {at_slow:.1e} kg m² at 0.05 deg/s, {at_one:.1e} at 1 deg/s, {of['both'][-1]:.1e} "
+            "at 2, at our noise: better than the paper's initial "
             "cross terms "
-            f"from {needed:.2f} deg/s on. At the noise that Table 1 suggests ({noise:.0f} times) the sd falls below half of the largest cross term at "
+            f"from {needed:.2f} deg/s on. At the noise that Table 1 suggests ({noise:.0f} times) "
+            "the sd falls below half of the largest cross term at "
             f"{loud:.1f} deg/s. "
-            f"The gyroscopic part is {100 * share.min():.0f} to {100 * share.max():.0f} % of the information, {100 * share[at]:.0f} % at 1 deg/s",
-            f"**{'yes at the noise of the paper' if 0.5 < loud < 2.0 else 'no'}, but there is no threshold**: the sd falls smoothly (as rate to the power "
+            f"The gyroscopic part is {100 * share.min():.0f} to {100 * share.max():.0f} % of the "
+            f"information, {100 * share[at]:.0f} % at 1 deg/s",
+            f"**{'yes at the noise of the paper' if 0.5 < loud < 2.0 else 'no'}, but there is no "
+            "threshold**: the sd falls smoothly (as rate to the power "
             f"{slopes['both']:.1f}), "
-            f"and angular acceleration alone, without gyric motion, determines the cross terms to {of['acceleration'][at]:.1e} kg m² at 1 deg/s",
+            "and angular acceleration alone, without gyric motion, determines the cross terms to "
+            f"{of['acceleration'][at]:.1e} kg m² at 1 deg/s",
         ),
         (
             "(not in the paper) does it help to ramp harder?",
-            f"ramps of {SLOW:.0f} s instead of {FAST:.0f} s at 1 deg/s: sd {of['slow'][at]:.1e} instead of {at_one:.1e} kg m², "
+            f"ramps of {SLOW:.0f} s instead of {FAST:.0f} s at 1 deg/s: "
+            f"sd {of['slow'][at]:.1e} instead of {at_one:.1e} kg m², "
             f"{100 * (of['slow'][at] / at_one - 1):.0f} % more",
             f"{'little' if of['slow'][at] < 1.3 * at_one else 'yes'}: what counts is the rate",
         ),
@@ -245,16 +255,24 @@ def analysis(quick: bool = False):
     figures = [
         (
             "claim_rate.png",
-            f"Accuracy of the cross terms against slew rate; equal telemetry ({DURATION:.0f} s a slew), coast {COAST:.0f} s, ramps {FAST:.0f} s; lines "
+            "Accuracy of the cross terms against slew rate; "
+            f"equal telemetry ({DURATION:.0f} s a slew), coast {COAST:.0f} s, ramps {FAST:.0f} s; "
+            "lines "
             "from the information matrix, dots from refitted campaigns",
         )
     ]
     notes = [
-        "The part of angular acceleration is measured in a world without the term w × (J w + G H): a torque that cancels it acts in the simulator and in "
+        "The part of angular acceleration is measured in a world without the term w × (J w + G H): "
+        "a torque that cancels it acts in the simulator and in "
         "the model, "
-        "and the closed loop flies the same slews. The gyroscopic part is the difference of information, 1/sd² − 1/sd²; for correlated parameters that "
-        "is a summary, not a theorem. It is not small at low rates because the wheels store 30 to 70e-3 N m s: it grows with the rate, not with its square.",
-        f"Errors of refitted campaigns agree with the curve: the largest deviation of their rms is {worst:.1f} times its own sd. Larger rates turn the "
+        "and the closed loop flies the same slews. "
+        "The gyroscopic part is the difference of information, 1/sd² − 1/sd²; "
+        "for correlated parameters that "
+        "is a summary, not a theorem. It is not small at low rates because the wheels store 30 to "
+        "70e-3 N m s: it grows with the rate, not with its square.",
+        "Errors of refitted campaigns agree with the curve: "
+        f"the largest deviation of their rms is {worst:.1f} times its own sd. "
+        "Larger rates turn the "
         "spacecraft further (2 deg/s: 240 deg), as equal telemetry demands.",
     ]
     return Result(

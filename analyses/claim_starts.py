@@ -22,11 +22,14 @@ from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.report.pictures import style
 
 TRUTH = SIMULATION.truth
-LIMIT = 5.0  # of nine errors in sd, the largest exceeds this with probability 5e-6 where the optimum was found
+# of nine errors in sd, the largest exceeds this with probability 5e-6 where the optimum was found
+LIMIT = 5.0
 
 
 def wrong_tensor(rng: np.random.Generator, size: float) -> np.ndarray:
-    """A physical tensor (3, 3) whose errors reach `size` of the truth: J^1/2 (1 + E) J^1/2 with |E| = size, products included."""
+    """A physical tensor (3, 3) whose errors reach `size` of the truth: J^1/2 (1 + E) J^1/2 with |E|
+    = size, products included.
+    """
     root = np.real(sqrtm(tensor(TRUTH)))
     for _ in range(10_000):
         E = rng.normal(size=(3, 3))
@@ -41,7 +44,9 @@ def wrong_tensor(rng: np.random.Generator, size: float) -> np.ndarray:
 def begun(
     campaign: Campaign, J: np.ndarray, K: np.ndarray, size: float, starts: int = 1
 ) -> Estimate | None:
-    """The estimate from one start (or from several, the others drawn from the prior), which is also the prior; None if it fails."""
+    """The estimate from one start (or from several, the others drawn from the prior), which is also
+    the prior; None if it fails.
+    """
     prior = InertiaPrior(J, size, size * np.trace(J) / 3.0)
     sensor = replace(campaign.rate_sensor, scale_factor=tuple(K))
     try:
@@ -62,7 +67,9 @@ def distance(at: Estimate | None) -> float:
 def tried(
     campaign: Campaign, sizes: np.ndarray, counts: np.ndarray, rng: np.random.Generator
 ) -> tuple[list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
-    """For each size, distances (n, 2) of the result from truth with one start and with the default three; errors (n, 9) of the starts; reduced chi^2 (n,)."""
+    """For each size, distances (n, 2) of the result from truth with one start and with the default
+    three; errors (n, 9) of the starts; reduced chi^2 (n,).
+    """
     distances, starts, misfits = [], [], []
     for size, count in zip(sizes, counts, strict=True):
         own, begin, chi2 = [], [], []
@@ -153,7 +160,8 @@ def analysis(quick: bool = False):
     low, high = interval(good, n)
     lost = misfits[k][distances[k] >= limit]
     alarm = (
-        f"; the {len(lost)} others stop at a reduced χ² of {lost.min():.0f} or more, which the fit reports"
+        f"; the {len(lost)} others stop at a reduced χ² of {lost.min():.0f} or more, which the fit "
+        "reports"
         if len(lost)
         else ""
     )
@@ -162,7 +170,8 @@ def analysis(quick: bool = False):
     claims = [
         (
             "a start 30 % wrong (structural software) still converges",
-            f"{good} of {n} starts ({100 * good / n:.1f} %, 95 %: {100 * low:.1f} to {100 * high:.1f} %) with ONE descent of the optimizer{alarm}. "
+            f"{good} of {n} starts ({100 * good / n:.1f} %, 95 %: "
+            f"{100 * low:.1f} to {100 * high:.1f} %) with ONE descent of the optimizer{alarm}. "
             f"With the default three starts {together} of {n}",
             "**yes**" if low > 0.9 else "not always",
         )
@@ -180,11 +189,14 @@ def analysis(quick: bool = False):
             ]
         )
     notes = [
-        "A start J^1/2 (1 + E) J^1/2 with a random symmetric E of norm 0.3 is as wrong as 30 % in some direction; rms over starts "
+        "A start J^1/2 (1 + E) J^1/2 with a random symmetric E of norm 0.3 is as wrong as 30 % in "
+        "some direction; rms over starts "
         f"{100 * spread[:3].mean():.0f} % of the diagonal elements and "
-        f"{spread[3:6].mean():.2f} kg m² in the products, many times their own size. The prior is centred on the wrong start with that width. K starts up "
+        f"{spread[3:6].mean():.2f} kg m² in the products, many times their own size. "
+        "The prior is centred on the wrong start with that width. K starts up "
         "to 3 % off.",
-        "All starts see the same telemetry, so that converged ones end in the same place: the spread of their results is "
+        "All starts see the same telemetry, so that converged ones end in the same place: "
+        "the spread of their results is "
         f"{np.ptp(distances[k][distances[k] < limit]):.2g} sd.",
     ]
     tables = [
@@ -197,7 +209,8 @@ def analysis(quick: bool = False):
     figures = [
         (
             "claim_starts.png",
-            "Fraction of starts from which one descent finds the optimum, and how far from the truth it ends",
+            "Fraction of starts from which one descent finds the optimum, and how far from the "
+            "truth it ends",
         )
     ]
     numbers = {"fraction": good / n, "low": low}

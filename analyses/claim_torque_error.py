@@ -57,7 +57,9 @@ def gain_of(x: float) -> dict:
 
 
 def wls(campaign: Campaign, drive: str = "commanded") -> Estimate:
-    """The paper's estimator: the stated noise whatever the residuals say. Begun at the truth, so that only the torque error acts."""
+    """The paper's estimator: the stated noise whatever the residuals say. Begun at the truth, so
+    that only the torque error acts.
+    """
     return estimate(Model(campaign, (), drive), start=TRUTH, discount=False)
 
 
@@ -102,7 +104,9 @@ def gain_errors(gains: np.ndarray, seeds: int, quick: bool) -> dict[str, np.ndar
 
 
 def lag_errors(lags: np.ndarray, seeds: int) -> dict[str, np.ndarray]:
-    """Errors of J and K (lags, seeds, 9): lag not modelled, known, fitted; and the reduced chi^2 (lags, seeds) of the first."""
+    """Errors of J and K (lags, seeds, 9): lag not modelled, known, fitted; and the reduced chi^2
+    (lags, seeds) of the first.
+    """
     found = {"not modelled": [], "known": [], "fitted": [], "chi2": []}
     for tau in lags:
         for seed in range(seeds):
@@ -134,7 +138,9 @@ def tracking(flight: Flight) -> tuple[float, float]:
 
 
 def backup(error: float, seeds: int) -> list[list[str]]:
-    """A 30 deg slew about x with the wheel whose gain the estimate absorbed, and with a right one in its place."""
+    """A 30 deg slew about x with the wheel whose gain the estimate absorbed, and with a right one
+    in its place.
+    """
     absorbed = wls(
         with_wheels(flight_with(GAIN, gain_of(error), 0, AT_REST).campaign, momentum_sigma=None)
     ).theta
@@ -276,31 +282,43 @@ def analysis(quick: bool = False):
     }
     at = int(np.flatnonzero(lags == 0.1)[0])
     ratio = np.sqrt(np.mean(rms["known"][1:, :6] ** 2) / np.mean(rms["known"][0, :6] ** 2))
+    at_rest = slope["no tachometers, wheels start at rest"]
     claims = [
         (
             "a torque error of a wheel becomes the same error of the inertia about its axis",
-            f"wheels at rest before the campaign, no tachometers: {slope['no tachometers, wheels start at rest']:+.2f} % for each per cent; with 30 to "
+            "wheels at rest before the campaign, no tachometers: "
+            f"{slope['no tachometers, wheels start at rest']:+.2f} % for each per cent; with 30 to "
             "70e-3 N m s stored "
-            f"in them {slope['without tachometers']:+.2f} %; with tachometers fitted {slope['with tachometers']:+.2f} %; "
-            f"tachometers as input {slope['tachometers as input']:+.3f} %; gain fitted along {slope['gain fitted']:+.3f} %",
-            f"**{'yes' if abs(slope['no tachometers, wheels start at rest'] + 1.0) < 0.1 else 'nearly'}** for wheels at rest (with the sign turned round: "
+            f"in them {slope['without tachometers']:+.2f} %; "
+            f"with tachometers fitted {slope['with tachometers']:+.2f} %; "
+            f"tachometers as input {slope['tachometers as input']:+.3f} %; "
+            f"gain fitted along {slope['gain fitted']:+.3f} %",
+            f"**{'yes' if abs(at_rest + 1.0) < 0.1 else 'nearly'}** for wheels at rest "
+            "(with the sign turned round: "
             "J is too small "
-            "where the torque is too large). Stored momentum brings in the gyric torque of other slews. Tachometers as mere further data do not cure it; "
+            "where the torque is too large). Stored momentum brings in the gyric torque of other "
+            "slews. Tachometers as mere further data do not cure it; "
             "as the input, or with the gain fitted, they do",
         ),
         (
             "a command lag that is not modelled spoils the estimate; known, it does not",
-            f"0.1 s not modelled: up to {100 * np.max(rms['not modelled'][at, :3] / TRUTH[:3]):.2f} % in the diagonal, "
-            f"{1e3 * np.max(rms['not modelled'][at, 3:6]):.2f}e-3 kg m² in the cross terms, reduced χ² {lagged['chi2'][at].mean():.1f}; "
-            f"known: {100 * np.max(rms['known'][at, :3] / TRUTH[:3]):.3f} %, {1e3 * np.max(rms['known'][at, 3:6]):.2f}e-3 kg m² ({ratio:.1f} times the "
+            "0.1 s not modelled: "
+            f"up to {100 * np.max(rms['not modelled'][at, :3] / TRUTH[:3]):.2f} % in the diagonal, "
+            f"{1e3 * np.max(rms['not modelled'][at, 3:6]):.2f}e-3 kg m² in the cross terms, "
+            f"reduced χ² {lagged['chi2'][at].mean():.1f}; "
+            f"known: {100 * np.max(rms['known'][at, :3] / TRUTH[:3]):.3f} %, "
+            f"{1e3 * np.max(rms['known'][at, 3:6]):.2f}e-3 kg m² ({ratio:.1f} times the "
             "error without lag)",
             "yes; and it need not be known beforehand, fitted it costs nothing visible",
         ),
         (
             "after a switch to a backup wheel an estimate that absorbed a torque error is wrong",
-            f'largest tracking error in a 30 deg slew {rows[1][2]}" with the old wheel, {rows[2][2]}" with the backup, {rows[3][2]}" with the true J; '
+            f'largest tracking error in a 30 deg slew {rows[1][2]}" with the old wheel, '
+            f'{rows[2][2]}" with the backup, {rows[3][2]}" with the true J; '
             f'final error {rows[1][3]}", {rows[2][3]}", {rows[3][3]}"',
-            "yes during the slew, **no** at its end: feedback removes the torque error, the correction slew does not know which wheel was used",
+            "yes during the slew, **no** at its end: "
+            "feedback removes the torque error, the correction slew does not know which wheel was "
+            "used",
         ),
     ]
     tables = [
@@ -310,7 +328,8 @@ def analysis(quick: bool = False):
             [[n, *(f"{rms[k][at, i]:.2e}" for k in rms)] for i, n in enumerate(NAMES)],
         ),
         Table(
-            "A 30 degree slew about x; wheel x delivers 3 % too much, its backup what it should (mean ± sd of 12 flights)",
+            "A 30 degree slew about x; wheel x delivers 3 % too much, its backup what it should "
+            "(mean ± sd of 12 flights)",
             (
                 "controller believes",
                 "error of its Jxx",
@@ -323,16 +342,21 @@ def analysis(quick: bool = False):
     figures = [
         (
             "claim_torque_gain.png",
-            "Error of J and K about the axis of a wheel that delivers more or less than commanded (mean and ±2 sd over 3 flights)",
+            "Error of J and K about the axis of a wheel that delivers more or less than commanded "
+            "(mean and ±2 sd over 3 flights)",
         ),
         (
             "claim_torque_lag.png",
-            "A first-order lag of all wheel commands: errors (rms over 3 flights; bands: the flights) and misfit",
+            "A first-order lag of all wheel commands: errors (rms over 3 flights; bands: "
+            "the flights) and misfit",
         ),
     ]
     notes = [
-        "Without tachometers the wheels' momentum is known only from the slews, and a fit that must imitate a torque error larger than about 3 % "
-        "finds it cheaper to change the momenta, K and J together: at -5 % the error of Jxx jumps to about three times the torque error. The slopes are taken "
+        "Without tachometers the wheels' momentum is known only from the slews, and a fit that "
+        "must imitate a torque error larger than about 3 % "
+        "finds it cheaper to change the momenta, K and J together: "
+        "at -5 % the error of Jxx jumps to about three times the torque error. "
+        "The slopes are taken "
         "within 3 %.",
     ]
     return Result(

@@ -1,4 +1,6 @@
-"""Whether simulated closed-loop slews agree in kind with those of an independent simulator (used by `paper_tables.py`)."""
+"""Whether simulated closed-loop slews agree in kind with those of an independent simulator (used by
+`paper_tables.py`).
+"""
 
 # Printed text has typographic signs on purpose.
 from __future__ import annotations
@@ -27,7 +29,9 @@ def independent_campaign() -> Campaign | None:
 
 
 def measures(campaign: Campaign) -> np.ndarray:
-    """(slews, 5): duration [s], largest rate [deg/s], torque [1e-3 N m] and wheel momentum [1e-3 N m s], correction slew [arcsec]; all from telemetry."""
+    """(slews, 5): duration [s], largest rate [deg/s], torque [1e-3 N m] and wheel momentum [1e-3 N
+    m s], correction slew [arcsec]; all from telemetry.
+    """
     rows = []
     for slew in campaign.slews:
         fixed = np.flatnonzero(np.isfinite(slew.attitude).all(axis=1))
@@ -44,7 +48,9 @@ def measures(campaign: Campaign) -> np.ndarray:
 
 
 def closed_loop_check(truth: np.ndarray, seed: int) -> tuple[Table, float] | None:
-    """The same five slews by both simulators, and the largest relative difference of their correction slews."""
+    """The same five slews by both simulators, and the largest relative difference of their
+    correction slews.
+    """
     other = independent_campaign()
     if other is None:
         return None
@@ -76,7 +82,8 @@ def closed_loop_check(truth: np.ndarray, seed: int) -> tuple[Table, float] | Non
         "correction slew [arcsec]",
     )
     return Table(
-        "The same slews by Basilisk / here, from telemetry alone (controller believes the same wrong initial estimate)",
+        "The same slews by Basilisk / here, from telemetry alone (controller believes the same "
+        "wrong initial estimate)",
         header,
         rows,
     ), float(np.max(np.abs(b[:, 4] / a[:, 4] - 1)))

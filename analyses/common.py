@@ -1,7 +1,10 @@
-"""What the analyses of Ferguson's paper share: its numbers, the simulated spacecraft, first-order errors, results and their page.
+"""What the analyses of Ferguson's paper share: its numbers, the simulated spacecraft, first-order
+errors, results and their page.
 
-Every analysis is one command, `python analyses/<name>.py [--quick] [--out FOLDER]`. It writes its pictures to
-`figures/`, its numbers to `analyses/results/<name>.json`, and renews `analyses/PAPER.md` from all results there are.
+Every analysis is one command, `python analyses/<name>.py [--quick] [--out FOLDER]`. It writes its
+pictures to
+`figures/`, its numbers to `analyses/results/<name>.json`, and renews `analyses/PAPER.md` from all
+results there are.
 Equal code gives equal files: all randomness is seeded, and pictures carry no date.
 """
 
@@ -46,7 +49,9 @@ ANALYSES = (
 
 @dataclass(frozen=True)
 class PaperTable:
-    """A table of the paper: (9,) Jxx Jyy Jzz Jxy Jxz Jyz [kg m^2], K1 K2 K3; `truth` None where nobody knows it."""
+    """A table of the paper: (9,) Jxx Jyy Jzz Jxy Jxz Jyz [kg m^2], K1 K2 K3; `truth` None where
+    nobody knows it.
+    """
 
     initial: np.ndarray
     new: np.ndarray
@@ -118,7 +123,9 @@ def flown(
     seed: int | None = 1,
     **prior: float,
 ) -> Flight:
-    """A plan flown by a controller that believes an initial estimate, which is also the campaign's prior."""
+    """A plan flown by a controller that believes an initial estimate, which is also the campaign's
+    prior.
+    """
     return fly(plan, craft, controller_of(initial), prior_of(initial, **prior), seed)
 
 
@@ -139,7 +146,9 @@ def with_sensor(campaign: Campaign, **changes) -> Campaign:
 
 @dataclass(frozen=True)
 class Scatter:
-    """How an estimator errs to first order: mean error (d,) from a prior that is centred elsewhere, and covariance (d, d)."""
+    """How an estimator errs to first order: mean error (d,) from a prior that is centred elsewhere,
+    and covariance (d, d).
+    """
 
     mean: np.ndarray
     covariance: np.ndarray
@@ -152,14 +161,17 @@ def scatter(
     *,
     prior: bool = True,
 ) -> Scatter:
-    """Error of the estimate over repetitions of the campaign, were the noise of each channel `noise` times what `at` has.
+    """Error of the estimate over repetitions of the campaign, were the noise of each channel
+    `noise` times what `at` has.
 
     Parameters
     ----------
-    offset : (d,) prior mean minus truth. noise : factor of rate, attitude and momentum noise, known to the estimator.
+    offset : (d,) prior mean minus truth. noise : factor of rate, attitude and momentum noise, known
+        to the estimator.
     prior : whether the estimator uses the prior of J and K.
 
-    With Hessian H = F + P, theta-hat - truth = H^-1 (P offset + what noise and nuisances, drawn from their own priors, push):
+    With Hessian H = F + P, theta-hat - truth = H^-1 (P offset + what noise and nuisances, drawn
+    from their own priors, push):
     the covariance is H^-1 (H - P) H^-1, P the rows of J and K only.
     """
     weights = 1.0 / np.square(np.asarray(noise, float))
@@ -179,7 +191,9 @@ def scatter(
 
 @dataclass(frozen=True)
 class Everything:
-    """The normal equations of an estimate for ALL its parameters, also those that were held: what other fits would have found."""
+    """The normal equations of an estimate for ALL its parameters, also those that were held: what
+    other fits would have found.
+    """
 
     hessian: np.ndarray
     size: int
@@ -200,7 +214,9 @@ class Everything:
         return np.sqrt(np.diag(np.linalg.inv(self.hessian[np.ix_(fitted, fitted)])))[: len(free)]
 
     def left(self, free: np.ndarray, held: np.ndarray, value: np.ndarray) -> float:
-        """Sum of squared residuals [sigma^2] that `held` parameters of this `value` leave after `free` and all nuisances are fitted to imitate them."""
+        """Sum of squared residuals [sigma^2] that `held` parameters of this `value` leave after
+        `free` and all nuisances are fitted to imitate them.
+        """
         fitted = self._fitted(free)
         across = self.hessian[np.ix_(fitted, held)] @ value
         return float(
@@ -209,7 +225,8 @@ class Everything:
         )
 
     def unmodelled(self, free: np.ndarray, held: np.ndarray) -> np.ndarray:
-        """Error of `free` (f, h) for each unit of what is in the data but not in the fit, to first order.
+        """Error of `free` (f, h) for each unit of what is in the data but not in the fit, to first
+        order.
 
         The fitted columns move until they imitate the held ones as well as the noise asks.
         """
@@ -234,7 +251,8 @@ class Result:
 
     Attributes
     ----------
-    claims : rows "paper", "here", "agree?". figures : (file, caption). notes : paragraphs. numbers : what tests and readers may use.
+    claims : rows "paper", "here", "agree?". figures : (file, caption). notes : paragraphs. numbers
+        : what tests and readers may use.
     """
 
     name: str
@@ -289,14 +307,18 @@ def _overview(found: list[dict]) -> str:
 
 _INTRODUCTION = """# Ferguson's paper, run again
 
-P. A. Ferguson, *On-Orbit Spacecraft Inertia and Rate Sensor Scale Factor Estimation for Microsatellites* (MOST), reported four
-tables and argued about what disturbs the method. Each section below is one command; it takes less than five minutes on two
-cores, is seeded, and writes the same bytes again. The numbers come from `analyses/results/`, this page from `analyses/common.py`.
+P. A. Ferguson, *On-Orbit Spacecraft Inertia and Rate Sensor Scale Factor Estimation for
+Microsatellites* (MOST), reported four tables and argued about what disturbs the method. Each
+section below is one command; it takes less than five minutes on two cores, is seeded, and writes
+the same bytes again. The numbers come from `analyses/results/`, this page from
+`analyses/common.py`.
 
-**What can be compared.** The paper's telemetry, slew axes, sampling and noise are not public, nor are its figures reproduced here:
-we simulate a MOST-like spacecraft in closed loop (three wheels, rate sensor 2e-5 rad/s a sample at 4 Hz, star tracker 5" across
-and 30" about its boresight, five slews of 30 to 60 degrees at 1 deg/s) with the paper's own J and K, and draw the pictures
-that correspond to its figures 3 to 6. "WLS" is the weighted-least-squares point estimate, the paper's estimator (`estimate()`).
+**What can be compared.** The paper's telemetry, slew axes, sampling and noise are not public, nor
+are its figures reproduced here: we simulate a MOST-like spacecraft in closed loop (three wheels,
+rate sensor 2e-5 rad/s a sample at 4 Hz, star tracker 5" across and 30" about its boresight, five
+slews of 30 to 60 degrees at 1 deg/s) with the paper's own J and K, and draw the pictures that
+correspond to its figures 3 to 6. "WLS" is the weighted-least-squares point estimate, the paper's
+estimator (`estimate()`).
 """
 
 
@@ -331,7 +353,9 @@ def run(
     analysis: Callable[[bool], tuple[Result, dict[str, Figure]]],
     arguments: Sequence[str] | None = None,
 ) -> Result:
-    """The command line of an analysis: `--quick` is a coarse variant, written to a temporary folder unless `--out` says where."""
+    """The command line of an analysis: `--quick` is a coarse variant, written to a temporary folder
+    unless `--out` says where.
+    """
     parser = argparse.ArgumentParser(description=description.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="a coarse variant, for tests")
     parser.add_argument(

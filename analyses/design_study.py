@@ -1,9 +1,13 @@
-"""What designed plans achieve: predicted against achieved sds, gains, margins in flight, times, and effects told apart.
+"""What designed plans achieve: predicted against achieved sds, gains, margins in flight, times, and
+effects told apart.
 
-    python analyses/design_study.py [--parts gains,flown,achieved,separate,times] [--campaigns 400] [--jobs 1]
+    python analyses/design_study.py [--parts gains,flown,achieved,separate,times] [--campaigns 400]
+    [--jobs 1]
 
-writes `analyses/results/design_*.json[l]`, `analyses/results/design.md` and `figures/design_*.png`. Results are kept as they are
-made, each file written all or nothing: a killed study goes on where it was, and a finished part is not done again
+writes `analyses/results/design_*.json[l]`, `analyses/results/design.md` and `figures/design_*.png`.
+Results are kept as they are
+made, each file written all or nothing: a killed study goes on where it was, and a finished part is
+not done again
 (delete its file for that).
 """
 
@@ -67,7 +71,8 @@ RANDOM = 10_000
 SHARD = 25
 FLIGHTS = 100
 PAPER = "five slews like the paper's"
-# A pair that slews like the paper's show nearly alike, and one that without tachometers no slew tells apart.
+# A pair that slews like the paper's show nearly alike, and one that without tachometers no slew
+# tells apart.
 PAIRS = (("constant_torque", "star_tracker_shift"),)
 HOPELESS = ("wheel_command_lag", "rate_sensor_delay")
 
@@ -90,11 +95,14 @@ def plan_for(
     return read_plan(path)
 
 
-# --- gains: against slews like the paper's and against random plans --------------------------------------------------
+# --- gains: against slews like the paper's and against random plans
+# --------------------------------------------------
 
 
 def gains() -> dict:
-    """For every goal: the number for designed, paper-like and the best of 10,000 random feasible plans, all at the prior's mean."""
+    """For every goal: the number for designed, paper-like and the best of 10,000 random feasible
+    plans, all at the prior's mean.
+    """
     out = {}
     for wanted in GOALS:
         plan = plan_for(wanted)
@@ -131,11 +139,14 @@ def gains() -> dict:
     return out
 
 
-# --- flown: every limit in the closed loop ------------------------------------------------------------------------------
+# --- flown: every limit in the closed loop
+# ------------------------------------------------------------------------------
 
 
 def flown() -> dict:
-    """Margins of every designed plan over flights with noise by a controller that believes the prior, each with its own truth."""
+    """Margins of every designed plan over flights with noise by a controller that believes the
+    prior, each with its own truth.
+    """
     out = {}
     for wanted in GOALS:
         plan = plan_for(wanted)
@@ -158,7 +169,8 @@ def flown() -> dict:
     return out
 
 
-# --- achieved: predicted against achieved sds ------------------------------------------------------------------------------
+# --- achieved: predicted against achieved sds
+# ------------------------------------------------------------------------------
 
 
 def plans() -> dict[str, Plan]:
@@ -230,7 +242,8 @@ def against_achieved(campaigns: int, jobs: int) -> dict:
     return out
 
 
-# --- separate: two effects that the five slews cannot tell apart -----------------------------------------------------------
+# --- separate: two effects that the five slews cannot tell apart
+# -----------------------------------------------------------
 
 
 def deaf_craft() -> Spacecraft:
@@ -238,13 +251,17 @@ def deaf_craft() -> Spacecraft:
     return replace(CRAFT, wheels=tuple(replace(w, momentum_sigma=None) for w in CRAFT.wheels))
 
 
-# Non-centrality that a hidden effect leaves in five slews like the paper's once everything else is fitted: an ideal test of three
-# components at the level of one candidate's share of the false alarms finds it with probability 0.99.
+# Non-centrality that a hidden effect leaves in five slews like the paper's once everything else is
+# fitted: an ideal test of three
+# components at the level of one candidate's share of the false alarms finds it with probability
+# 0.99.
 STRENGTH = 30.0
 
 
 def _hidden(effect: Effect, marks: Fingerprints, seed: int) -> dict:
-    """Values {effect: {parameter: value}} of that strength, in the direction that the other effect imitates best in the campaign of these fingerprints."""
+    """Values {effect: {parameter: value}} of that strength, in the direction that the other effect
+    imitates best in the campaign of these fingerprints.
+    """
     k = marks.names.index(effect.name)
     own, other = marks.groups[k], marks.groups[1 - k]
     matrix, cross = marks.matrix[np.ix_(own, own)], marks.matrix[np.ix_(own, other)]
@@ -267,7 +284,8 @@ def _hidden(effect: Effect, marks: Fingerprints, seed: int) -> dict:
 
 
 def told_apart(seeds: int) -> dict:
-    """Verdicts of `diagnose` for either effect of each pair hidden, on slews like the paper's, and when more of them or slews
+    """Verdicts of `diagnose` for either effect of each pair hidden, on slews like the paper's, and
+    when more of them or slews
     designed to separate the two have been flown in addition."""
     out = {"pairs": {}, "hopeless": {}}
     for pair in PAIRS:
@@ -291,7 +309,9 @@ def told_apart(seeds: int) -> dict:
 def _plans_and_marks(
     pair: tuple[str, str], craft: Spacecraft
 ) -> tuple[dict[str, Plan], dict[str, Fingerprints]]:
-    """Slews like the paper's, alone, twice, and with those designed to separate a pair; the pair's fingerprints in each."""
+    """Slews like the paper's, alone, twice, and with those designed to separate a pair; the pair's
+    fingerprints in each.
+    """
     tag = "" if craft is CRAFT else "_deaf"
     paper, designed = paper_like_plan(), plan_for(f"separate:{','.join(pair)}", craft, tag=tag)
     shown = {
@@ -343,7 +363,7 @@ def _verdict(label: str, plan: Plan, acting: Spacecraft, hidden: str, seed: int)
     return json.loads(path.read_text())
 
 
-# --- times -------------------------------------------------------------------------------------------------------------------
+# --- times
 
 _COLD = """
 import time; t0 = time.perf_counter()
@@ -352,12 +372,16 @@ from bayes_inertia.design.designer import design_plan
 from bayes_inertia.flight.spacecraft import most_like_prior, most_like_spacecraft
 found = design_plan(most_like_spacecraft(), most_like_prior())
 used = resource.getrusage(resource.RUSAGE_SELF)
-print(json.dumps({"wall": time.perf_counter() - t0, "cpu": used.ru_utime + used.ru_stime, "gain": found.gain, "memory_GB": used.ru_maxrss / 1e6}))
+wall, cpu = time.perf_counter() - t0, used.ru_utime + used.ru_stime
+numbers = {"wall": wall, "cpu": cpu, "gain": found.gain, "memory_GB": used.ru_maxrss / 1e6}
+print(json.dumps(numbers))
 """
 
 
 def times() -> dict:
-    """Wall and processor time of a cold five-slew design, imports and compilation included, and of one gradient."""
+    """Wall and processor time of a cold five-slew design, imports and compilation included, and of
+    one gradient.
+    """
     cold = json.loads(
         subprocess.run(
             [sys.executable, "-c", _COLD], check=True, capture_output=True, text=True
@@ -398,12 +422,14 @@ def times() -> dict:
     }
 
 
-# --- pictures and page ---------------------------------------------------------------------------------------------------------
+# --- pictures and page
 
 
 @style.styled
 def gains_picture(found: dict) -> Figure:
-    """Distribution of the goal's number over random feasible plans, with the paper-like and the designed plan."""
+    """Distribution of the goal's number over random feasible plans, with the paper-like and the
+    designed plan.
+    """
     figure = Figure(figsize=(style.WIDTH, 3.2), layout="constrained")
     titles = {
         "cross_terms": "worst cross term",
@@ -460,7 +486,8 @@ def ratio_picture(found: dict) -> Figure:
     )
     number = next(iter(found.values()))["campaigns"]
     axes.set_title(
-        f"{number} simulated campaigns of each plan, J, K and bias drawn from the prior (bars: 2 standard errors)"
+        f"{number} simulated campaigns of each plan, J, K and bias drawn from the prior (bars: "
+        "2 standard errors)"
     )
     axes.legend(ncols=3, loc="upper left")
     return figure
@@ -480,10 +507,12 @@ def page() -> str:
     lines = [
         "# Designed plans",
         "",
-        "Made by `python analyses/design_study.py`. MOST-like spacecraft; planned rate 1 deg/s, 1855 s from first to last telemetry:",
+        "Made by `python analyses/design_study.py`. MOST-like spacecraft; "
+        "planned rate 1 deg/s, 1855 s from first to last telemetry:",
     ]
     lines += [
-        "the rate and the time of five slews like the paper's (30 to 60 deg about x, y, z and two diagonals). Wheel limits with 20 % reserve.",
+        "the rate and the time of five slews like the paper's (30 to 60 deg about x, y, z and two "
+        "diagonals). Wheel limits with 20 % reserve.",
         "",
     ]
     read = {
@@ -502,12 +531,14 @@ def page() -> str:
             unit = f" {row['unit']}" if row["unit"] else ""
             best = row["random"]["best"]
             lines.append(
-                f"| {wanted} | {row['paper']:.3g}{unit} | {best:.3g} | {row['designed']:.3g} | **{row['gain']:.2f}** |"
+                f"| {wanted} | {row['paper']:.3g}{unit} | {best:.3g} | {row['designed']:.3g} | "
+                f"**{row['gain']:.2f}** |"
             )
         seeds = ", ".join(f"{g:.2f}" for g in read["gains"]["cross_terms"]["seeds"])
         lines += [
             "",
-            f"Other seeds of the search for the cross terms: gain {seeds}. Smaller is better; each number is an sd as `criterion` defines it.",
+            f"Other seeds of the search for the cross terms: gain {seeds}. Smaller is better; "
+            "each number is an sd as `criterion` defines it.",
             "",
         ]
     if "achieved" in read:
@@ -524,13 +555,17 @@ def page() -> str:
             lines.append(f"| {name} | {row['campaigns']} | " + " | ".join(cells) + " |")
         paper, better = read["achieved"][PAPER], read["achieved"]["for the cross terms"]
         worst = [max(row["achieved"][3:6]) for row in (paper, better)]
-        said = f"Worst cross term, achieved: {worst[0]:.3g} kg m² with slews like the paper's, {worst[1]:.3g} designed: "
+        said = (
+            f"Worst cross term, achieved: {worst[0]:.3g} kg m² with slews like the paper's, "
+            f"{worst[1]:.3g} designed: "
+        )
         lines += ["", f"{said}**{worst[0] / worst[1]:.2f}** times smaller.", ""]
     if "flown" in read:
         lines += [
             "## Margins in flight",
             "",
-            f"Smallest margin over {FLIGHTS} closed-loop flights a plan, truths from the prior, noise on.",
+            f"Smallest margin over {FLIGHTS} closed-loop flights a plan, truths from the prior, "
+            "noise on.",
             "",
         ]
         limits = list(next(iter(read["flown"].values())))
@@ -550,7 +585,8 @@ def page() -> str:
         lines += [
             "## Effects told apart",
             "",
-            f"Either effect of a pair hidden at a strength (non-centrality {STRENGTH:.0f}) that slews like the paper's just show, in the direction",
+            f"Either effect of a pair hidden at a strength (non-centrality {STRENGTH:.0f}) that "
+            "slews like the paper's just show, in the direction",
             "that the other imitates best. Right: the effect alone is named.",
             "",
             "| hidden | alternative | plan | canonical correlation | named rightly | verdicts |",
@@ -569,12 +605,17 @@ def page() -> str:
                         for k in dict.fromkeys(v["verdict"] for v in own)
                     )
                     lines.append(
-                        f"| {hidden} | {other} | {label} | {row['plans'][label]['canonical_correlation']:.3f} | {right} of {len(own)} | {counts} |"
+                        f"| {hidden} | {other} | {label} | "
+                        f"{row['plans'][label]['canonical_correlation']:.3f} | {right} of "
+                        f"{len(own)} | {counts} |"
                     )
         apart = " and ".join(
             f"{1.0 - c:.0e} ({label})" for label, c in read["separate"]["hopeless"].items()
         )
-        said = f"No slew tells {HOPELESS[0]} from {HOPELESS[1]} without tachometers: their canonical correlation is 1 but for"
+        said = (
+            f"No slew tells {HOPELESS[0]} from {HOPELESS[1]} without tachometers: "
+            "their canonical correlation is 1 but for"
+        )
         lines += ["", f"{said} {apart}, although the last plan was designed for it.", ""]
     if "times" in read:
         t = read["times"]
@@ -582,10 +623,12 @@ def page() -> str:
         lines += [
             "## Times",
             "",
-            f"A cold design of five slews, imports and compilation included: {cold['wall']:.0f} s ({cold['cpu']:.0f} s of processor time).",
+            "A cold design of five slews, imports and compilation included: "
+            f"{cold['wall']:.0f} s ({cold['cpu']:.0f} s of processor time).",
         ]
         lines += [
-            f"One exact gradient: {1e3 * t['gradient']:.0f} ms (the first one, with compilation: {t['first_gradient']:.0f} s)."
+            f"One exact gradient: {1e3 * t['gradient']:.0f} ms (the first one, with compilation: "
+            f"{t['first_gradient']:.0f} s)."
         ]
         lines += [f"`separating_slew`: {t['separating_slew']:.0f} s.", ""]
     return "\n".join(lines)

@@ -1,8 +1,10 @@
-"""Confusion matrix, power curves and promised figures of the diagnosis, from the rows that `diagnosis_study.py` has written.
+"""Confusion matrix, power curves and promised figures of the diagnosis, from the rows that
+`diagnosis_study.py` has written.
 
     python analyses/diagnosis_figures.py
 
-writes `analyses/results/diagnosis.md`, `figures/diagnosis_confusion.png` and `figures/diagnosis_power.png`.
+writes `analyses/results/diagnosis.md`, `figures/diagnosis_confusion.png` and
+`figures/diagnosis_power.png`.
 """
 
 from __future__ import annotations
@@ -26,7 +28,9 @@ WHERE = {True: "with tachometers", False: "without tachometers"}
 
 
 def read(folder: Path = FOLDER) -> pd.DataFrame:
-    """All rows: one campaign each, with the ideal test's power and how the verdict stands to the truth."""
+    """All rows: one campaign each, with the ideal test's power and how the verdict stands to the
+    truth.
+    """
     tables = []
     for path in sorted(folder.glob("diagnosis_*.jsonl")):
         table = pd.read_json(path, lines=True)
@@ -46,7 +50,9 @@ def candidates_of(row: pd.Series) -> tuple[set[str], set[str]]:
 
 
 def outcome(row: pd.Series) -> str:
-    """One hidden effect: the wrong name if the truth is not beside it, the truth's name, or how the search ended."""
+    """One hidden effect: the wrong name if the truth is not beside it, the truth's name, or how the
+    search ended.
+    """
     sure, unsure = candidates_of(row)
     truth = row["hidden"][0]
     if truth in sure:
@@ -60,7 +66,9 @@ def outcome(row: pd.Series) -> str:
 
 
 def judged(single: pd.DataFrame) -> pd.DataFrame:
-    """Campaigns with one hidden effect and their `outcome`, whether the truth is named or in the set (`right`), or a name without it (`wrong`)."""
+    """Campaigns with one hidden effect and their `outcome`, whether the truth is named or in the
+    set (`right`), or a name without it (`wrong`).
+    """
     ends = single.apply(outcome, axis=1)
     right = (ends == single["label"]) | (ends == ENDS[0])
     return single.assign(outcome=ends, right=right, wrong=~right & ~ends.isin(ENDS))
@@ -73,7 +81,10 @@ def share(hits: int, n: int) -> str:
     '0 of 200 (0.0 %, 95 %: 0.0 to 1.8 %)'
     """
     interval = stats.binomtest(int(hits), int(n)).proportion_ci(0.95)
-    return f"{hits} of {n} ({100 * hits / n:.1f} %, 95 %: {100 * interval.low:.1f} to {100 * interval.high:.1f} %)"
+    return (
+        f"{hits} of {n} ({100 * hits / n:.1f} %, 95 %: "
+        f"{100 * interval.low:.1f} to {100 * interval.high:.1f} %)"
+    )
 
 
 def promised(rows: pd.DataFrame) -> list[str]:
@@ -88,7 +99,8 @@ def promised(rows: pd.DataFrame) -> list[str]:
             lines += build(some, where)
     sets = [len(group) for _, r in rows.iterrows() for group in r["ambiguous_with"]]
     lines.append(
-        f"| sets reported as ambiguous, in all campaigns: of more than three | none | {sum(n > 3 for n in sets)} of {len(sets)} |"
+        "| sets reported as ambiguous, in all campaigns: "
+        f"of more than three | none | {sum(n > 3 for n in sets)} of {len(sets)} |"
     )
     for where, some in both:
         lines += outside_lines(some, where)
@@ -100,12 +112,15 @@ def clean_lines(rows: pd.DataFrame, where: str) -> list[str]:
     clean = rows[rows["kind"] == "clean"]
     named = sum(bool(candidates_of(r)[0] | candidates_of(r)[1]) for _, r in clean.iterrows())
     return [
-        f"| clean campaigns {where} in which an effect is named | at most 5 % | {share(named, len(clean))} |"
+        f"| clean campaigns {where} in which an effect is named | at most 5 % | "
+        f"{share(named, len(clean))} |"
     ]
 
 
 def strong_lines(rows: pd.DataFrame, where: str) -> list[str]:
-    """One hidden effect that an ideal test would hardly miss: what is named, and how good the fit with it is."""
+    """One hidden effect that an ideal test would hardly miss: what is named, and how good the fit
+    with it is.
+    """
     single = judged(rows[(rows["kind"] == "single") & (rows["power"] == PROMISED)])
     good = single[single["right"]]
     alone = sum(set.union(*candidates_of(r)) == {r["label"]} for _, r in single.iterrows())
@@ -117,15 +132,22 @@ def strong_lines(rows: pd.DataFrame, where: str) -> list[str]:
         good["max_abs_z_averaged"].fillna(good["max_abs_z"]),
     )  # the same where there is no set
     return [
-        f"| one effect at ideal power 0.99, {where}: truth named or in the set | at least 95 % | {share(len(good), len(single))} |",
+        f"| one effect at ideal power 0.99, {where}: truth named or in the set | at least 95 % | "
+        f"{share(len(good), len(single))} |",
         f"| ... named alone | - | {share(alone, len(single))} |",
-        f"| ... named or in the set, and beside it a wrong name as sure | - | {share(beside, len(single))} |",
-        f"| ... wrong name without the truth beside it | at most 2 % | {share(single['wrong'].sum(), len(single))} |",
+        "| ... named or in the set, and beside it a wrong name as sure | - | "
+        f"{share(beside, len(single))} |",
+        "| ... wrong name without the truth beside it | at most 2 % | "
+        f"{share(single['wrong'].sum(), len(single))} |",
         f"| ... nothing named | - | {share((single['outcome'] == ENDS[1]).sum(), len(single))} |",
-        f"| ... then reduced chi² of every channel and in total inside its 99 % interval | 96 % by chance | {share(inside, len(good))} |",
-        f"| ... then all nine of J and K within 3.5 sd | 99.6 % by chance | {share((z < 3.5).sum(), len(good))} |",
-        f"| ... in ambiguous campaigns, J and K averaged over the set | 99.6 % by chance | {share((z[sets] < 3.5).sum(), sets.sum())} |",
-        f"| ... in ambiguous campaigns, J and K given the first of the set | - | {share((good['max_abs_z'][sets] < 3.5).sum(), sets.sum())} |",
+        "| ... then reduced chi² of every channel and in total inside its 99 % interval | 96 % by "
+        f"chance | {share(inside, len(good))} |",
+        "| ... then all nine of J and K within 3.5 sd | 99.6 % by chance | "
+        f"{share((z < 3.5).sum(), len(good))} |",
+        "| ... in ambiguous campaigns, J and K averaged over the set | 99.6 % by chance | "
+        f"{share((z[sets] < 3.5).sum(), sets.sum())} |",
+        "| ... in ambiguous campaigns, J and K given the first of the set | - | "
+        f"{share((good['max_abs_z'][sets] < 3.5).sum(), sets.sum())} |",
         f"| ... then slews held out of the fit predicted better | - | {share(better, len(good))} |",
     ]
 
@@ -138,8 +160,10 @@ def weaker_lines(rows: pd.DataFrame, where: str) -> list[str]:
         missed = single[single["verdict"] == "consistent"]
         near = share((missed["max_abs_z"] < 3.5).sum(), len(missed))
         lines += [
-            f"| one effect at ideal power {power:g}, {where}: truth named or in the set | - | {share(single['right'].sum(), len(single))} |",
-            f"| ... wrong name without the truth beside it | - | {share(single['wrong'].sum(), len(single))} |",
+            f"| one effect at ideal power {power:g}, {where}: "
+            f"truth named or in the set | - | {share(single['right'].sum(), len(single))} |",
+            "| ... wrong name without the truth beside it | - | "
+            f"{share(single['wrong'].sum(), len(single))} |",
             f"| ... where nothing is found, all nine of J and K within 3.5 sd | - | {near} |",
         ]
     return lines
@@ -153,8 +177,10 @@ def pair_lines(rows: pd.DataFrame, where: str) -> list[str]:
     both = sum(set(r["hidden"]) <= set.union(*candidates_of(r)) for _, r in pairs.iterrows())
     ideal = pairs["ideal_powers"].map(np.prod).sum()
     return [
-        f"| two effects at once, {where}: both named or in the sets | at least 85 % | {share(both, len(pairs))} |",
-        f"| ... expected of two ideal tests, each with the other effect fitted | - | {ideal:.1f} of {len(pairs)} |",
+        f"| two effects at once, {where}: both named or in the sets | at least 85 % | "
+        f"{share(both, len(pairs))} |",
+        f"| ... expected of two ideal tests, each with the other effect fitted | - | {ideal:.1f} "
+        f"of {len(pairs)} |",
     ]
 
 
@@ -163,12 +189,14 @@ def outside_lines(rows: pd.DataFrame, where: str) -> list[str]:
     outside = rows[rows["kind"] == "outside"]
     unknown = outside["verdict"] == "unknown"
     lines = [
-        f"| effects outside the library, {where}: unknown | at least 90 % | {share(unknown.sum(), len(outside))} |"
+        f"| effects outside the library, {where}: "
+        f"unknown | at least 90 % | {share(unknown.sum(), len(outside))} |"
     ]
     for name in OUTSIDE:
         some = unknown[outside["label"] == name]
         lines.append(
-            f"| ... {name.removeprefix('outside_').replace('_', ' ')} | | {share(some.sum(), len(some))} |"
+            f"| ... {name.removeprefix('outside_').replace('_', ' ')} | | "
+            f"{share(some.sum(), len(some))} |"
         )
     return lines
 
@@ -219,7 +247,8 @@ def confusion(rows: pd.DataFrame) -> Figure:
     figure.text(
         0.02,
         0.94,
-        "per cent of campaigns; row: the hidden effect (campaigns); column: the name given, with and without tachometers together",
+        "per cent of campaigns; row: the hidden effect (campaigns); column: "
+        "the name given, with and without tachometers together",
         color=style.MUTED,
     )
     return figure
@@ -267,7 +296,9 @@ def power(rows: pd.DataFrame) -> Figure:
 
 
 def _by_effect(axes, single: pd.DataFrame) -> None:
-    """Share found of every effect at each power of the ideal test, which a dashed line of the same colour shows."""
+    """Share found of every effect at each power of the ideal test, which a dashed line of the same
+    colour shows.
+    """
     shares = single.groupby(["label", "power"])["right"].mean().unstack().reindex(NAMES).iloc[::-1]
     for k, power in enumerate(shares.columns):
         axes.axvline(power, color=style.color(k), lw=0.8, ls=(0, (4, 3)))
@@ -298,10 +329,14 @@ def main() -> None:
     lines = [
         "# How well the diagnosis names hidden effects",
         "",
-        "Every campaign has its own J, K, bias, slews and wheel momenta, drawn from the prior; the amplitude is that at which an ideal test of the",
-        "true effect alone, at the level of one candidate's share of the false alarms, would find it with the stated probability.",
-        "Made by `analyses/diagnosis_study.py` and `analyses/diagnosis_figures.py`; all rows are of this version's decisions.",
-        "The ideal test knows a flexible mode's frequency; the diagnosis has to find it. Where nothing is found a hidden effect is still there, and moves",
+        "Every campaign has its own J, K, bias, slews and wheel momenta, drawn from the prior; "
+        "the amplitude is that at which an ideal test of the",
+        "true effect alone, at the level of one candidate's share of the false alarms, would find "
+        "it with the stated probability.",
+        "Made by `analyses/diagnosis_study.py` and `analyses/diagnosis_figures.py`; "
+        "all rows are of this version's decisions.",
+        "The ideal test knows a flexible mode's frequency; the diagnosis has to find it. "
+        "Where nothing is found a hidden effect is still there, and moves",
         "J and K: every diagnosis says by how much at most (`could_hide`).",
         "",
         *promised(rows),

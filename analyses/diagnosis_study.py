@@ -1,8 +1,12 @@
-"""How well the diagnosis names hidden effects: confusion matrix, power against the ideal test, false alarms.
+"""How well the diagnosis names hidden effects: confusion matrix, power against the ideal test,
+false alarms.
 
-Every campaign has its own J, K, bias, start attitude, angles and senses of its slews, and wheel momenta, drawn from the prior,
-flown in closed loop with the hidden effect. The amplitude is set by the ideal test: the non-centrality of the hidden
-effect's score, from its sensitivities projected off everything that is fitted, in the same campaign without it. Results are one line a
+Every campaign has its own J, K, bias, start attitude, angles and senses of its slews, and wheel
+momenta, drawn from the prior,
+flown in closed loop with the hidden effect. The amplitude is set by the ideal test: the
+non-centrality of the hidden
+effect's score, from its sensitivities projected off everything that is fitted, in the same campaign
+without it. Results are one line a
 campaign in a file that is replaced atomically: a killed study goes on where it was.
 
     python analyses/diagnosis_study.py --kind clean --count 200
@@ -40,12 +44,14 @@ from bayes_inertia.physics.forward_model import Model
 HERE = Path(__file__).parent
 FOLDER = HERE / "results"
 RULES = Rules()
-# Effects without a trace in these campaigns: fixes are taken at rest, so that their time stamps do not matter.
+# Effects without a trace in these campaigns: fixes are taken at rest, so that their time stamps do
+# not matter.
 INVISIBLE = ("star_tracker_time_offset",)
 NAMES = tuple(e.name for e in LIBRARY if e.name not in INVISIBLE)
 
 
-# Disturbances outside the library, flown by another simulator, at sizes that leave chi^2 some hundreds too large.
+# Disturbances outside the library, flown by another simulator, at sizes that leave chi^2 some
+# hundreds too large.
 OUTSIDE: dict[str, Disturbance] = {
     "outside_swirl": Swirl(2e-6),
     "outside_leak": Leak(4e-6),
@@ -102,7 +108,9 @@ def degrees_of_freedom(effect: Effect) -> int:
 
 
 def direction(effect: Effect, rng: np.random.Generator) -> dict:
-    """Values of an effect's parameters one prior sd from null in a random direction, shape parameters at their null."""
+    """Values of an effect's parameters one prior sd from null in a random direction, shape
+    parameters at their null.
+    """
     parameters = effect.parameters(template_campaign())
     values = {}
     for p in parameters:
@@ -123,7 +131,9 @@ def scaled(values: dict, size: float) -> dict:
 
 
 def plain_fit(campaign: Campaign) -> Estimate:
-    """The fit without effects, from as many starts as a user's: in a local optimum the sensitivities are others."""
+    """The fit without effects, from as many starts as a user's: in a local optimum the
+    sensitivities are others.
+    """
     return estimate(Model(campaign), discount=False)
 
 
@@ -151,7 +161,9 @@ def unit_step(effect: Effect, values: dict, campaign: Campaign) -> np.ndarray:
 def mode_amplitude(
     effect: Effect, values: dict, wanted: float, seed, first: Estimate, tachometers: bool
 ) -> float:
-    """As `amplitude_for`, for a flexible mode, whose signal is of second order in its coupling: by simulation."""
+    """As `amplitude_for`, for a flexible mode, whose signal is of second order in its coupling: by
+    simulation.
+    """
     size = 0.5
     for _ in range(3):
         with_it, _ = draw(seed, (effect,), {effect.name: scaled(values, size)}, tachometers)
@@ -168,9 +180,11 @@ def ideal_powers(
     tachometers: bool,
     level: float,
 ) -> list[float]:
-    """Power of an ideal test for each of two effects once the other is fitted too, if alone each has the wanted non-centrality.
+    """Power of an ideal test for each of two effects once the other is fitted too, if alone each
+    has the wanted non-centrality.
 
-    Of a flexible mode, whose signal is of second order, nothing is taken off: its power is an upper bound.
+    Of a flexible mode, whose signal is of second order, nothing is taken off: its power is an upper
+    bound.
     """
     without, _ = draw(seed, (), {}, tachometers)
     first = plain_fit(without)
@@ -204,7 +218,9 @@ def ideal_powers(
 
 
 def projected_difference(with_it, first: Estimate) -> float:
-    """|P (y1 - y0)|^2 for two campaigns with equal noise: what is left of their difference after fitting J, K, bias and starts."""
+    """|P (y1 - y0)|^2 for two campaigns with equal noise: what is left of their difference after
+    fitting J, K, bias and starts.
+    """
     second = plain_fit(with_it)
     # Both hold the same noise e: their residuals are P e and P (e + s).
     gaps = [
@@ -246,7 +262,8 @@ def run_one(
 ) -> dict:
     """Simulate and diagnose one campaign."""
     seed = np.random.SeedSequence(20260, spawn_key=(hash_of(kind + label), index, int(tachometers)))
-    # Not a child of `seed`: the flight draws from those, and the effect's direction must not follow its noise.
+    # Not a child of `seed`: the flight draws from those, and the effect's direction must not follow
+    # its noise.
     rng = np.random.default_rng(np.random.SeedSequence(20261, spawn_key=seed.spawn_key))
     values, sizes, wanted, drawn = {}, {}, [], {}
 
@@ -342,10 +359,8 @@ def main() -> None:
     parser.add_argument("--minutes", type=float, default=60.0, help="stop after this time")
     arguments = parser.parse_args()
     tachometers = not arguments.without_tachometers
-    path = (
-        FOLDER
-        / f"diagnosis_{arguments.kind}_{arguments.power:g}_{'tacho' if tachometers else 'notacho'}.jsonl"
-    )
+    measured = "tacho" if tachometers else "notacho"
+    path = FOLDER / f"diagnosis_{arguments.kind}_{arguments.power:g}_{measured}.jsonl"
     rows = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     done = {(row["label"], row["index"]) for row in rows}
     end = time.time() + 60.0 * arguments.minutes

@@ -1,7 +1,9 @@
 """A second simulator, in plain numpy and scipy, and disturbances that the library does not hold.
 
-Nothing of the package's dynamics is used: J w' + w x (J w + G H) = -G u + tau in rates, with H' = u, attitude by scipy's
-rotations, integrated by DOP853 from one telemetry row to the next. The commands are those of a flight without
+Nothing of the package's dynamics is used: J w' + w x (J w + G H) = -G u + tau in rates, with H' =
+u, attitude by scipy's
+rotations, integrated by DOP853 from one telemetry row to the next. The commands are those of a
+flight without
 disturbance, replayed: a command is a known input wherever it came from.
 """
 
@@ -19,7 +21,9 @@ from bayes_inertia.flight.plan_flight import Flight
 
 @dataclass(frozen=True)
 class Disturbance:
-    """Nothing; subclasses change one thing. Times are those of the campaign [s]; `slew` is the slew's number."""
+    """Nothing; subclasses change one thing. Times are those of the campaign [s]; `slew` is the
+    slew's number.
+    """
 
     size: float
 
@@ -41,7 +45,9 @@ class Disturbance:
 
 
 class Swirl(Disturbance):
-    """A torque that turns about z once in 50 s on the campaign's clock: a spinning antenna's imbalance."""
+    """A torque that turns about z once in 50 s on the campaign's clock: a spinning antenna's
+    imbalance.
+    """
 
     def body_torque(self, t, since, rate_B):
         phase = 2.0 * np.pi * t / 50.0
@@ -56,7 +62,9 @@ class Leak(Disturbance):
 
 
 class RateSquared(Disturbance):
-    """A torque about x and z that grows with the square of the rate: fuel pressed into one side of a tank."""
+    """A torque about x and z that grows with the square of the rate: fuel pressed into one side of
+    a tank.
+    """
 
     def body_torque(self, t, since, rate_B):
         return self.size * np.array([1.0, 0.0, 0.5]) * (rate_B @ rate_B) * 1e4
@@ -94,7 +102,8 @@ def _replayed_slew(flight: Flight, i: int, disturbance: Disturbance, rng: np.ran
     G, spin = craft.wheel_axes_B, np.array([w.spin_inertia for w in craft.wheels])
     torque = np.array([disturbance.motor_torque(u) for u in np.asarray(slew.wheel_torque)])
     rate, H, turned = _motion(craft.inertia_B, G, torque, slew, truth, spin, disturbance)
-    # scipy's quaternion of a rotation is that of body-to-inertial; the campaign's maps inertial to body by C(q) of the same numbers.
+    # scipy's quaternion of a rotation is that of body-to-inertial; the campaign's maps inertial to
+    # body by C(q) of the same numbers.
     start = Rotation.from_quat(np.asarray(truth.attitude[0]))
     attitude = start * Rotation.from_quat(turned)
     sensor, tracker, n = craft.rate_sensor, craft.star_tracker, len(slew.time)
@@ -123,7 +132,9 @@ def _replayed_slew(flight: Flight, i: int, disturbance: Disturbance, rng: np.ran
 
 
 def _motion(J, G, torque, slew, truth, spin, disturbance):
-    """Rate (n, 3), wheels' total spin momentum (n, wheels), and the rotation since the start (n, 4; scalar last)."""
+    """Rate (n, 3), wheels' total spin momentum (n, wheels), and the rotation since the start (n, 4;
+    scalar last).
+    """
     w0 = np.asarray(truth.rate_B[0])
     x = np.concatenate(
         [w0, np.asarray(truth.wheel_momentum[0]) + spin * (w0 @ G), [0.0, 0.0, 0.0, 1.0]]

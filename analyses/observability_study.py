@@ -1,9 +1,12 @@
-"""Why the cross terms are poorly observable: their sd against slew rate, number of slews, noise, tachometers and misalignment.
+"""Why the cross terms are poorly observable: their sd against slew rate, number of slews, noise,
+tachometers and misalignment.
 
     python analyses/observability_study.py
 
-writes `figures/cross_terms.png`, `analyses/results/cross_terms.json` and the page `analyses/CROSS_TERMS.md` (about ten minutes).
-Every sd is that of the full model, linearised at the truth of closed-loop flights with noise (`bayes_inertia.design.rehearsal`),
+writes `figures/cross_terms.png`, `analyses/results/cross_terms.json` and the page
+`analyses/CROSS_TERMS.md` (about ten minutes).
+Every sd is that of the full model, linearised at the truth of closed-loop flights with noise
+(`bayes_inertia.design.rehearsal`),
 root mean square over a few truths drawn from the prior.
 """
 
@@ -69,7 +72,9 @@ def craft_with(tachometers: bool = True, noise: float = 1.0) -> Spacecraft:
 
 
 def plan_at(rate: float = 1.0, slews: int = 5) -> Plan:
-    """The paper-like slews at another rate [deg/s], the whole motion stretched in time, or another number of them (in turn)."""
+    """The paper-like slews at another rate [deg/s], the whole motion stretched in time, or another
+    number of them (in turn).
+    """
     base = paper_like_plan()
     chosen = tuple(
         replace(base.slews[i % 5], rate=rate * DEGREE, acceleration=0.05 * rate**2 * DEGREE)
@@ -79,7 +84,9 @@ def plan_at(rate: float = 1.0, slews: int = 5) -> Plan:
 
 
 def expected(plan: Plan, craft: Spacecraft, fitted: bool) -> list[float]:
-    """Expected sds (9,) of J and K; the misalignment's angles are fitted with their prior of the library, or known."""
+    """Expected sds (9,) of J and K; the misalignment's angles are fitted with their prior of the
+    library, or known.
+    """
     effects = by_name((MISALIGNMENT,)) if fitted else ()
     controller = Controller.from_prior(PRIOR, craft.rate_sensor, craft.wheels)
     truths = likely_truths(plan, craft, PRIOR, TRUTHS + 1, 1)[1:]
@@ -104,7 +111,9 @@ def curves() -> dict:
 
 
 def causes(at: Estimate) -> dict:
-    """What limits each parameter at the paper-like slews: signal of its own size, inflation by group."""
+    """What limits each parameter at the paper-like slews: signal of its own size, inflation by
+    group.
+    """
     found = observe(at)
     return {
         p.name: {
@@ -136,7 +145,8 @@ def _telemetry(flight: Flight) -> dict[str, np.ndarray]:
 
 
 def hidden_by_control(at: Estimate) -> dict:
-    """Response of the telemetry to a change of each parameter by its prior sd: of the motion with the recorded torque commands (as the fit
+    """Response of the telemetry to a change of each parameter by its prior sd: of the motion with
+    the recorded torque commands (as the fit
     sees it), and of the closed loop, where the controller answers with other commands."""
     theta, sd, out = theta_of(CRAFT, PRIOR), at.model.space.sd, {}
     controller = Controller(CRAFT.inertia_B, CRAFT.scale_factor)
@@ -184,7 +194,9 @@ def worst(sds: Sequence) -> np.ndarray:
 
 @style.styled
 def picture(found: dict) -> Figure:
-    """The worst cross term against rate, number of slews and noise, four cases; and what the loss is made of."""
+    """The worst cross term against rate, number of slews and noise, four cases; and what the loss
+    is made of.
+    """
     figure = Figure(figsize=(style.WIDTH, 6.6), layout="constrained")
     panels = figure.subplots(2, 2)
     x = {"rate": RATES, "number": NUMBERS, "noise": NOISES}
@@ -284,16 +296,24 @@ def page(found: dict) -> str:
     lines = [
         "# Why are the cross terms poorly observable?",
         "",
-        "`python analyses/observability_study.py` · MOST-like spacecraft, five slews of 30 to 60 deg, three wheels with tachometers, rate sensor 2e-5 rad/s",
+        "`python analyses/observability_study.py` · MOST-like spacecraft, five slews of 30 to 60 "
+        "deg, three wheels with tachometers, rate sensor 2e-5 rad/s",
         "a sample at 4 Hz. All sds are what a fit of the whole telemetry would state.",
         "",
         "## In one paragraph",
         "",
-        f"Because they are small, not because they are hidden. In kg m² the products of inertia are known *better* than the moments: {sd:.1e} for Jxy and",
-        f"{c['Jxx']['sd']:.1e} for Jxx. But Jxx is {c['Jxx']['value']:.2f} and Jxy {value:.3f} kg m²: relative to their size the cross terms are",
-        f"{relative['Jxy'] / relative['Jxx']:.0f} (Jxy) to {relative['Jxz'] / relative['Jxx']:.0f} (Jxz) times worse. "
-        f"The signal of Jxy's own size in all telemetry is {c['Jxy']['signal_of_size']:,.0f} sigma,",
-        f"that of Jxx {c['Jxx']['signal_of_size']:,.0f}: at 1 deg/s a cross term of {value:.3f} kg m² asks the wheels for {value * rate:.1e} N m s, and its gyroscopic torque",
+        "Because they are small, not because they are hidden. "
+        "In kg m² the products of inertia are known *better* than the moments: "
+        f"{sd:.1e} for Jxy and",
+        f"{c['Jxx']['sd']:.1e} for Jxx. But Jxx is {c['Jxx']['value']:.2f} and Jxy {value:.3f} kg "
+        "m²: relative to their size the cross terms are",
+        f"{relative['Jxy'] / relative['Jxx']:.0f} (Jxy) to {relative['Jxz'] / relative['Jxx']:.0f} "
+        "(Jxz) times worse. "
+        f"The signal of Jxy's own size in all telemetry is {c['Jxy']['signal_of_size']:,.0f} "
+        "sigma,",
+        f"that of Jxx {c['Jxx']['signal_of_size']:,.0f}: "
+        f"at 1 deg/s a cross term of {value:.3f} kg m² asks the wheels for {value * rate:.1e} N m "
+        "s, and its gyroscopic torque",
         f"is {value * rate**2:.1e} N m; slews at 0.1 deg/s have a tenth and a hundredth of that.",
         "",
         "## What is lost to what",
@@ -305,11 +325,13 @@ def page(found: dict) -> str:
         most = max(row["inflation"], key=lambda g, r=row: r["inflation"][g])
         own = row["value"] - (1.0 if name.startswith("K") else 0.0)
         lines.append(
-            f"| {name} | {own:.4g} | {row['sd']:.2g} | {row['signal_of_size']:,.0f} | ×{row['lost']:.1f} | {most} (×{row['inflation'][most]:.1f}) |"
+            f"| {name} | {own:.4g} | {row['sd']:.2g} | {row['signal_of_size']:,.0f} | "
+            f"×{row['lost']:.1f} | {most} (×{row['inflation'][most]:.1f}) |"
         )
     lines += [
         "",
-        "(K as its distance from 1.) Each slew's own start state is what costs most: its rate, attitude and wheel momentum are fitted, too.",
+        "(K as its distance from 1.) Each slew's own start state is what costs most: "
+        "its rate, attitude and wheel momentum are fitted, too.",
         "",
     ]
     lines += [
@@ -344,40 +366,58 @@ def page(found: dict) -> str:
         "",
         "(sd of the worst cross term, kg m²; prior 0.03.)",
         "",
-        f"- **Rate**: the same slews stretched in time to a tenth of the rate give {at['rate']['tachometers, misalignment known'][tenth] / known:.0f} times larger sds, although they have",
-        f"  ten times the readings. From 0.5 deg/s on ({half:.1e}) hardly anything is gained: what rate adds in signal, stretching loses in readings and in telling",
-        f"  J from the start states (which cost Jxy a factor {lost['0.2']:.1f} at 0.2 deg/s, {lost['0.5']:.1f} at 0.5, {lost['1.0']:.1f} at 1 and {lost['2.0']:.1f} at 2: a deviation",
-        f"  turns with momentum over inertia, once in {found['period']:.0f} s here). With equal telemetry the sd goes on falling (`analyses/PAPER.md`).",
-        f"- **Number of slews**: one slew leaves {few[0]:.1e} and two {few[1]:.1e}: about one axis not all three products show. Three slews about three",
-        f"  axes give {few[2]:.1e}, five {few[4]:.1e}; from five to ten it becomes {few[4] / few[6]:.2f} times better (√2 would be 1.41).",
+        "- **Rate**: the same slews stretched in time to a tenth of the rate give "
+        f"{at['rate']['tachometers, misalignment known'][tenth] / known:.0f} times larger sds, "
+        "although they have",
+        f"  ten times the readings. From 0.5 deg/s on ({half:.1e}) hardly anything is gained: "
+        "what rate adds in signal, stretching loses in readings and in telling",
+        f"  J from the start states (which cost Jxy a factor {lost['0.2']:.1f} at 0.2 deg/s, "
+        f"{lost['0.5']:.1f} at 0.5, {lost['1.0']:.1f} at 1 and {lost['2.0']:.1f} at 2: a deviation",
+        f"  turns with momentum over inertia, once in {found['period']:.0f} s here). "
+        "With equal telemetry the sd goes on falling (`analyses/PAPER.md`).",
+        f"- **Number of slews**: one slew leaves {few[0]:.1e} and two {few[1]:.1e}: "
+        "about one axis not all three products show. Three slews about three",
+        f"  axes give {few[2]:.1e}, five {few[4]:.1e}; "
+        f"from five to ten it becomes {few[4] / few[6]:.2f} times better (√2 would be 1.41).",
         f"- **Noise**: ten times the noise, {ten[1] / ten[0]:.1f} times the sd.",
-        f"- **Tachometers**: without them {deaf / known:.1f} times worse: the momentum of the wheels must then be inferred from the motion.",
-        f"- **Misalignment of the rate sensor**: fitting it costs the cross terms a factor {fitted / known:.2f} with tachometers and {both / deaf:.2f} without: the slews",
-        f"  themselves determine its angles to {found['misalignment_sd']:.1e} rad (prior 3e-3), because momentum and the star tracker do not pass through the rate sensor.",
+        f"- **Tachometers**: without them {deaf / known:.1f} times worse: "
+        "the momentum of the wheels must then be inferred from the motion.",
+        "- **Misalignment of the rate sensor**: fitting it costs the cross terms a factor "
+        f"{fitted / known:.2f} with tachometers and {both / deaf:.2f} without: the slews",
+        f"  themselves determine its angles to {found['misalignment_sd']:.1e} rad (prior 3e-3), "
+        "because momentum and the star tracker do not pass through the rate sensor.",
         "  (Left out of the fit, a misalignment does pull J: `analyses/PAPER.md`.)",
         "",
         "## What the feedback controller hides",
         "",
-        "Response of the rate sensors, over five slews, to a change of each parameter by its prior sd: with the torque commands as they were recorded, which is what",
-        "the fit compares, and in the closed loop, where the controller answers the change with other commands. The ratio is what feedback hides from the motion.",
+        "Response of the rate sensors, over five slews, to a change of each parameter by its prior "
+        "sd: with the torque commands as they were recorded, which is what",
+        "the fit compares, and in the closed loop, where the controller answers the change with "
+        "other commands. The ratio is what feedback hides from the motion.",
         "",
-        "| | with recorded commands [sigma] | in closed loop [sigma] | hidden by | commands change by (rms) [N m] |",
+        "| | with recorded commands [sigma] | in closed loop [sigma] | hidden by | commands change "
+        "by (rms) [N m] |",
         "|---|---|---|---|---|",
     ]
     for name, row in hidden.items():
         given, closed = row["rate_with_given_commands"], row["rate_in_closed_loop"]
         lines.append(
-            f"| {name} | {given:,.0f} | {closed:,.0f} | ×{given / max(closed, 1e-9):,.1f} | {row['commands_rms']:.1e} |"
+            f"| {name} | {given:,.0f} | {closed:,.0f} | ×{given / max(closed, 1e-9):,.1f} | "
+            f"{row['commands_rms']:.1e} |"
         )
     products = [
         hidden[n]["rate_with_given_commands"] / hidden[n]["rate_in_closed_loop"] for n in NAMES[3:6]
     ]
     lines += [
         "",
-        f"From the motion alone a controller hides the cross terms by factors of {min(products):.0f} to {max(products):.0f}: whoever fits rates without the recorded commands",
-        "fits what is left. The commands carry it: that is why `fit` takes them as recorded, and nothing is hidden from it.",
+        "From the motion alone a controller hides the cross terms by factors of "
+        f"{min(products):.0f} to {max(products):.0f}: "
+        "whoever fits rates without the recorded commands",
+        "fits what is left. The commands carry it: that is why `fit` takes them as recorded, and "
+        "nothing is hidden from it.",
         "",
-        "For slews that show the cross terms better see `analyses/results/design.md`; for the paper's own claim about rate, `analyses/PAPER.md`.",
+        "For slews that show the cross terms better see `analyses/results/design.md`; "
+        "for the paper's own claim about rate, `analyses/PAPER.md`.",
         "",
     ]
     return "\n".join(lines)

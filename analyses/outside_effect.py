@@ -1,7 +1,9 @@
 """An effect of your own, in one file outside the package: solar radiation pressure.
 
-The Sun's direction is fixed in inertial axes and turns through the body as it slews, so that this torque can
-be told from a body-fixed one. The script proves the effect's contract, hides it in simulated telemetry, and
+The Sun's direction is fixed in inertial axes and turns through the body as it slews, so that this
+torque can
+be told from a body-fixed one. The script proves the effect's contract, hides it in simulated
+telemetry, and
 fits it together with the inertia tensor. Run it with `python analyses/outside_effect.py`.
 """
 
@@ -24,9 +26,11 @@ from bayes_inertia.physics.parameters import Normal, vector
 
 @dataclass(frozen=True)
 class SolarPressure(Effect):
-    """The force of sunlight, `force` [N] away from the Sun, acts at the centre of pressure, `arm` [m] from the centre of mass.
+    """The force of sunlight, `force` [N] away from the Sun, acts at the centre of pressure, `arm`
+    [m] from the centre of mass.
 
-    The arm's component along the Sun's direction does nothing while that direction does not change: slews make it visible.
+    The arm's component along the Sun's direction does nothing while that direction does not change:
+    slews make it visible.
     """
 
     name: ClassVar[str] = "solar_pressure"
@@ -43,7 +47,7 @@ class SolarPressure(Effect):
 
 
 def simulated(model: Model, theta: np.ndarray, seed: int) -> Campaign:
-    """The model's campaign with the telemetry that parameters theta (d,) predict, plus its noise."""
+    """The model's campaign with the telemetry that theta (d,) predicts, plus its noise."""
     rng, campaign = np.random.default_rng(seed), model.campaign
     nuisances = jnp.zeros((model.n_slews, model.structure.n_local))
     flown = predict_all(model.structure, jnp.asarray(theta), nuisances, jnp.zeros(3), model.data)
@@ -76,7 +80,8 @@ def main(seed: int = 1) -> tuple[Estimate, np.ndarray]:
     """Check the effect, hide it, fit it; the estimate and the truth (d,)."""
     effect = SolarPressure()
     print(
-        f"{effect.name}: the contract holds; fingerprint {dict(check_effect(effect).fingerprint['commanded'])}"
+        f"{effect.name}: the contract holds; "
+        f"fingerprint {dict(check_effect(effect).fingerprint['commanded'])}"
     )
     quiet = Model(small_campaign(), (effect,))
     truth = quiet.space.mean + np.concatenate(

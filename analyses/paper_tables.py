@@ -45,7 +45,9 @@ MULTIPLIERS = np.geomspace(10.0, 1000.0, 241)
 def noise_likelihood(
     at: Estimate, index: np.ndarray, prior: bool = True
 ) -> dict[str, np.ndarray | float]:
-    """Likelihood of the paper's errors (those at `index`) over a multiplier of all noise; mode, 90 % interval (flat prior in its logarithm)."""
+    """Likelihood of the paper's errors (those at `index`) over a multiplier of all noise; mode, 90
+    % interval (flat prior in its logarithm).
+    """
     offset, error = SIMULATION.initial - SIMULATION.truth, SIMULATION.new - SIMULATION.truth
     log_likelihood = []
     for m in MULTIPLIERS:
@@ -78,7 +80,9 @@ def correction_slews(
     seed: int,
     noise: float = 1.0,
 ) -> np.ndarray:
-    """Correction slews (axes, n) [arcsec] if each of thetas (n, 9) were the truth, for a controller that believes (9,)."""
+    """Correction slews (axes, n) [arcsec] if each of thetas (n, 9) were the truth, for a controller
+    that believes (9,).
+    """
     craft, duration = spacecraft_of(thetas[0], noise), 145.0 if angle > 0.5 else 95.0
     found = [
         predict_final_errors(
@@ -98,10 +102,13 @@ def sphere(n: int) -> np.ndarray:
 
 
 def flight_geometry(axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Size (axes,) [arcsec] of the change that the paper's new J and K make on the 38 deg slew, and its cosine (axes,) with what is left.
+    """Size (axes,) [arcsec] of the change that the paper's new J and K make on the 38 deg slew, and
+    its cosine (axes,) with what is left.
 
-    Whatever is missing leaves the same error e, |e| = 1020", before and after, if the estimate changes only what it can:
-    before = e + a, with a the simulated change. |e + a| = 1641" asks for this cosine; beyond +-1 the axis is impossible.
+    Whatever is missing leaves the same error e, |e| = 1020", before and after, if the estimate
+    changes only what it can:
+    before = e + a, with a the simulated change. |e + a| = 1641" asks for this cosine; beyond +-1
+    the axis is impossible.
     """
     angle, before, after = FLOWN_SLEW
     craft = spacecraft_of(FLIGHT.new, bias=(0.0, 0.0, 0.0))
@@ -119,13 +126,18 @@ def flight_geometry(axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def table_rows(
     theta: np.ndarray, wls: np.ndarray, sd: np.ndarray, draws: np.ndarray, paper
 ) -> list[list[str]]:
-    """Rows: initial, truth, the paper's new estimate, WLS and posterior here, and where the paper's value falls."""
+    """Rows: initial, truth, the paper's new estimate, WLS and posterior here, and where the paper's
+    value falls.
+    """
     rows = []
     for i, name in enumerate(NAMES):
         inside = 100.0 * np.mean(draws[:, i] < paper.new[i])
         numbers = [paper.initial[i], theta[i], paper.new[i], wls[i]]
         posterior = f"{draws[:, i].mean():.4f} ± {draws[:, i].std():.4f}"
-        error = f"{100 * abs(paper.new[i] / theta[i] - 1):.2f} %, {100 * abs(wls[i] / theta[i] - 1):.2f} %"
+        error = (
+            f"{100 * abs(paper.new[i] / theta[i] - 1):.2f} %, "
+            f"{100 * abs(wls[i] / theta[i] - 1):.2f} %"
+        )
         rows.append(
             [
                 name,
@@ -215,7 +227,8 @@ def analysis(quick: bool = False):
         "after": correction_slews(same, SIMULATION.new, angle2, axes, 20),
     }
     table2["WLS here"] = correction_slews(same, at.theta, angle2, axes, 30)
-    # Table 4: what the paper's tables leave open about the flight is drawn from the estimator's scatter at the inferred noise.
+    # Table 4: what the paper's tables leave open about the flight is drawn from the estimator's
+    # scatter at the inferred noise.
     spread = noise["scatter"].covariance
     flights = rng.multivariate_normal(FLIGHT.new, spread, n)
     angle4, _, after4 = FLOWN_SLEW
@@ -286,7 +299,8 @@ def _tables(at, loud_at, draws, flight_at, found, effects, rng) -> list[Table]:
             ],
         ),
         Table(
-            "Table 2, correction slew after 5 degrees: median [5 %, 95 %] about x, y, z and any axis",
+            "Table 2, correction slew after 5 degrees: "
+            "median [5 %, 95 %] about x, y, z and any axis",
             ("", "paper", "x", "y", "z", "any axis"),
             [
                 ["before (initial estimate, K = 1)", '349"', *rows(table2, "before")],
@@ -295,7 +309,8 @@ def _tables(at, loud_at, draws, flight_at, found, effects, rng) -> list[Table]:
             ],
         ),
         Table(
-            f"Table 3, a simulated flight at {m:.0f} times our noise whose truth is the paper's new estimate (the flight telemetry is not public)",
+            f"Table 3, a simulated flight at {m:.0f} times our noise whose truth is the paper's "
+            "new estimate (the flight telemetry is not public)",
             _FLIGHT_HEADER,
             flight_rows(flight_at, flight_draws),
         ),
@@ -313,7 +328,8 @@ def _tables(at, loud_at, draws, flight_at, found, effects, rng) -> list[Table]:
             ],
         ),
         Table(
-            'What leaves 1020" after a 38 degree slew about x, each alone, with the new estimate in the controller',
+            'What leaves 1020" after a 38 degree slew about x, each alone, with the new estimate '
+            "in the controller",
             ("missing effect", "size that gives it", "remark"),
             effects,
         ),
@@ -332,68 +348,92 @@ def _result(found: dict, tables: list[Table], at: Estimate) -> Result:
     possible = np.abs(cosine) <= 1.0
     after2 = found["table2"]["after"]
     share = 100.0 * np.mean(after2 >= SIMULATED_SLEW[2])
+    worst_K = np.max(np.abs(SIMULATION.new / SIMULATION.truth - 1)[6:])
+    left_by_K = 0.01 * worst_K * 100 * SIMULATED_SLEW[0] / ARCSEC
     left = FLOWN_SLEW[2]
     claims = [
         (
             "Table 1: diagonal errors 0.16-0.45 %",
-            f"the nine errors are typical at {m:.0f} times our noise (90 %: {noise['low']:.0f} to {noise['high']:.0f}), as much as {m * 2e-5 / DEG:.2f} "
+            f"the nine errors are typical at {m:.0f} times our noise (90 %: "
+            f"{noise['low']:.0f} to {noise['high']:.0f}), as much as {m * 2e-5 / DEG:.2f} "
             "deg/s a sample at 4 Hz; "
-            f"all lie within {np.max(np.abs(z)):.1f} sd there. At our noise WLS is within {100 * np.max(np.abs(at.theta / SIMULATION.truth - 1)[:3]):.3f} %",
-            f"yes in kind ({better.min():.0f} to {better.max():.0f} times smaller than what was injected); with our telemetry it would be far better",
+            f"all lie within {np.max(np.abs(z)):.1f} sd there. "
+            "At our noise WLS is within "
+            f"{100 * np.max(np.abs(at.theta / SIMULATION.truth - 1)[:3]):.3f} %",
+            f"yes in kind ({better.min():.0f} to {better.max():.0f} times smaller than what was "
+            "injected); with our telemetry it would be far better",
         ),
         (
             "Table 1: cross terms come out 38-81 % wrong",
-            f"at that noise their sd is {products.min():.4f} to {products.max():.4f} kg m², {(products / went_in).min():.0f} to "
+            f"at that noise their sd is {products.min():.4f} to {products.max():.4f} kg m², "
+            f"{(products / went_in).min():.0f} to "
             f"{(products / went_in).max():.0f} times the error they went in with",
-            "yes: not a failure of the method. 4 % of a small product is better knowledge than the slews give, and the estimator is not told so",
+            "yes: not a failure of the method. 4 % of a small product is better knowledge than the "
+            "slews give, and the estimator is not told so",
         ),
         (
             "Table 1: K to 0.01-0.28 %",
-            f"sd {100 * sd[6:].min():.2f} to {100 * sd[6:].max():.2f} % at the same noise: the paper's lie at {', '.join(f'{x:+.1f}' for x in z[6:])} sd. "
+            f"sd {100 * sd[6:].min():.2f} to {100 * sd[6:].max():.2f} % at the same noise: "
+            f"the paper's lie at {', '.join(f'{x:+.1f}' for x in z[6:])} sd. "
             "Alone, the three errors of K ask for "
-            f"{parts['K']['best']:.0f} times our noise ({parts['K']['low']:.0f} to {parts['K']['high']:.0f}), the six of J for {parts['J']['best']:.0f} "
+            f"{parts['K']['best']:.0f} times our noise ({parts['K']['low']:.0f} to "
+            f"{parts['K']['high']:.0f}), the six of J for {parts['J']['best']:.0f} "
             f"({parts['J']['low']:.0f} to {parts['J']['high']:.0f})",
-            "yes; K is rather better than one multiplier for all sensors gives, as with a better star tracker",
+            "yes; K is rather better than one multiplier for all sensors gives, as with a better "
+            "star tracker",
         ),
         (
             'Table 2: 349" before, 140" after a 5 degree slew',
-            f"before: {percentiles(found['table2']['before'][1])} about y, {percentiles(found['table2']['before'][2])} about z; after, with the paper's "
-            f'own new estimate: {percentiles(after2[1])} about y; {share:.0f} % of all are at least 140"',
-            "before yes (a slew about y or z); after only in the tail: the errors of the paper's K leave at most "
-            f'{0.01 * np.max(np.abs(SIMULATION.new / SIMULATION.truth - 1)[6:]) * 100 * SIMULATED_SLEW[0] / ARCSEC:.0f}", the rest is bias noise or '
+            f"before: {percentiles(found['table2']['before'][1])} about y, "
+            f"{percentiles(found['table2']['before'][2])} about z; after, with the paper's "
+            f"own new estimate: {percentiles(after2[1])} about y; "
+            f'{share:.0f} % of all are at least 140"',
+            "before yes (a slew about y or z); after only in the tail: "
+            "the errors of the paper's K leave at most "
+            f'{left_by_K:.0f}", the rest is bias noise or '
             "something else",
         ),
         (
             "Tables 1 and 2 together",
-            f'white noise {m:.0f} times ours would leave {percentiles(found["loud"])} (through the bias snapshot and the integrated rate), not 140"',
-            "no single noise level explains both: the paper's campaign carried less information than ours (fewer or slower samples), or its errors are "
+            f"white noise {m:.0f} times ours would leave {percentiles(found['loud'])} (through the "
+            'bias snapshot and the integrated rate), not 140"',
+            "no single noise level explains both: the paper's campaign carried less information "
+            "than ours (fewer or slower samples), or its errors are "
             "not noise",
         ),
         (
             'Table 4: 1641" before, 1020" after a 38 degree slew',
-            f'the new J and K change the error by {change[0]:.0f}", {change[1]:.0f}", {change[2]:.0f}" about x, y, z; both numbers are possible about '
-            f"{100 * np.mean(possible[3:]):.0f} % of axes, not about y or z (cosine between change and rest {cosine[0]:.2f} about x, {cosine[1]:.1f} "
+            f'the new J and K change the error by {change[0]:.0f}", {change[1]:.0f}", '
+            f'{change[2]:.0f}" about x, y, z; both numbers are possible about '
+            f"{100 * np.mean(possible[3:]):.0f} % of axes, not about y or z (cosine between change "
+            f"and rest {cosine[0]:.2f} about x, {cosine[1]:.1f} "
             f"about y, {cosine[2]:.1f} about z)",
-            f'yes for a slew near x; then {left * cosine[0]:.0f}" of the rest lie along the slew axis and '
-            f'{left * np.sqrt(max(0.0, 1 - cosine[0] ** 2)):.0f}" across: mostly no scale-factor error',
+            f'yes for a slew near x; then {left * cosine[0]:.0f}" of the rest lie along the slew '
+            "axis and "
+            f'{left * np.sqrt(max(0.0, 1 - cosine[0] ** 2)):.0f}" across: '
+            "mostly no scale-factor error",
         ),
     ]
     figures = [
         (
             "paper_table1_posterior.png",
-            f"Table 1: posterior of a simulated campaign at {m:.0f} times our noise, with the truth, the initial estimate, the paper's new one and WLS",
+            f"Table 1: posterior of a simulated campaign at {m:.0f} times our noise, with the "
+            "truth, the initial estimate, the paper's new one and WLS",
         ),
         (
             "paper_noise.png",
-            "The noise at which the paper's nine errors are typical, and the nine errors in standard deviations there",
+            "The noise at which the paper's nine errors are typical, and the nine errors in "
+            "standard deviations there",
         ),
         (
             "paper_cross_terms.png",
-            "Why cross terms come out worse than they went in: all six elements are determined about equally well in kg m², but not in per cent",
+            "Why cross terms come out worse than they went in: "
+            "all six elements are determined about equally well in kg m², but not in per cent",
         ),
         (
             "paper_correction_slews.png",
-            "Tables 2 and 4: predicted correction slews over all slew axes, and the paper's numbers",
+            "Tables 2 and 4: predicted correction slews over all slew axes, and the paper's "
+            "numbers",
         ),
         ("paper_figure3_rates.png", "For the paper's figure 3: measured rates of the five slews"),
         ("paper_figure4_wheels.png", "For the paper's figure 4: wheel momenta and motor torques"),
@@ -403,26 +443,35 @@ def _result(found: dict, tables: list[Table], at: Estimate) -> Result:
         ),
         (
             "paper_figure6_attitude.png",
-            "For the paper's figure 6: star tracker minus simulated attitude at the fixes, before and after",
+            "For the paper's figure 6: star tracker minus simulated attitude at the fixes, before "
+            "and after",
         ),
     ]
     notes = [
-        "The flight telemetry of July 2007 is not public. Table 3 is therefore the anchor of a simulated flight, whose truth is the paper's new estimate: "
-        "it says how well such a campaign finds what is there, and which of the paper's changes are larger than its sd, not whether the paper found the truth.",
-        "Nobody here has the paper's figures 3 to 6. Those below show what such figures show: rates, wheels, and residuals before and after, of the "
+        "The flight telemetry of July 2007 is not public. "
+        "Table 3 is therefore the anchor of a simulated flight, whose truth is the paper's new "
+        "estimate: "
+        "it says how well such a campaign finds what is there, and which of the paper's changes "
+        "are larger than its sd, not whether the paper found the truth.",
+        "Nobody here has the paper's figures 3 to 6. Those below show what such figures show: "
+        "rates, wheels, and residuals before and after, of the "
         "simulated slews.",
-        "The noise multiplier is inferred from the estimator's first-order scatter H⁻¹(H − P)H⁻¹ with the prior (4 %, 0.03 kg m²) centred on the paper's "
+        "The noise multiplier is inferred from the estimator's first-order scatter H⁻¹(H − P)H⁻¹ "
+        "with the prior (4 %, 0.03 kg m²) centred on the paper's "
         "initial estimate; "
-        f"without a prior it is {parts['flat']['best']:.0f} ({parts['flat']['low']:.0f} to {parts['flat']['high']:.0f}). A multiplier explains the size "
+        f"without a prior it is {parts['flat']['best']:.0f} ({parts['flat']['low']:.0f} to "
+        f"{parts['flat']['high']:.0f}). A multiplier explains the size "
         "of nine errors, not where they come from: "
         "fewer samples, slower slews or unmodelled effects would look the same.",
-        "Table 4's prediction takes the paper's new estimate as uncertain as that noise says (K to 0.6 %), so that 1020\" is not surprising; with the "
+        "Table 4's prediction takes the paper's new estimate as uncertain as that noise says (K to "
+        '0.6 %), so that 1020" is not surprising; with the '
         "better K that Table 1 suggests it would be.",
     ]
     if found["check"]:
         same = (
             "simulated closed-loop slews (ours to judge)",
-            f"the same five slews flown by Basilisk, an independent simulator: correction slews agree within {100 * found['check'][1]:.0f} %, see the table",
+            "the same five slews flown by Basilisk, an independent simulator: "
+            f"correction slews agree within {100 * found['check'][1]:.0f} %, see the table",
             "yes in kind" if found["check"][1] < 0.3 else "**no**",
         )
         claims.append(same)

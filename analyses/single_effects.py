@@ -1,4 +1,6 @@
-"""How large one unmodelled effect must be to leave a given correction slew, each alone (used by `paper_tables.py`)."""
+"""How large one unmodelled effect must be to leave a given correction slew, each alone (used by
+`paper_tables.py`).
+"""
 
 # Printed text has typographic signs on purpose.
 from __future__ import annotations
@@ -54,7 +56,8 @@ def single_effects(plan: Plan, wanted: float, quick: bool) -> list[list[str]]:
     truth = FLIGHT.new
     motion = plan.slews[0].motion_time
     x, y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
-    # The drift is counted from the campaign's middle: only what happens after the snapshot at rest matters.
+    # The drift is counted from the campaign's middle: only what happens after the snapshot at rest
+    # matters.
     cases = [
         (
             RateSensorMisalignment(),
@@ -133,7 +136,8 @@ def single_effects(plan: Plan, wanted: float, quick: bool) -> list[list[str]]:
         [
             "rate bias since a stale snapshot",
             f"{wanted * ARCSEC / duration:.1e} rad/s ({wanted / duration:.0f} deg/h)",
-            f"{duration:.0f} s from the snapshot to the last fix; seconds of arc a second are degrees an hour",
+            f"{duration:.0f} s from the snapshot to the last fix; "
+            "seconds of arc a second are degrees an hour",
         ]
     )
     for effect, key, along, guess, most, name, shown, remark in cases:

@@ -48,7 +48,7 @@ def posterior(draws: np.ndarray, paper: PaperTable, wls: np.ndarray) -> Figure:
 
 @style.styled
 def noise(multipliers: np.ndarray, found: dict) -> Figure:
-    """Likelihood over the noise multiplier, and the nine errors in standard deviations at its mode."""
+    """Likelihood over the noise multiplier, and the nine errors in sds at its mode."""
     figure = Figure(figsize=(style.WIDTH, 3.4), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.15))
     inside = (multipliers >= found["low"]) & (multipliers <= found["high"])
@@ -170,7 +170,8 @@ def corrections(table2: dict, table4: dict, simulated: tuple, flight: tuple) -> 
         ax.spines["left"].set_visible(False)
         ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2)
         ax.set_title(
-            f"After a {angle / DEG:.0f} degree slew about any axis ({'simulation' if simulated[0] == angle else 'flight'})"
+            f"After a {angle / DEG:.0f} degree slew about any axis "
+            f"({'simulation' if simulated[0] == angle else 'flight'})"
         )
     return figure
 
@@ -235,7 +236,9 @@ def _gaps(at: Estimate, theta: np.ndarray):
 
 @style.styled
 def rate_residuals(at: Estimate, initial: np.ndarray) -> Figure:
-    """Measured minus simulated rates with the initial estimate and with the new one, from the same start states."""
+    """Measured minus simulated rates with the initial estimate and with the new one, from the same
+    start states.
+    """
     figure = Figure(figsize=(style.WIDTH, 4.4), layout="constrained")
     panels = figure.subplots(2, 5, sharex="col", sharey="row")
     sigma = np.array(at.model.campaign.rate_sensor.sigma)

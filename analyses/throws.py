@@ -1,8 +1,12 @@
-"""Real hardware: bodies of known inertia thrown by hand, gyro and one reaction wheel, no attitude reference.
+"""Real hardware: bodies of known inertia thrown by hand, gyro and one reaction wheel, no attitude
+reference.
 
-The telemetry (TU Delft, arXiv 2503.13137) is read where it lies beside the project and is not part of it. Every configuration
-is fitted jointly over its throws from its rough prior; principal moments are compared with the truth (CAD and calibration, about
-1 %) and with the authors' own per-throw errors. The model does not explain these data: the result says so, and the robust
+The telemetry (TU Delft, arXiv 2503.13137) is read where it lies beside the project and is not part
+of it. Every configuration
+is fitted jointly over its throws from its rough prior; principal moments are compared with the
+truth (CAD and calibration, about
+1 %) and with the authors' own per-throw errors. The model does not explain these data: the result
+says so, and the robust
 uncertainty is what counts.
 
     python analyses/throws.py [--data ../shared/data/delft]
@@ -45,7 +49,9 @@ CONFIGURATIONS = ("config_empty", "config_a", "proof_body", "device_only")
 
 
 def fit_configuration(folder: Path) -> dict:
-    """Joint fit of one configuration: principal moments with both uncertainties, and the truth where it is known."""
+    """Joint fit of one configuration: principal moments with both uncertainties, and the truth
+    where it is known.
+    """
     model = Model(read_campaign(folder), (), "measured")
     at = estimate(model)
     row = {
@@ -73,7 +79,8 @@ def report(rows: list[dict]) -> str:
     lines = [
         "# Thrown bodies: joint fits of real telemetry",
         "",
-        "Principal moments in 10⁻⁶ kg m². The error is against a truth that is itself known to about 1 %; sigmas count the robust sd alone.",
+        "Principal moments in 10⁻⁶ kg m². The error is against a truth that is itself known to "
+        "about 1 %; sigmas count the robust sd alone.",
         "",
         "| " + " | ".join(_HEADINGS) + " |",
         "|" + "---|" * len(_HEADINGS),
@@ -116,7 +123,8 @@ def report(rows: list[dict]) -> str:
         mean = np.mean(np.abs(np.array(row["principal_moments"]) / np.array(row["truth"]) - 1.0))
         lines += [
             "",
-            f"{row['configuration']}: mean error of the three principal moments {100 * mean:.2f} % (authors, per throw: {row['authors_percent']} %).",
+            f"{row['configuration']}: mean error of the three principal moments {100 * mean:.2f} % "
+            f"(authors, per throw: {row['authors_percent']} %).",
         ]
     return "\n".join(lines) + "\n"
 

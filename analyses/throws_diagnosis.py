@@ -1,12 +1,20 @@
-"""What disturbs the thrown bodies? Each effect of the library, shared by all throws or different in each, judged on throws held out.
+"""What disturbs the thrown bodies? Each effect of the library, shared by all throws or different in
+each, judged on throws held out.
 
-The plain model misses these data (TU Delft, arXiv 2503.13137) by far more than the gyro's noise. Every configuration is
-fitted with the likelihood discounted by each throw's own dispersion, linearised there, and each candidate effect added:
-with one set of parameters for all throws, or one for each. Two numbers judge it. The share of the misfit is what its best
-amplitudes take away of the squared residuals of ALL throws: that can only grow. The predictive gain is how much more
-probable each throw becomes when everything shared is learnt from the OTHER throws, and what is its own is averaged over
-its prior: that falls where an effect is not real or not shared. The best are then fitted in full, one after the other.
-A flexible mode's frequency is chosen with all throws, so that its gain is too large by a few units; at the lowest frequency
+The plain model misses these data (TU Delft, arXiv 2503.13137) by far more than the gyro's noise.
+Every configuration is
+fitted with the likelihood discounted by each throw's own dispersion, linearised there, and each
+candidate effect added:
+with one set of parameters for all throws, or one for each. Two numbers judge it. The share of the
+misfit is what its best
+amplitudes take away of the squared residuals of ALL throws: that can only grow. The predictive gain
+is how much more
+probable each throw becomes when everything shared is learnt from the OTHER throws, and what is its
+own is averaged over
+its prior: that falls where an effect is not real or not shared. The best are then fitted in full,
+one after the other.
+A flexible mode's frequency is chosen with all throws, so that its gain is too large by a few units;
+at the lowest frequency
 tried (two periods a throw) it is no ringing but stands for anything slow.
 
     python analyses/throws_diagnosis.py [--data ../shared/data/delft]
@@ -53,7 +61,9 @@ FLEXIBLE = "flexible_mode"
 
 @dataclass(frozen=True)
 class Term:
-    """One effect as columns (throws, numbers, k) in units of prior sd, shared by all throws or different in each."""
+    """One effect as columns (throws, numbers, k) in units of prior sd, shared by all throws or
+    different in each.
+    """
 
     effect: str
     shared: bool
@@ -67,7 +77,9 @@ class Term:
 
 @dataclass(frozen=True)
 class Linear:
-    """The base fit's linear model: residuals and columns by throw, and the prior rows of what all throws share."""
+    """The base fit's linear model: residuals and columns by throw, and the prior rows of what all
+    throws share.
+    """
 
     residual: np.ndarray
     shared: np.ndarray
@@ -92,7 +104,9 @@ class Linear:
         )
 
     def misfit(self, terms: tuple[Term, ...]) -> float:
-        """Squared residuals of all throws at the best amplitudes (priors hold them, but are not counted)."""
+        """Squared residuals of all throws at the best amplitudes (priors hold them, but are not
+        counted).
+        """
         posterior = [self._messages(s, terms) for s in range(len(self.residual))]
         mean = -linalg.solve(
             sum(A for A, *_ in posterior) + np.diag(self._precision(terms)),
@@ -103,7 +117,9 @@ class Linear:
         )
 
     def predictive(self, terms: tuple[Term, ...]) -> np.ndarray:
-        """Log density (throws,) of each throw given the others, up to a constant that all sets of terms share."""
+        """Log density (throws,) of each throw given the others, up to a constant that all sets of
+        terms share.
+        """
         posterior = [self._messages(s, terms) for s in range(len(self.residual))]
         prior, pull = np.diag(self._precision(terms)), self._pull(terms)
         out = []
@@ -111,7 +127,8 @@ class Linear:
             others = sum(p[0] for k, p in enumerate(posterior) if k != s) + prior
             toward = sum(p[1] for k, p in enumerate(posterior) if k != s) + pull
             mean = -linalg.solve(others, toward, assume_a="pos")
-            # The throw's own quadratic at the predicted mean, with the prediction's uncertainty integrated out.
+            # The throw's own quadratic at the predicted mean, with the prediction's uncertainty
+            # integrated out.
             slope = g + A @ mean
             height = value + g @ mean + 0.5 * mean @ A @ mean
             both = A + others
@@ -142,7 +159,9 @@ class Linear:
         return shared, own, at
 
     def _messages(self, s: int, terms) -> tuple[np.ndarray, np.ndarray, float, float]:
-        """What throw s says of everything shared, its own unknowns integrated out: quadratic, slope, value, log determinant."""
+        """What throw s says of everything shared, its own unknowns integrated out: quadratic,
+        slope, value, log determinant.
+        """
         shared, own, at = self._columns(s, terms)
         r = self.residual[s]
         stiff = own.T @ own + np.eye(own.shape[-1])
@@ -307,13 +326,15 @@ def _candidate_lines(row: dict) -> list[str]:
     for c in row["candidates"][:10]:
         whose, share = "shared" if c["shared"] else "each throw", f"{100 * c['explained']:.0f} %"
         lines.append(
-            f"| {c['effect']} | {whose} | {share} | {c['gain']:+.1f} | {c['throws_better']}/{row['throws']} |"
+            f"| {c['effect']} | {whose} | {share} | {c['gain']:+.1f} | "
+            f"{c['throws_better']}/{row['throws']} |"
         )
     lines += ["", "Added one after the other, by what the throws held out say:", ""]
     for s in row["steps"]:
         better = f"better in {s['throws_better']} of {row['throws']} throws"
         lines.append(
-            f"- {s['added']}: gain {s['gain']:+.1f}, {better}, misfit explained so far {100 * s['explained']:.0f} %"
+            f"- {s['added']}: gain {s['gain']:+.1f}, {better}, misfit explained so far "
+            f"{100 * s['explained']:.0f} %"
         )
     return (
         lines
@@ -324,7 +345,8 @@ def _candidate_lines(row: dict) -> list[str]:
 
 def _fit_lines(row: dict) -> list[str]:
     lines = [
-        "| full fit | reduced chi² | explained | principal moments [10⁻⁶ kg m²] | robust sd | error | mean error |",
+        "| full fit | reduced chi² | explained | principal moments [10⁻⁶ kg m²] | robust sd | "
+        "error | mean error |",
         "|---|---|---|---|---|---|---|",
     ]
     for f in row["fits"]:
@@ -344,7 +366,8 @@ def _fit_lines(row: dict) -> list[str]:
         truth = ", ".join(f"{1e6 * x:.1f}" for x in row["truth"])
         lines += [
             "",
-            f"Truth {truth} (known to about 1 %); the authors' estimator, mean of single throws: {row['authors_percent']} %.",
+            f"Truth {truth} (known to about 1 %); the authors' estimator, mean of single throws: "
+            f"{row['authors_percent']} %.",
         ]
     return lines
 
@@ -360,7 +383,9 @@ def _error(row: dict, fit: dict) -> np.ndarray | None:
 
 @style.styled
 def picture(rows: list[dict]) -> Figure:
-    """What each effect explains, shared and in each throw, and the errors of the principal moments as effects are added."""
+    """What each effect explains, shared and in each throw, and the errors of the principal moments
+    as effects are added.
+    """
     figure, cells = style.grid(
         7.4, 2, 2, left=2.0, right=0.25, top=0.75, bottom=0.5, gap_x=2.1, gap_y=0.75
     )
@@ -432,7 +457,8 @@ def picture(rows: list[dict]) -> Figure:
     figure.text(
         0.02,
         0.965,
-        "What disturbs bodies thrown by hand, and what leaving it out does to their moments of inertia",
+        "What disturbs bodies thrown by hand, and what leaving it out does to their moments of "
+        "inertia",
         fontsize=11,
     )
     return figure
