@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.maths import inertia_tensor, quaternion
+from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.packing import refined_grid
 from bayes_inertia.physics.simulator import Start, simulate, total_momentum_N
 
@@ -32,7 +33,7 @@ EXTERNAL = {
     }
 }
 
-_run = jax.jit(simulate, static_argnums=(3, 5))
+_run = jax.jit(simulate, static_argnums=4)
 
 
 def run(slew, start, J_B=J, effects=(), values=None, drive="commanded"):
@@ -50,7 +51,8 @@ def run(slew, start, J_B=J, effects=(), values=None, drive="commanded"):
     )
     slew = type(slew)(context, *(longer(rows) for rows in slew[1:]))
     return jax.tree.map(
-        lambda rows: rows[:n], _run(slew, start, jnp.asarray(J_B), effects, values or {}, drive)[0]
+        lambda rows: rows[:n],
+        _run(slew, start, jnp.asarray(J_B), ActiveEffects(effects, values or {}), drive)[0],
     )
 
 

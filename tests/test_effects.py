@@ -22,6 +22,7 @@ from bayes_inertia.campaign.records import Campaign, InertiaPrior, RateSensor, S
 from bayes_inertia.errors import EffectError
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.maths import inertia_tensor, quaternion
+from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.check_effect import check_effect, small_campaign
 from bayes_inertia.physics.effect import Effect, State, Trajectory
 from bayes_inertia.physics.effects import (
@@ -102,8 +103,7 @@ def flown(effect: Effect, p: dict, slew, start: Start) -> tuple:
         slew,
         start,
         jnp.asarray(J),
-        (effect,),
-        {effect.name: {k: jnp.asarray(v) for k, v in p.items()}},
+        ActiveEffects((effect,), {effect.name: {k: jnp.asarray(v) for k, v in p.items()}}),
     )
 
 
@@ -533,8 +533,7 @@ def test_constant_torque_spins_up_an_axis():
         slew,
         REST,
         jnp.diag(jnp.array([3.0, 2.0, 1.0])),
-        (effect,),
-        {effect.name: {"torque": jnp.array([0.0, 0.0, 1e-5])}},
+        ActiveEffects((effect,), {effect.name: {"torque": jnp.array([0.0, 0.0, 1e-5])}}),
     )
     np.testing.assert_allclose(path.rate_B[:, 2], 1e-5 * np.arange(21.0), rtol=1e-10, atol=1e-20)
 
@@ -576,8 +575,7 @@ def test_viscous_torque_decays_the_rate_exponentially():
         slew,
         start,
         jnp.diag(jnp.array([3.0, 2.0, 1.0])),
-        (effect,),
-        {effect.name: {"drag": jnp.array([0.0, 0.0, 0.02])}},
+        ActiveEffects((effect,), {effect.name: {"drag": jnp.array([0.0, 0.0, 0.02])}}),
     )
     np.testing.assert_allclose(path.rate_B[:, 2], 0.1 * np.exp(-0.02 * np.arange(41.0)), rtol=1e-8)
 
@@ -619,8 +617,7 @@ def test_flexible_mode_keeps_total_momentum_and_rings_like_the_free_body():
         slew,
         REST._replace(wheel_momentum=jnp.zeros(1)),
         jnp.asarray(tensor),
-        (effect,),
-        {effect.name: p},
+        ActiveEffects((effect,), {effect.name: p}),
     )
     eta_rate = own[:, 1] - path.rate_B @ DELTA
     total = path.rate_B[:, 0] * 3.0 + path.wheel_momentum[:, 0] + DELTA[0] * eta_rate
@@ -652,7 +649,10 @@ def test_flexible_mode_begins_undeformed_on_a_turning_body():
         "damping": jnp.asarray(DAMPING),
     }
     path, _ = simulate(
-        slew, start, jnp.diag(jnp.array([3.0, 2.0, 2.0])), (effect,), {effect.name: p}
+        slew,
+        start,
+        jnp.diag(jnp.array([3.0, 2.0, 2.0])),
+        ActiveEffects((effect,), {effect.name: p}),
     )
     np.testing.assert_allclose(path.rate_B, np.tile([0.1, 0.0, 0.0], (101, 1)), atol=1e-14)
 
@@ -682,8 +682,7 @@ def test_flexible_mode_is_integrated_finely_enough(campaign):
             slew,
             REST._replace(wheel_momentum=jnp.zeros(1)),
             jnp.asarray(np.diag([3.0, 2.0, 2.0])),
-            (effect,),
-            {effect.name: p},
+            ActiveEffects((effect,), {effect.name: p}),
         )
         ends.append(np.array(path.rate_B[:: 1 * split, 0]))
     n = min(map(len, ends))

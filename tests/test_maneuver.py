@@ -33,6 +33,7 @@ from bayes_inertia.flight.spacecraft import (
 )
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.maths import inertia_tensor, quaternion
+from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import (
     ConstantTorque,
@@ -577,7 +578,7 @@ def test_gradient_of_the_final_error_with_respect_to_the_slew(craft, novice):
             truth,
             plan_flight._control(craft, novice),
             noise,
-            {},
+            ActiveEffects(),
         )
         return flown.final_error_B[0]
 

@@ -123,12 +123,11 @@ def _parts(
     structure: Structure, theta: Array, context: SlewContext, planned: Planned, sensors: Sensors
 ) -> _Parts:
     """Inertia, wheels, torques and sensor signals that parameters theta (d,) give along the planned motion."""
-    values, path = structure.values(theta), planned.path
+    active, path = structure.active_effects(theta), planned.path
     J, axes, torque = inertia_tensor.tensor(theta[:6]), context.wheel_axes_B, context.torque
     if structure.includes_wheel_spin:
         J = J - inertia_tensor.wheel_spin_tensor(axes, context.spin_inertia)
-    for effect in structure.effects:
-        p = values[effect.name]
+    for effect, p in active:
         J, axes, torque = (
             effect.inertia(p, context, J),
             effect.wheel_axes(p, context, axes),
@@ -141,8 +140,7 @@ def _parts(
         path.attitude,
         path.wheel_momentum,
     )
-    for effect in structure.effects:
-        p = values[effect.name]
+    for effect, p in active:
 
         def instant(t, q, w, h, field, position, effect=effect, p=p):
             state = State(q, w, h, jnp.zeros(0), locked, field, position)

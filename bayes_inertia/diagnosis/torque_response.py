@@ -123,7 +123,7 @@ def torque_response(at: Estimate) -> TorqueResponse:
 @partial(jax.jit, static_argnums=0, compiler_options={"xla_backend_optimization_level": 0})
 def tangents(structure: Structure, theta: Array, local: Array, data: Data):
     """Attitude, rate and wheel momentum of every slew, and how attitude (body axes) and rate follow the start state."""
-    values = structure.values(theta)
+    active = structure.active_effects(theta)
     J = inertia_tensor.tensor(theta[:6])
 
     def of_slew(x, slew, telemetry, reference):
@@ -143,7 +143,7 @@ def tangents(structure: Structure, theta: Array, local: Array, data: Data):
                 attitude=quaternion.multiply(begin.attitude, quaternion.exp(y[:3])),
                 rate_B=begin.rate_B + y[3:],
             )
-            trajectory, _ = simulate(slew, start, J_of, structure.effects, values, structure.drive)
+            trajectory, _ = simulate(slew, start, J_of, active, structure.drive)
             return trajectory.attitude, trajectory.rate_B, trajectory.wheel_momentum
 
         (q, w, h), (dq, dw, _) = jax.vmap(

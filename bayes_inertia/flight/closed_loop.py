@@ -12,7 +12,6 @@ make of that history, fly again with the difference as a given input, until noth
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -22,12 +21,12 @@ from jax import Array
 
 from bayes_inertia.flight.plan import angle_and_rate
 from bayes_inertia.maths import quaternion
-from bayes_inertia.physics.effect import Effect, Trajectory
+from bayes_inertia.physics.active_effects import ActiveEffects
+from bayes_inertia.physics.effect import Trajectory
 from bayes_inertia.physics.simulator import (
     Motion,
     SlewInput,
     Start,
-    Values,
     advance,
     grid_rows,
     prepare,
@@ -145,22 +144,21 @@ def target(script: Script) -> Array:
     return quaternion.multiply(script.attitude, quaternion.exp(script.axis_B * script.angle))
 
 
-@partial(jax.jit, static_argnames=("effects", "substeps"))
+@partial(jax.jit, static_argnames="substeps")
 def fly_slews(
     slews: SlewInput,
     scripts: Script,
     truth: Truth,
     control: Control,
     noise: Noise,
-    effects: tuple[Effect, ...],
-    values: Values,
+    active: ActiveEffects,
     substeps: int,
 ) -> Flown:
     """`fly_slew` for all slews of a campaign: `slews`, `scripts`, `noise` and `truth.start` with a leading axis, `truth`'s constants,
-    `control` and `values` shared. Compiled once for each shape and set of effects."""
+    `control` and `active` shared. Compiled once for each shape and set of effects."""
     axes = (0, 0, Truth(None, None, None, None, 0), None, 0, None)
-    return jax.vmap(partial(fly_slew, effects=effects, substeps=substeps), in_axes=axes)(
-        slews, scripts, truth, control, noise, values
+    return jax.vmap(partial(fly_slew, substeps=substeps), in_axes=axes)(
+        slews, scripts, truth, control, noise, active
     )
 
 
@@ -170,9 +168,8 @@ def fly_slew(
     truth: Truth,
     control: Control,
     noise: Noise,
-    values: Values,
+    active: ActiveEffects,
     *,
-    effects: Sequence[Effect] = (),
     substeps: int = 1,
 ) -> Flown:
     """One slew in closed loop; a pure function that JAX can differentiate (forward mode where there are effects).
@@ -180,17 +177,15 @@ def fly_slew(
     Parameters
     ----------
     slew : the integration grid, `substeps` points a row, and the environment on it (its torques and momenta are not used).
-    script, truth, control, noise : see there. effects, values : what acts, with {effect: {parameter: array}}.
+    script, truth, control, noise : see there. active : what else acts.
     """
     rows, wheels = len(script.time), control.allocation.shape[0]
     nothing = jnp.zeros((rows * substeps, wheels))
     given = _Given(
         nothing, jnp.zeros((rows, 3)), jnp.zeros((rows, 3)), jnp.zeros((rows, wheels)), nothing
     )
-    one_round = partial(
-        _round, slew, script, truth, control, noise, tuple(effects), values, substeps
-    )
-    if not effects:
+    one_round = partial(_round, slew, script, truth, control, noise, active, substeps)
+    if not active:
         return one_round(given)[0]
 
     def going(carry) -> Array:
@@ -214,16 +209,15 @@ def _round(
     truth: Truth,
     control: Control,
     noise: Noise,
-    effects,
-    values,
+    active: ActiveEffects,
     substeps: int,
     given: _Given,
 ) -> tuple[Flown, _Given]:
     """Fly once with what the whole-history hooks made of the round before, and ask them again."""
     rows, context = len(script.time), slew.context._replace(torque=given.commands)
     slew = slew._replace(context=context)
-    body, motion, delivered = prepare(slew, truth.start, truth.inertia_B, effects, values)
-    exogenous = delivered - given.commands if effects else given.torque
+    body, motion, delivered = prepare(slew, truth.start, truth.inertia_B, active)
+    exogenous = delivered - given.commands if active else given.torque
     reference = _references(script, control)
     still = jnp.mean(
         jnp.where((script.time < script.begin)[:, None], given.rate_S, 0.0), axis=0
@@ -231,7 +225,7 @@ def _round(
     snapshot = control.scale_factor * ((truth.bias + still) / truth.scale_factor + noise.snapshot)
 
     def measure(motion: Motion, row) -> tuple[Array, Array, Array]:
-        rate_B, momentum = rate_and_wheel_momentum(motion, body, context, effects, values)
+        rate_B, momentum = rate_and_wheel_momentum(motion, body, context, active)
         rate_S = truth.rate_axes @ rate_B + truth.bias + row["given"].rate_S
         reading = jnp.clip(
             rate_S / truth.scale_factor + row["noise"].rate, -control.rate_range, control.rate_range
@@ -256,7 +250,7 @@ def _round(
         def substep(motion: Motion, inner) -> tuple[Motion, Motion]:
             torque = tuple(u + command[k] for k, u in enumerate(inner["torque"][0]))
             return advance(
-                motion, inner | {"torque": (torque, torque)}, body, context, effects, values
+                motion, inner | {"torque": (torque, torque)}, body, context, active
             ), motion
 
         motion, path = jax.lax.scan(substep, motion, row["grid"], unroll=substeps <= 4)
@@ -277,7 +271,7 @@ def _round(
     first = (motion, script.attitude, jnp.zeros(3))
     _, (path, command, reading, momentum, fixes) = jax.lax.scan(period, first, inputs)
     path = jax.tree.map(lambda x: x.reshape(rows * substeps, *x.shape[2:]), path)
-    seen, following = _hooks(path, command, script, truth, context, body, effects, values, substeps)
+    seen, following = _hooks(path, command, script, truth, context, body, active, substeps)
     change = jnp.max(jnp.abs(following.commands - given.commands)) / jnp.maximum(
         jnp.max(jnp.abs(command)), 1e-30
     )
@@ -328,13 +322,12 @@ def _hooks(
     truth: Truth,
     context,
     body,
-    effects,
-    values,
-    substeps,
+    active: ActiveEffects,
+    substeps: int,
 ) -> tuple[Trajectory, _Given]:
     """The trajectory on the grid, and what the whole-history hooks make of it."""
     rate_B, momentum = jax.vmap(
-        lambda motion: rate_and_wheel_momentum(motion, body, context, effects, values)
+        lambda motion: rate_and_wheel_momentum(motion, body, context, active)
     )(path)
     attitude = jnp.stack(path.attitude, -1)
     trajectory = Trajectory(
@@ -345,8 +338,8 @@ def _hooks(
     context = context._replace(torque=commands)
     plain = rate_B @ truth.rate_axes.T + truth.bias
     rate_S, fix, tachometer = plain, attitude, momentum
-    for effect, own in zip(effects, path.own, strict=True):
-        p, seen = values.get(effect.name, {}), trajectory._replace(own=own)
+    for (effect, p), own in zip(active, path.own, strict=True):
+        seen = trajectory._replace(own=own)
         rate_S = effect.rate_output(p, context, seen, rate_S)
         fix = effect.attitude_output(p, context, seen, fix)
         tachometer = effect.momentum_output(p, context, seen, tachometer)

@@ -33,6 +33,7 @@ from bayes_inertia.flight.closed_loop import (
 from bayes_inertia.flight.plan import Plan, angle_and_rate
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft, without_spin
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.effect import Effect, Trajectory
 from bayes_inertia.physics.packing import pack
 from bayes_inertia.physics.simulator import SlewInput, Start
@@ -113,8 +114,7 @@ def fly(
         _truth(spacecraft, starts),
         _control(spacecraft, controller),
         noise,
-        spacecraft.effects,
-        _values(spacecraft),
+        spacecraft.active_effects,
         grid.substeps,
     )
     flown = jax.tree.map(np.asarray, flown)
@@ -182,19 +182,19 @@ def predict_final_errors(
     noise = _noise((n,) if rng else (1,), spacecraft, controller, plan, grid.rows, rng)
     slew = jax.tree.map(lambda x: x[0], grid.slews)
     if values is None:
-        drawn = jax.tree.map(lambda x: jnp.broadcast_to(x, (n, *x.shape)), _values(spacecraft))
-    else:
-        drawn = jax.tree.map(
-            jnp.asarray, {name: dict(of_effect) for name, of_effect in values.items()}
+        active = jax.tree.map(
+            lambda x: jnp.broadcast_to(x, (n, *x.shape)), spacecraft.active_effects
         )
+    else:
+        drawn = {name: dict(of_effect) for name, of_effect in values.items()}
+        active = ActiveEffects(spacecraft.effects, jax.tree.map(jnp.asarray, drawn))
     errors = _final_errors(
         slew,
         script,
         truth,
         _control(spacecraft, controller),
         noise,
-        drawn,
-        spacecraft.effects,
+        active,
         grid.substeps,
     )
     return np.asarray(errors)
@@ -209,18 +209,18 @@ def predict_correction_slew(
     )
 
 
-@partial(jax.jit, static_argnames=("effects", "substeps"))
-def _final_errors(slew, script, truth, control, noise, values, effects, substeps):
-    def one(truth, values, noise):
+@partial(jax.jit, static_argnames="substeps")
+def _final_errors(slew, script, truth, control, noise, active, substeps):
+    def one(truth, active, noise):
         return fly_slew(
-            slew, script, truth, control, noise, values, effects=effects, substeps=substeps
+            slew, script, truth, control, noise, active, substeps=substeps
         ).final_error_B
 
     if len(noise.rate) == 1:
         return jax.vmap(one, in_axes=(0, 0, None))(
-            truth, values, jax.tree.map(lambda x: x[0], noise)
+            truth, active, jax.tree.map(lambda x: x[0], noise)
         )
-    return jax.vmap(one)(truth, values, noise)
+    return jax.vmap(one)(truth, active, noise)
 
 
 def planned_campaign(
@@ -437,15 +437,6 @@ def _control(spacecraft: Spacecraft, controller: Controller) -> Control:
         damping=jnp.asarray(2.0 * controller.damping * controller.bandwidth),
         rate_range=jnp.asarray(sensor.range or 1e30),
     )
-
-
-def _values(spacecraft: Spacecraft) -> dict[str, dict[str, jnp.ndarray]]:
-    return {
-        effect.name: {
-            k: jnp.asarray(v, dtype=float) for k, v in spacecraft.values[effect.name].items()
-        }
-        for effect in spacecraft.effects
-    }
 
 
 def _check_converged(flown: Flown, planned: Campaign, effects: Sequence[Effect]) -> None:

@@ -7,10 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.campaign.records import InertiaPrior, RateSensor, StarTracker, Vector, Wheel
 from bayes_inertia.errors import CampaignError, EffectError
+from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.effect import Effect
 
 
@@ -52,6 +54,17 @@ class Spacecraft:
                 where=missing[0],
                 advice="give values = {effect name: {parameter: value}}",
             )
+
+    @property
+    def active_effects(self) -> ActiveEffects:
+        """`effects` and `values` as one object, the values as JAX arrays."""
+        values = {
+            effect.name: {
+                k: jnp.asarray(v, dtype=float) for k, v in self.values[effect.name].items()
+            }
+            for effect in self.effects
+        }
+        return ActiveEffects(self.effects, values)
 
     @property
     def wheel_axes_B(self) -> np.ndarray:

@@ -18,6 +18,7 @@ from jax import Array
 from bayes_inertia.campaign.records import Campaign
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.maths import inertia_tensor, quaternion
+from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.effect import Effect, Trajectory
 from bayes_inertia.physics.packing import Arrays, Reference, Telemetry, pack
 from bayes_inertia.physics.parameters import Normal, Parameter, ParameterSpace, scalar
@@ -46,15 +47,15 @@ class Structure:
         """Nuisances of one slew: start rate and attitude, then start momentum (commanded) or tachometer shapes (measured)."""
         return 6 + self.wheels * (self.modes if self.drive == "measured" else 1)
 
-    def values(self, theta: Array) -> dict[str, dict[str, Array]]:
-        """{effect: {parameter: array}} of a flat vector (d,)."""
+    def active_effects(self, theta: Array) -> ActiveEffects:
+        """The effects with the parameters that a flat vector (d,) gives them."""
         out: dict[str, dict[str, Array]] = {effect.name: {} for effect in self.effects}
         start = N_BASE
         for owner, name, size in self.layout:
             stop = start + (1 if size is None else size)
             out[owner][name] = theta[start] if size is None else theta[start:stop]
             start = stop
-        return out
+        return ActiveEffects(self.effects, out)
 
 
 class Sensors(NamedTuple):
@@ -281,7 +282,7 @@ def predict(
     theta : (d,) sampled parameters in physical units. local : (n_local,) and bias : (3,) whitened nuisances.
     slew, telemetry, reference : one slew of `data.arrays`.
     """
-    values = structure.values(theta)
+    active = structure.active_effects(theta)
     J = inertia_tensor.tensor(theta[:6])
     if structure.includes_wheel_spin:
         J = J - inertia_tensor.wheel_spin_tensor(
@@ -291,18 +292,18 @@ def predict(
         noise = (local[6:] * data.scale.local[6:]).reshape(structure.wheels, structure.modes)
         slew = slew._replace(momentum=slew.momentum - telemetry.tachometer_modes @ noise.T)
     start = start_of(structure, data.scale, reference, local)
-    trajectory, own = simulate(slew, start, J, structure.effects, values, structure.drive)
+    trajectory, own = simulate(slew, start, J, active, structure.drive)
     bias_S = data.sensors.bias + bias * data.scale.bias
     return _sense(
-        structure, theta[6:9], bias_S, values, slew, telemetry, data.sensors, trajectory, own
+        structure, theta[6:9], bias_S, active, slew, telemetry, data.sensors, trajectory, own
     )
 
 
 def _sense(
-    structure,
-    scale_factor,
-    bias_S,
-    values,
+    structure: Structure,
+    scale_factor: Array,
+    bias_S: Array,
+    active: ActiveEffects,
     slew: SlewInput,
     telemetry: Telemetry,
     sensors: Sensors,
@@ -315,8 +316,8 @@ def _sense(
         [sum(C[i, j] * trajectory.rate_B[:, j] for j in range(3)) + bias_S[i] for i in range(3)], -1
     )
     attitude, momentum = trajectory.attitude, trajectory.wheel_momentum
-    for effect, states in zip(structure.effects, own, strict=True):
-        p, seen = values[effect.name], trajectory._replace(own=states)
+    for (effect, p), states in zip(active, own, strict=True):
+        seen = trajectory._replace(own=states)
         rate_S = effect.rate_output(p, slew.context, seen, rate_S)
         attitude = effect.attitude_output(p, slew.context, seen, attitude)
         momentum = effect.momentum_output(p, slew.context, seen, momentum)

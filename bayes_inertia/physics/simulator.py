@@ -9,7 +9,6 @@ fourth order on the grid of telemetry times, refined where an effect asks for it
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from typing import Literal, NamedTuple
 
 import jax
@@ -17,10 +16,10 @@ import jax.numpy as jnp
 from jax import Array
 
 from bayes_inertia.maths import inertia_tensor, quaternion
-from bayes_inertia.physics.effect import Effect, SlewContext, State, Trajectory
+from bayes_inertia.physics.active_effects import ActiveEffects
+from bayes_inertia.physics.effect import SlewContext, State, Trajectory
 
 Drive = Literal["commanded", "measured"]
-Values = Mapping[str, Mapping[str, Array]]
 # Hooks that make more than the attitude change during a slew.
 _MOVING_HOOKS = ("wheel_torque", "body_torque", "initial_state", "internal_momentum")
 
@@ -69,8 +68,7 @@ def simulate(
     slew: SlewInput,
     start: Start,
     inertia_B: Array,
-    effects: Sequence[Effect] = (),
-    values: Values | None = None,
+    active: ActiveEffects | None = None,
     drive: Drive = "commanded",
 ) -> tuple[Trajectory, tuple[Array, ...]]:
     """Simulate one slew.
@@ -79,7 +77,7 @@ def simulate(
     ----------
     slew, start : what was commanded or measured, and the initial state.
     inertia_B : (3, 3) [kg m^2], J of everything except the wheels' spin.
-    effects, values : active effects and {effect name: {parameter: array}}.
+    active : what else acts; None for nothing.
     drive : "commanded" (torques are the input, wheel momentum an output) or "measured" (wheel momentum is the input).
 
     Returns
@@ -93,16 +91,14 @@ def simulate(
     >>> simulate(slew, start, jnp.eye(3))[0].rate_B[:, 0].round(9).tolist()
     [0.1, 0.1, 0.1]
     """
-    values = values or {}
+    active = ActiveEffects() if active is None else active
     context = slew.context
-    body, motion, torque = prepare(slew, start, inertia_B, effects, values, drive)
-    coasting = not any(effect.acts(hook) for effect in effects for hook in _MOVING_HOOKS)
-    path = (_attitude_path if coasting else _full_path)(
-        slew, body, motion, torque, effects, values, drive
-    )
+    body, motion, torque = prepare(slew, start, inertia_B, active, drive)
+    coasting = not active.act(*_MOVING_HOOKS)
+    path = (_attitude_path if coasting else _full_path)(slew, body, motion, torque, active, drive)
     wheel = _stack(path.wheel, len(context.time)) if drive == "commanded" else slew.momentum
     attitude, own = jnp.stack(path.attitude, -1), path.own
-    internal = _internal_momentum(effects, values, context, own)
+    internal = _internal_momentum(active, context, own)
     momentum_B = (
         quaternion.to_body(attitude, jnp.stack(path.momentum_N, -1))
         - wheel @ body.axes_B.T
@@ -166,30 +162,25 @@ def prepare(
     slew: SlewInput,
     start: Start,
     inertia_B: Array,
-    effects: Sequence[Effect],
-    values: Values,
+    active: ActiveEffects,
     drive: Drive = "commanded",
 ) -> tuple[Body, Motion, Array]:
     """Constants and initial motion of one slew, and the torque (n, wheels) [N m] that the wheels deliver for the commanded one.
 
     >>> slew = idle_slew([0.0, 1.0]); start = Start(jnp.array([0.1, 0., 0.]), jnp.array([0., 0., 0., 1.]), jnp.zeros(0))
-    >>> prepare(slew, start, 2.0 * jnp.eye(3), (), {})[1].momentum_N[0].item()
+    >>> prepare(slew, start, 2.0 * jnp.eye(3), ActiveEffects())[1].momentum_N[0].item()
     0.2
     """
     context = slew.context
     axes, torque = context.wheel_axes_B, context.torque
-    for effect in effects:
-        p = values.get(effect.name, {})
+    for effect, p in active:
         inertia_B = effect.inertia(p, context, inertia_B)
         axes = effect.wheel_axes(p, context, axes)
         torque = effect.delivered_torque(p, context, torque)
-    own = tuple(
-        effect.initial_state(values.get(effect.name, {}), context, start.rate_B)
-        for effect in effects
-    )
+    own = tuple(effect.initial_state(p, context, start.rate_B) for effect, p in active)
     locked = inertia_B + inertia_tensor.wheel_spin_tensor(axes, context.spin_inertia)
     relative = start.wheel_momentum if drive == "commanded" else slew.momentum[0]
-    internal = _internal_momentum(effects, values, context, own)
+    internal = _internal_momentum(active, context, own)
     momentum_B = locked @ start.rate_B + axes @ relative + internal
     wheel = relative + context.spin_inertia * (axes.T @ start.rate_B)
     inverse = jnp.linalg.inv(inertia_B if drive == "commanded" else locked)
@@ -221,57 +212,56 @@ def advance(
     row: dict,
     body: Body,
     context: SlewContext,
-    effects: Sequence[Effect],
-    values: Values,
+    active: ActiveEffects,
     drive: Drive = "commanded",
 ) -> Motion:
     """The motion one grid step later; `row` is one point of `grid_rows`. A step of zero length changes nothing.
 
     >>> slew = idle_slew([0.0, 1.0]); start = Start(jnp.array([0.1, 0., 0.]), jnp.array([0., 0., 0., 1.]), jnp.zeros(0))
-    >>> body, motion, torque = prepare(slew, start, jnp.eye(3), (), {})
+    >>> body, motion, torque = prepare(slew, start, jnp.eye(3), ActiveEffects())
     >>> row = jax.tree.map(lambda rows: rows[0], grid_rows(slew, torque))
-    >>> advance(motion, row, body, slew.context, (), {}).attitude[0].round(4).item()
+    >>> advance(motion, row, body, slew.context, ActiveEffects()).attitude[0].round(4).item()
     0.05
     """
 
     def slope(at: float, x: Motion) -> Motion:
-        return _slope(at, x, row, body, context, effects, values, drive)
+        return _slope(at, x, row, body, context, active, drive)
 
     following = _runge_kutta_4(slope, motion, row["step"])
     return following._replace(attitude=_unit(following.attitude))
 
 
 def rate_and_wheel_momentum(
-    motion: Motion, body: Body, context: SlewContext, effects: Sequence[Effect], values: Values
+    motion: Motion, body: Body, context: SlewContext, active: ActiveEffects
 ) -> tuple[Array, Array]:
     """Body rate (3,) [rad/s] and wheel momentum relative to the body (wheels,) [N m s] at one instant of the commanded drive.
 
     >>> slew = idle_slew([0.0, 1.0]); start = Start(jnp.array([0.1, 0., 0.]), jnp.array([0., 0., 0., 1.]), jnp.zeros(0))
-    >>> body, motion, _ = prepare(slew, start, 2.0 * jnp.eye(3), (), {})
-    >>> rate_and_wheel_momentum(motion, body, slew.context, (), {})[0].tolist()
+    >>> body, motion, _ = prepare(slew, start, 2.0 * jnp.eye(3), ActiveEffects())
+    >>> rate_and_wheel_momentum(motion, body, slew.context, ActiveEffects())[0].tolist()
     [0.1, 0.0, 0.0]
     """
     wheel = _stack(motion.wheel)
     momentum_B = jnp.stack(quaternion.to_body_components(motion.attitude, motion.momentum_N))
     rate = body.inverse @ (
-        momentum_B - body.axes_B @ wheel - _internal_momentum(effects, values, context, motion.own)
+        momentum_B - body.axes_B @ wheel - _internal_momentum(active, context, motion.own)
     )
     return rate, wheel - body.spin_inertia * (rate @ body.axes_B)
 
 
 def _full_path(
-    slew: SlewInput, body: Body, motion: Motion, torque, effects, values, drive
+    slew: SlewInput, body: Body, motion: Motion, torque: Array, active: ActiveEffects, drive: Drive
 ) -> Motion:
     """The motion at every grid point where momentum, wheels or own states change along the way."""
 
     def step(motion: Motion, row: dict) -> tuple[Motion, Motion]:
-        return advance(motion, row, body, slew.context, effects, values, drive), motion
+        return advance(motion, row, body, slew.context, active, drive), motion
 
     return jax.lax.scan(step, motion, grid_rows(slew, torque))[1]
 
 
 def _attitude_path(
-    slew: SlewInput, body: Body, motion: Motion, torque, effects, values, drive
+    slew: SlewInput, body: Body, motion: Motion, torque: Array, active: ActiveEffects, drive: Drive
 ) -> Motion:
     """The same where only the attitude needs integration: M_N is constant and the wheels are known beforehand.
 
@@ -324,12 +314,11 @@ def _unit(attitude):
     return tuple(c * shrink for c in attitude)
 
 
-def _internal_momentum(effects, values, context, own) -> Array:
+def _internal_momentum(active: ActiveEffects, context: SlewContext, own) -> Array:
     total = jnp.zeros(3)
-    for effect, states in zip(effects, own, strict=True):
+    for (effect, p), states in zip(active, own, strict=True):
         if effect.acts("internal_momentum"):
             hook = effect.internal_momentum
-            p = values.get(effect.name, {})
             total = total + (
                 hook(p, context, states)
                 if states.ndim == 1
@@ -338,7 +327,9 @@ def _internal_momentum(effects, values, context, own) -> Array:
     return total
 
 
-def _slope(at: float, x: Motion, row, body: Body, context, effects, values, drive) -> Motion:
+def _slope(
+    at: float, x: Motion, row: dict, body: Body, context, active: ActiveEffects, drive: Drive
+) -> Motion:
     """Time derivative of the motion, `at` a fraction of the step after its beginning."""
     wheel = x.wheel if drive == "commanded" else _between(at, row["wheel"])
     unit = _unit(x.attitude)  # as in `_rate_components`
@@ -347,24 +338,26 @@ def _slope(at: float, x: Motion, row, body: Body, context, effects, values, driv
         m - sum(body.axes_B[i, k] * h for k, h in enumerate(wheel))
         for i, m in enumerate(momentum_B)
     ]
-    if any(effect.acts("internal_momentum") for effect in effects):
-        internal = _internal_momentum(effects, values, context, x.own)
+    if active.act("internal_momentum"):
+        internal = _internal_momentum(active, context, x.own)
         momentum_B = [m - internal[i] for i, m in enumerate(momentum_B)]
     rate = [sum(body.inverse[i, j] * momentum_B[j] for j in range(3)) for i in range(3)]
     attitude_rate = quaternion.rate_of_components(x.attitude, rate)
-    if not effects:
+    if not active:
         return Motion(attitude_rate, _zeros(x.momentum_N), row["torque"][0], ())
     external, wheel_torque, own_rates = _effect_slopes(
-        at, x._replace(attitude=unit), row, body, context, effects, values, drive, rate, wheel
+        at, x._replace(attitude=unit), row, body, context, active, drive, rate, wheel
     )
     momentum_rate = _zeros(x.momentum_N)
-    if any(effect.acts("body_torque") for effect in effects):
+    if active.act("body_torque"):
         momentum_rate = quaternion.to_inertial_components(unit, tuple(external))
     total = tuple(u + wheel_torque[k] for k, u in enumerate(row["torque"][0]))
     return Motion(attitude_rate, momentum_rate, total, own_rates)
 
 
-def _effect_slopes(at, x: Motion, row, body: Body, context, effects, values, drive, rate, wheel):
+def _effect_slopes(
+    at, x: Motion, row, body: Body, context, active: ActiveEffects, drive, rate, wheel
+):
     """External torque (3,), further torque on the wheels (wheels,), and the rates of all own states."""
     rate_B, wheel = jnp.stack(rate), _stack(wheel)
     relative = wheel - body.spin_inertia * (rate_B @ body.axes_B) if drive == "commanded" else wheel
@@ -374,8 +367,7 @@ def _effect_slopes(at, x: Motion, row, body: Body, context, effects, values, dri
     )
     t = row["time"] + at * row["step"]
     external, wheel_torque, own_rates = jnp.zeros(3), jnp.zeros_like(relative), []
-    for effect, own in zip(effects, x.own, strict=True):
-        p = values.get(effect.name, {})
+    for (effect, p), own in zip(active, x.own, strict=True):
         state = State(jnp.stack(x.attitude), rate_B, relative, own, body.locked, field, position)
         if effect.acts("body_torque"):
             external = external + effect.body_torque(p, context, t, state)
