@@ -12,6 +12,7 @@ import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.values import array_dataclass
 
 Vector = tuple[float, float, float]
 
@@ -58,7 +59,7 @@ def _positive(value, key: str, *, optional: bool = False) -> None:
     _require(good, key, f"{value!r} is not positive", "give a positive number in SI units")
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class InertiaPrior:
     """Pre-flight knowledge of the inertia tensor.
 
@@ -152,7 +153,7 @@ class Wheel:
             _positive(getattr(self, key), f"wheels.{self.name}.{key}", optional=True)
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class RateSensor:
     """Three-axis rate sensor: K w_meas = C_rate w + b, K = diag(K1, K2, K3).
 
@@ -234,7 +235,7 @@ _COLUMNS = {
 }
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Slew:
     """Telemetry of one slew (arrays of n rows; None where a column is absent, NaN where a cell is empty).
 

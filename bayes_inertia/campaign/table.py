@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.maths.values import array_dataclass
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Table:
     """Some columns of a table, as 64-bit floats with NaN for empty cells.
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import joblib
 import numpy as np
@@ -17,6 +16,7 @@ from bayes_inertia.flight.plan_flight import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
 from bayes_inertia.flight.spacecraft import Spacecraft, spin_tensor
 from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Model
 
 NAMES = ("Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz", "K1", "K2", "K3")
@@ -26,7 +26,7 @@ _SHARD = 25
 _TRUTHS = 24
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Achieved:
     """Errors of fits to simulated campaigns whose truths were drawn from the prior.
 
@@ -54,7 +54,7 @@ class Achieved:
         return np.std(self.errors**2, axis=0, ddof=1) / np.sqrt(n) / (2.0 * self.sd)
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Contender:
     """One plan in a comparison.
 

@@ -34,6 +34,7 @@ from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_flight import planned_campaign
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect, SlewContext, Trajectory
 from bayes_inertia.physics.forward_model import Model, NuisanceScale, Sensors, Structure
 
@@ -98,7 +99,7 @@ class Shape:
         return (mine[0], mine[-1] + 1) if mine else (0, 0)
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Forecast:
     """How the telemetry of slews is foreseen: `shape` and `given`."""
 

@@ -6,7 +6,6 @@ from the others.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 
 import jax
@@ -20,6 +19,7 @@ from bayes_inertia.design.goals import Goal, criterion
 from bayes_inertia.design.information import Forecast, Given, Shape, body_of, covariance
 from bayes_inertia.design.planned_motion import Slews, motion
 from bayes_inertia.maths import quaternion
+from bayes_inertia.maths.values import array_dataclass
 
 _BATCH = 10
 # Limits are kept this far away [fraction] while searching, so that rounding to an operator's digits does not cross them.
@@ -29,7 +29,7 @@ _STEPS = 50
 _QUICKLY = {"xla_backend_optimization_level": 0}
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Problem:
     """What is searched for: `goal` over the truths `thetas` (k, d), for slews as in `ahead`, inside `region`, ending in the attitude `end` (None: anywhere)."""
 

@@ -12,7 +12,6 @@ around the best.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -23,6 +22,7 @@ from bayes_inertia.diagnosis.projection import Projection, projection
 from bayes_inertia.diagnosis.score_test import Imprint
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.inference.optimizer import Estimate, re_estimate, without_effect
+from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effects import FlexibleMode
 
 _DAMPING = 0.005
@@ -36,7 +36,7 @@ _DIRECTIONS = 400
 _TRIALS = 2.0
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Ringing(Imprint):
     """The flexible mode that the residuals show best.
 

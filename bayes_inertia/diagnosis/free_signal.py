@@ -10,7 +10,6 @@ states or bias explain as well.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from scipy import linalg, stats
@@ -19,6 +18,7 @@ from scipy.optimize import minimize_scalar
 
 from bayes_inertia.diagnosis.linearised_fit import Linearised
 from bayes_inertia.diagnosis.torque_response import TorqueResponse
+from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effects.scales import torque_scale
 
 _MOST_KNOTS = 200
@@ -27,7 +27,7 @@ _CHUNK = 24
 _LENGTHS = 7
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Basis:
     """What unit values at the knots do to the residuals.
 
@@ -43,7 +43,7 @@ class Basis:
     scale: float
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class History:
     """A signal over time.
 
@@ -200,7 +200,7 @@ def _moved(
     return np.concatenate(parts, -1)
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class _Normal:
     """Normal equations of a basis, start states integrated out: by slew `own` (K, K), `cross` (K, s), `pull` (K,); `shared` (s, s) of all."""
 
@@ -223,7 +223,7 @@ def _normal(fit: Linearised, basis: Basis) -> _Normal:
     return _Normal(own, cross, pull, shared)
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class _Smooth:
     """The same in the eigenbasis of each slew for one length scale: `back` (slews of (K, q)), `power` g, `cross`, `pull` (all slews, one after the other)."""
 

@@ -7,17 +7,16 @@ taken its share. What a scan or a torque history may claim must be measured agai
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from bayes_inertia.inference.likelihood import padded_sensitivities
 from bayes_inertia.inference.objective import N_BIAS, block_index, normal_equations, prior_rows
 from bayes_inertia.inference.optimizer import Estimate
+from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.packing import CHANNELS
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Rows:
     """One channel's measurements: `part` of the flat numbers it holds, `time` (slews, rows) [s], `valid` (slews, rows, components)."""
 
@@ -30,7 +29,7 @@ class Rows:
         return flat[:, self.part].reshape(*self.valid.shape, *flat.shape[2:])
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Linearised:
     """Residuals and columns of a fit, all channels one after the other.
 

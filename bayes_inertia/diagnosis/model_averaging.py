@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import jax
 import numpy as np
@@ -18,12 +18,13 @@ from bayes_inertia.diagnosis.result import Diagnosis, Rival, Step
 from bayes_inertia.inference.optimizer import Estimate, move_to, re_estimate, with_noise
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import N_BASE, Model
 
 _is_physical = jax.jit(inertia_tensor.is_physical)
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Alternative:
     """J and K if `effect` is the true one and not `instead_of`, which was named.
 

@@ -6,17 +6,16 @@ column off them gives the part that no change of the fit can imitate.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from bayes_inertia.inference.likelihood import padded_sensitivities
 from bayes_inertia.inference.objective import N_BIAS, block_index, prior_rows
 from bayes_inertia.inference.optimizer import Estimate
 from bayes_inertia.maths.linear_algebra import inverse_root
+from bayes_inertia.maths.values import array_dataclass
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Projection:
     """A fit's residuals and columns, ready to project others off them.
 

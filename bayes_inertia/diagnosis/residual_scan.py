@@ -14,6 +14,7 @@ from scipy import stats
 
 from bayes_inertia.diagnosis.linearised_fit import Linearised, Rows, linearise
 from bayes_inertia.inference.optimizer import Estimate
+from bayes_inertia.maths.values import array_dataclass
 
 SIGNIFICANT = 0.05
 # More windows than this only cost time: the shortest ones are left out first.
@@ -43,7 +44,7 @@ class Window:
     p_value: float
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Cells:
     """One channel for the picture: mean residuals in short bins, in standard deviations of such a mean.
 
@@ -116,7 +117,7 @@ def component_names(at: Estimate, channel: str) -> tuple[str, ...]:
     )
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class _Scan:
     """Windows of one channel: rows `start` to `stop` (w,), and for each (slews, w, components): the `sd` of its sum and
     the expected sum of squares `energy` if the model is right; zero where nothing was measured; `noise` of each number."""

@@ -9,7 +9,6 @@ residuals by less than one sigma in all are not counted: this campaign cannot se
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -19,9 +18,10 @@ from bayes_inertia.diagnosis.evidence import log_bayes_factor_of
 from bayes_inertia.diagnosis.projection import Projection, projection
 from bayes_inertia.inference.optimizer import Estimate
 from bayes_inertia.maths.linear_algebra import VISIBLE, canonical_correlation
+from bayes_inertia.maths.values import array_dataclass
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Imprint:
     """A candidate that is not linear in its parameters: the best of its kind, given by what it gains and by columns near it.
 
@@ -40,7 +40,7 @@ class Imprint:
     log_bayes_factor: float
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Fingerprints:
     """Projected sensitivities of all candidates, in units of prior sd.
 

@@ -8,7 +8,6 @@ X(t) c(t). One set of six tangents a slew serves all torque histories.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 
 import jax
@@ -19,11 +18,12 @@ from jax import Array
 from bayes_inertia.inference.likelihood import Residuals
 from bayes_inertia.inference.optimizer import Estimate
 from bayes_inertia.maths import inertia_tensor, quaternion
+from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Data, Structure, start_of
 from bayes_inertia.physics.simulator import simulate
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class TorqueResponse:
     """Linear response of every slew to body torques, at an estimate.
 

@@ -24,6 +24,7 @@ from bayes_inertia.diagnosis.linearised_fit import Linearised, linearise
 from bayes_inertia.diagnosis.projection import projection
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.inference.optimizer import Estimate
+from bayes_inertia.maths.values import array_dataclass
 
 _LEFT = 1e-4  # probability of what a torque leaves, above which nothing else is tried
 _MARGIN = 10.0  # of log evidence by which another kind of signal must be better than a torque
@@ -40,7 +41,7 @@ class Match:
     correlation: float
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Spectrum:
     """Of the torque along its axis, all slews together: `frequency` (f,) [Hz], `power` (f,) [N^2 m^2]; `peak` [Hz] the strongest,
     `line` whether most of the power is there."""
@@ -51,7 +52,7 @@ class Spectrum:
     line: bool
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Unknown:
     """The answer.
 

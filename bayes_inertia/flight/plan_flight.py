@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -33,13 +33,14 @@ from bayes_inertia.flight.closed_loop import (
 from bayes_inertia.flight.plan import Plan, angle_and_rate
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft, without_spin
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.effect import Effect, Trajectory
 from bayes_inertia.physics.packing import pack
 from bayes_inertia.physics.simulator import SlewInput, Start
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Flight:
     """A flown plan.
 

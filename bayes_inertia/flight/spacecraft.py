@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any
 
 import jax.numpy as jnp
@@ -12,11 +12,12 @@ import numpy as np
 
 from bayes_inertia.campaign.records import InertiaPrior, RateSensor, StarTracker, Vector, Wheel
 from bayes_inertia.errors import CampaignError, EffectError
+from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.effect import Effect
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Spacecraft:
     """The spacecraft as it really is.
 
@@ -72,7 +73,7 @@ class Spacecraft:
         return np.array([w.axis_B for w in self.wheels]).reshape(-1, 3).T
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Controller:
     """What the attitude control believes, and how firmly it acts.
 

@@ -6,14 +6,13 @@ noise), all with Gaussian priors. J moves in its log-Cholesky chart.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.inference.likelihood import Information, Whitening, residuals
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import prior_residual
 
@@ -22,7 +21,7 @@ N_BIAS = 3
 _THINNEST = 1e-7
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Point:
     """A point of the full parameter space: `theta` (d,) physical, `bias` (3,) and `local` (slews, n_local) whitened nuisances."""
 

@@ -11,7 +11,7 @@ by many sigmas would otherwise overrule all prior knowledge with its errors.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -44,6 +44,7 @@ from bayes_inertia.inference.residual_tests import ChannelTest, channel_tests, d
 from bayes_inertia.inference.start_guess import begin
 from bayes_inertia.maths.least_squares import descend
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root, solve
+from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import N_BASE, Model
 from bayes_inertia.physics.packing import CHANNELS
 
@@ -63,7 +64,7 @@ class Starts(NamedTuple):
     tried: int
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Estimate:
     """The posterior's maximum and its Laplace approximation.
 

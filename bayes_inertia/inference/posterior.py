@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import warnings
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import cached_property
 from importlib import metadata
 from pathlib import Path
@@ -27,6 +27,7 @@ from bayes_inertia.inference.likelihood import conditional_nuisances, residuals
 from bayes_inertia.inference.optimizer import Estimate, marginal
 from bayes_inertia.inference.sampler import Chains
 from bayes_inertia.maths import inertia_tensor, quaternion
+from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.packing import CHANNELS
 from bayes_inertia.physics.parameters import log_prior
 
@@ -40,7 +41,7 @@ _PREDICTED = 16
 OBSERVABLE_ABOVE = 0.5
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Posterior:
     """A finished fit.
 

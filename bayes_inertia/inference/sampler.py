@@ -27,6 +27,7 @@ from bayes_inertia.inference.chain_file import load_chain, save_chain
 from bayes_inertia.inference.likelihood import Marginal, log_posterior, shared_log_posterior
 from bayes_inertia.inference.moves import IndependenceMove
 from bayes_inertia.inference.optimizer import Estimate, marginal
+from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Structure
 
 Progress = Callable[[str, int, int], None]
@@ -85,7 +86,7 @@ class Diagnostics:
     steps: int
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Chains:
     """Samples of the posterior.
 

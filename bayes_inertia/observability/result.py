@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 
 from bayes_inertia.inference.posterior import OBSERVABLE_ABOVE
+from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.observability.degeneracy import Degeneracy
 from bayes_inertia.physics.packing import CHANNELS
 
@@ -24,7 +24,7 @@ _CONTROLLER = (
 )
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class ParameterView:
     """One parameter: how uncertain, and why.
 
@@ -77,7 +77,7 @@ class ParameterView:
         )
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Direction:
     """A direction of the parameters in prior sds: `weights` (f,) of unit length, `information` of the data along it
     (1: as much as the prior), `contraction` of the prior variance, `exact` if degenerate, `says` in words."""
@@ -94,7 +94,7 @@ class Direction:
         return self.contraction < PRIOR_BELOW
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Arrival:
     """When information arrives in one slew: `time` (rows,) [s], `precision` (rows, 3, f) by row, channel and parameter,
     in inverse squares of the parameters' units."""
@@ -104,7 +104,7 @@ class Arrival:
     precision: np.ndarray
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Observability:
     """What `observability` found; `covariance` (f, f) of the parameters in their order, `directions` least known first."""
 

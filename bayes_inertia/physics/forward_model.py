@@ -18,6 +18,7 @@ from jax import Array
 from bayes_inertia.campaign.records import Campaign
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.maths import inertia_tensor, quaternion
+from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.effect import Effect, Trajectory
 from bayes_inertia.physics.packing import Arrays, Reference, Telemetry, pack
@@ -88,7 +89,7 @@ class Prediction(NamedTuple):
     momentum: Array
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Model:
     """A campaign with the effects that act in it and the drive it is simulated with.
 

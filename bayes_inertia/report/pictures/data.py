@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.maths.values import array_dataclass
 
 ARCSEC = np.pi / (180.0 * 3600.0)  # [rad]
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Channel:
     """One channel of all slews.
 
@@ -60,7 +59,7 @@ def channel(posterior: Posterior, name: str) -> Channel | None:
     )
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Misfit:
     """Star-tracker misfits at the fixes of all slews.
 

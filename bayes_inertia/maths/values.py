@@ -1,0 +1,184 @@
+"""Frozen dataclasses that hold arrays: safe to compare, and independent of the caller's arrays.
+
+A plain frozen dataclass compares its fields with `==`, and numpy then raises "the truth value of an
+array is ambiguous". It also keeps the very array it is given: what the caller changes later changes
+inside the object. `attrs` mends both field by field (`cmp_using`, `converter`); here one decorator
+does it for all fields, so that no field can be forgotten.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from typing import Any, dataclass_transform
+
+import jax
+import numpy as np
+
+
+@dataclass_transform(frozen_default=True)
+def array_dataclass[T](cls: type[T]) -> type[T]:
+    """Make a frozen dataclass that may hold arrays.
+
+    The object copies numpy arrays once, after its own `__post_init__`, and makes its copies
+    read-only. An array that nobody can write to is taken as it is. Arrays in dictionaries,
+    lists and tuples are treated alike.
+
+    Two objects are equal if they have one class and equal fields. Arrays are equal if their shapes
+    and values are; NaN equals NaN. Equal objects have equal hashes.
+
+    Parameters
+    ----------
+    cls : type
+        The class, with annotated fields as `dataclasses.dataclass` wants them.
+
+    Returns
+    -------
+    type
+        The same class, now a frozen dataclass.
+
+    Examples
+    --------
+    >>> @array_dataclass
+    ... class Reading:
+    ...     rate: np.ndarray
+    >>> rate = np.array([0.1, np.nan])
+    >>> reading = Reading(rate)
+    >>> rate[0] = 9.0
+    >>> reading == Reading(np.array([0.1, np.nan]))
+    True
+    """
+    check: Callable[..., None] | None = getattr(cls, "__post_init__", None)
+
+    def __post_init__(self: Any, *init_only: Any) -> None:
+        if check is not None:
+            check(self, *init_only)
+        for field in fields(self):
+            given = getattr(self, field.name)
+            kept = frozen(given)
+            if kept is not given:
+                object.__setattr__(self, field.name, kept)
+
+    for name, method in (
+        ("__post_init__", __post_init__),
+        ("__eq__", _same_class_and_fields),
+        ("__hash__", _hash_of_fields),
+    ):
+        setattr(cls, name, method)
+    return dataclass(frozen=True, eq=False)(cls)
+
+
+def _same_class_and_fields(self: Any, other: object) -> bool:
+    """Whether two objects have one class and equal fields."""
+    if self is other:
+        return True
+    if type(self) is not type(other):
+        return NotImplemented
+    return all(equal(*(getattr(x, f.name) for x in (self, other))) for f in fields(self))
+
+
+def _hash_of_fields(self: Any) -> int:
+    """A hash that equal objects share."""
+    return hash((type(self), *(_hashable(getattr(self, f.name)) for f in fields(self))))
+
+
+def frozen(given: Any) -> Any:
+    """A copy that nobody else can change.
+
+    Parameters
+    ----------
+    given : object
+        An array of numpy, or a dictionary, list or tuple (named or not) of such.
+
+    Returns
+    -------
+    object
+        Read-only copies of writeable arrays, in new containers; anything else as it is.
+
+    Examples
+    --------
+    >>> frozen(np.zeros(2)).flags.writeable
+    False
+    """
+    if isinstance(given, np.ndarray):
+        return _frozen_array(given)
+    if isinstance(given, tuple):
+        kept = tuple(frozen(x) for x in given)
+        if all(new is old for new, old in zip(kept, given, strict=True)):
+            return given
+        return type(given)._make(kept) if hasattr(given, "_make") else kept
+    if isinstance(given, list):
+        return [frozen(x) for x in given]
+    if isinstance(given, Mapping):
+        return {key: frozen(x) for key, x in given.items()}
+    return given
+
+
+def _frozen_array(given: np.ndarray) -> np.ndarray:
+    """The array itself if nobody can write to it, else a read-only copy of the same layout."""
+    owner: Any = given
+    while isinstance(owner, np.ndarray) and not owner.flags.writeable:
+        owner = owner.base
+    if owner is None or isinstance(owner, jax.Array):
+        return given
+    copy = given.copy(order="K")
+    copy.flags.writeable = False
+    return copy
+
+
+def equal(first: Any, second: Any) -> bool:
+    """Whether two fields are equal, as one bool.
+
+    Parameters
+    ----------
+    first, second : object
+        Arrays, numbers, or containers of such; other objects are compared by their own `==`.
+
+    Returns
+    -------
+    bool
+        True if types of containers, shapes and values are the same; NaN equals NaN.
+
+    Examples
+    --------
+    >>> equal((np.array([1.0, np.nan]), "a"), (np.array([1.0, np.nan]), "a"))
+    True
+    """
+    if first is second:
+        return True
+    if _is_array(first) or _is_array(second):
+        return _is_array(first) and _is_array(second) and _equal_arrays(first, second)
+    if isinstance(first, Mapping) and isinstance(second, Mapping):
+        return first.keys() == second.keys() and all(equal(first[k], second[k]) for k in first)
+    if isinstance(first, tuple | list):
+        same_form = type(first) is type(second) and len(first) == len(second)
+        return same_form and all(equal(x, y) for x, y in zip(first, second, strict=True))
+    if isinstance(first, float) and isinstance(second, float) and math.isnan(first):
+        return math.isnan(second)
+    if hasattr(first, "identical"):  # xarray's word: its `==` compares element by element.
+        return type(first) is type(second) and bool(first.identical(second))
+    return bool(first == second)
+
+
+def _is_array(value: Any) -> bool:
+    return isinstance(value, np.ndarray | jax.Array)
+
+
+def _equal_arrays(first: Any, second: Any) -> bool:
+    first, second = np.asarray(first), np.asarray(second)
+    numbers = all(x.dtype.kind in "fc" for x in (first, second))
+    return bool(np.array_equal(first, second, equal_nan=numbers))
+
+
+def _hashable(value: Any) -> Any:
+    """What equal fields have in common and is quick to hash: of an array its shape."""
+    if _is_array(value):
+        return np.shape(value)
+    if isinstance(value, Mapping):
+        return frozenset(value)
+    if isinstance(value, tuple | list):
+        return tuple(_hashable(x) for x in value)
+    if isinstance(value, float) and math.isnan(value):
+        return "nan"
+    return type(value) if hasattr(value, "identical") else hash(value)
