@@ -14,13 +14,14 @@ import numpy as np
 
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.campaign.records import Campaign
+from bayes_inertia.design.after_campaign import plan_after
 from bayes_inertia.design.comparison import NAMES, Contender, compare_plans
 from bayes_inertia.design.designer import Design, design_plan
 from bayes_inertia.design.goals import goal as goal_of
 from bayes_inertia.design.limits import KeepOut, Limits, Margin
-from bayes_inertia.design.separating_slew import following_plan, spacecraft_at
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import check_folder, make_folder, write_atomically
+from bayes_inertia.flight.follow_on import following_plan, spacecraft_at
 from bayes_inertia.flight.plan import Plan, paper_like_plan
 from bayes_inertia.flight.plan_file import read_plan, write_plan
 from bayes_inertia.flight.spacecraft import Spacecraft
@@ -69,7 +70,7 @@ def run_design(campaign: Path, folder: Path, request: Request) -> Design:
         flown.inertia,
         request.goal,
         limits,
-        base=following_plan(flown),
+        base=following_plan(flown) if at is None else plan_after(at),
         n_slews=request.slews,
         seed=request.seed,
         after=at,

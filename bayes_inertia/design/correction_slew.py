@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayes_inertia.design.separating_slew import following_plan, spacecraft_at
+from bayes_inertia.design.after_campaign import plan_after
+from bayes_inertia.flight.follow_on import spacecraft_at
 from bayes_inertia.flight.plan import Orbit, Plan, PlannedSlew
 from bayes_inertia.flight.plan_flight import predict_correction_slew
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft
@@ -70,7 +71,7 @@ def correction_forecast(
     # The base model is flown with the effects at their null, so that all cases share compiled code.
     nothing = np.tile(final.model.space.nulls, (len(plain), 1))
     disturbed, undisturbed = (_values(final, named, thetas) for thetas in (true, nothing))
-    plan = following_plan(campaign, np.zeros(len(campaign.wheels)))
+    plan = plan_after(final)
     plan = replace(plan, orbit=Orbit() if any(e.needs for e in named) else None)
     spin = final.model.structure.includes_wheel_spin
     forecasts = []

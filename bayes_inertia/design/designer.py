@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayes_inertia.campaign.records import InertiaPrior
+from bayes_inertia.design.after_campaign import plan_after
 from bayes_inertia.design.feasible_region import Region, region_of
 from bayes_inertia.design.goals import Goal
 from bayes_inertia.design.goals import goal as goal_of
@@ -23,8 +24,8 @@ from bayes_inertia.design.limits import Limits, Margin, broken, flown_margins, h
 from bayes_inertia.design.plan_search import Problem, random_plans, search
 from bayes_inertia.design.planned_motion import planned_slews, slews_of
 from bayes_inertia.design.rehearsal import likely_truths, theta_of
-from bayes_inertia.design.separating_slew import following_plan, spacecraft_at
 from bayes_inertia.errors import DesignError
+from bayes_inertia.flight.follow_on import spacecraft_at
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft
@@ -190,7 +191,7 @@ def next_slew(
         campaign.inertia,
         goal,
         limits,
-        base=following_plan(campaign),
+        base=plan_after(at),
         n_slews=1,
         seed=seed,
         candidates=1000,

@@ -17,6 +17,7 @@ import numpy as np
 from jax import Array
 
 from bayes_inertia.campaign.records import Campaign
+from bayes_inertia.design.after_campaign import plan_after
 from bayes_inertia.design.feasible_region import (
     LEAST,
     Region,
@@ -40,8 +41,8 @@ from bayes_inertia.design.information import (
 from bayes_inertia.design.limits import Limits, Margin, broken, hardware, margins
 from bayes_inertia.design.planned_motion import Origin, motion, planned_slews, times_of
 from bayes_inertia.errors import CampaignError, EffectError
+from bayes_inertia.flight.follow_on import spacecraft_at
 from bayes_inertia.flight.plan import Plan, PlannedSlew
-from bayes_inertia.flight.spacecraft import Spacecraft, without_spin
 from bayes_inertia.inference.likelihood import padded_sensitivities
 from bayes_inertia.inference.objective import N_BIAS, block_index, prior_rows
 from bayes_inertia.inference.optimizer import Estimate
@@ -129,54 +130,6 @@ def separating_slew(
     return Separation(slew, wanted.effects, correlation, power, left)
 
 
-def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
-    """The spacecraft that a campaign's parameters theta (d,) describe, with the campaign's hardware."""
-    J = np.array(
-        [
-            [theta[0], theta[3], theta[4]],
-            [theta[3], theta[1], theta[5]],
-            [theta[4], theta[5], theta[2]],
-        ]
-    )
-    J = without_spin(J, campaign.inertia.includes_wheel_spin, campaign.wheels)
-    return Spacecraft(
-        J,
-        tuple(np.asarray(theta[6:9], float)),
-        campaign.wheels,
-        campaign.rate_sensor,
-        campaign.star_tracker,
-    )
-
-
-def following_plan(campaign: Campaign, last_momentum: np.ndarray | None = None) -> Plan:
-    """A plan (of one slew yet to be chosen) that begins where a campaign ended, with its telemetry period and the usual rests.
-
-    Parameters
-    ----------
-    last_momentum : (wheels,) at the campaign's end [N m s] where its telemetry does not tell.
-    """
-    last = campaign.slews[-1]
-    # Without the rounding of times read from a file, so that alike campaigns share compiled code.
-    period = float(f"{np.median(np.concatenate([np.diff(s.time) for s in campaign.slews])):.9g}")
-    attitude = (0.0, 0.0, 0.0, 1.0)
-    if last.fixes.any():
-        attitude = tuple(last.attitude[last.fixes][-1].tolist())
-    if last.wheel_momentum is not None and np.isfinite(last.wheel_momentum).all(1).any():
-        last_momentum = last.wheel_momentum[np.isfinite(last.wheel_momentum).all(1)][-1]
-    momentum = () if last_momentum is None else tuple(np.asarray(last_momentum).tolist())
-    base = Plan("next", (PlannedSlew((1.0, 0.0, 0.0), 1.0),), attitude, momentum)
-    rest, spacing = (
-        max(1, round(x / period)) * period for x in (base.rest_before, base.fix_spacing)
-    )
-    return replace(
-        base,
-        telemetry_period=period,
-        rest_before=rest,
-        fix_spacing=spacing,
-        first_fix=min(base.first_fix, 0.5 * rest),
-    )
-
-
 def _fastest(campaign: Campaign) -> float:
     """Largest rate [rad/s] of a campaign, without the readings' outliers."""
     sizes = np.concatenate(
@@ -220,7 +173,7 @@ def _forecast(
     )
     told, prior = _told(at, lean, theta)
     last = campaign.slews[-1]
-    times = following_plan(campaign, _last_momentum(at))
+    times = plan_after(at)
     begin = campaign.span[1] + times.pause
     around = Surroundings(
         np.array([0.0, 1.0]),
@@ -291,18 +244,6 @@ def _last_value(slew, key: str) -> np.ndarray:
     values = getattr(slew, key)
     good = np.zeros(0, bool) if values is None else np.isfinite(values).all(1)
     return values[good][-1] if good.any() else np.zeros(3)
-
-
-def _last_momentum(at: Estimate) -> np.ndarray:
-    """Wheel momentum (wheels,) at the end of the campaign, from the fitted start of its last slew and the torques since."""
-    slew, wheels = at.model.campaign.slews[-1], len(at.model.campaign.wheels)
-    start = np.asarray(at.model.data.arrays.reference.wheel_momentum)[-1].copy()
-    if at.model.structure.drive == "measured" or slew.wheel_torque is None:
-        return start
-    start += (
-        at.point.local[-1, 6 : 6 + wheels] * np.asarray(at.model.data.scale.local)[6 : 6 + wheels]
-    )
-    return start + np.diff(slew.time) @ slew.wheel_torque[:-1]
 
 
 @partial(jax.jit, static_argnames=("goal", "shape", "parts"))

@@ -1,0 +1,89 @@
+"""What follows a campaign: its spacecraft as a fit describes it, and a plan that begins where it ended."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bayes_inertia.campaign.records import Campaign
+from bayes_inertia.flight.plan import Plan, PlannedSlew
+from bayes_inertia.flight.spacecraft import Spacecraft, without_spin
+
+
+def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
+    """The spacecraft that a campaign's parameters describe, with the campaign's hardware.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Its wheels and sensors are taken over.
+    theta : (d,) array
+        J's six elements [kg m^2] as the campaign's prior names them, then K1, K2, K3; the rest is not used.
+
+    Returns
+    -------
+    Spacecraft
+        Without effects; its bias is drawn from the sensor's prior in every flight.
+
+    Raises
+    ------
+    CampaignError
+        If no body has this J.
+    """
+    J = np.array(
+        [
+            [theta[0], theta[3], theta[4]],
+            [theta[3], theta[1], theta[5]],
+            [theta[4], theta[5], theta[2]],
+        ]
+    )
+    J = without_spin(J, campaign.inertia.includes_wheel_spin, campaign.wheels)
+    return Spacecraft(
+        J,
+        tuple(np.asarray(theta[6:9], float)),
+        campaign.wheels,
+        campaign.rate_sensor,
+        campaign.star_tracker,
+    )
+
+
+def following_plan(campaign: Campaign, wheel_momentum: np.ndarray | None = None) -> Plan:
+    """A plan of one slew, yet to be chosen, that begins where a campaign ended.
+
+    It has the campaign's telemetry period and the usual rests.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What was flown.
+    wheel_momentum : (wheels,) array, optional
+        Wheel momentum relative to the body at the campaign's end [N m s]. It is used where no
+        tachometer tells. None: the wheels are then taken to be at rest.
+
+    Returns
+    -------
+    Plan
+        It starts at the last star-tracker fix (no rotation from inertial axes if there is none)
+        and with the last complete tachometer reading of the last slew.
+    """
+    last = campaign.slews[-1]
+    # Without the rounding of times read from a file, so that alike campaigns share compiled code.
+    period = float(f"{np.median(np.concatenate([np.diff(s.time) for s in campaign.slews])):.9g}")
+    attitude = (0.0, 0.0, 0.0, 1.0)
+    if last.fixes.any():
+        attitude = tuple(last.attitude[last.fixes][-1].tolist())
+    if last.wheel_momentum is not None and np.isfinite(last.wheel_momentum).all(1).any():
+        wheel_momentum = last.wheel_momentum[np.isfinite(last.wheel_momentum).all(1)][-1]
+    momentum = () if wheel_momentum is None else tuple(np.asarray(wheel_momentum).tolist())
+    base = Plan("next", (PlannedSlew((1.0, 0.0, 0.0), 1.0),), attitude, momentum)
+    rest, spacing = (
+        max(1, round(x / period)) * period for x in (base.rest_before, base.fix_spacing)
+    )
+    return replace(
+        base,
+        telemetry_period=period,
+        rest_before=rest,
+        fix_spacing=spacing,
+        first_fix=min(base.first_fix, 0.5 * rest),
+    )

@@ -1,0 +1,94 @@
+"""Plans that begin where a campaign ended, with the wheel momentum that is known there."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bayes_inertia.app import design_commands
+from bayes_inertia.app.design_commands import Request, run_design
+from bayes_inertia.campaign.writer import write_campaign
+from bayes_inertia.design import designer
+from bayes_inertia.design.after_campaign import final_wheel_momentum, plan_after
+from bayes_inertia.design.designer import next_slew
+from bayes_inertia.flight.follow_on import following_plan
+from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.flight.plan_flight import fly
+from bayes_inertia.flight.spacecraft import Controller, most_like_prior, most_like_spacecraft
+from bayes_inertia.inference import optimizer
+from bayes_inertia.physics.forward_model import Model
+
+
+@pytest.fixture(scope="module")
+def flight():
+    """Two slews of a spacecraft without tachometers."""
+    craft, prior = most_like_spacecraft(), most_like_prior()
+    craft = replace(craft, wheels=tuple(replace(w, momentum_sigma=None) for w in craft.wheels))
+    plan = paper_like_plan()
+    plan = replace(plan, slews=plan.slews[:2], telemetry_period=1.0)
+    controller = Controller.from_prior(prior, craft.rate_sensor, craft.wheels)
+    return fly(plan, craft, controller, prior, 5)
+
+
+@pytest.fixture(scope="module")
+def estimate(flight):
+    return optimizer.estimate(Model(flight.campaign), starts=1)
+
+
+class Captured(Exception):
+    """Ends a design as soon as its arguments are known."""
+
+
+@pytest.fixture
+def captured(monkeypatch):
+    """The arguments of the one call of `design_plan`."""
+    arguments = SimpleNamespace()
+
+    def design_plan(*_, **keywords):
+        vars(arguments).update(keywords)
+        raise Captured
+
+    monkeypatch.setattr(designer, "design_plan", design_plan)
+    monkeypatch.setattr(design_commands, "design_plan", design_plan)
+    return arguments
+
+
+def test_the_fit_knows_the_wheel_momentum_at_the_end(flight, estimate):
+    assert not flight.campaign.has_tachometers
+    truth = flight.truth[-1].wheel_momentum[-1]
+    # Momentum along the axis of the last slew leaves hardly a trace in its motion.
+    error = np.linalg.norm(final_wheel_momentum(estimate) - truth)
+    assert error < 0.1 * np.linalg.norm(truth)
+    assert plan_after(estimate).wheel_momentum == tuple(final_wheel_momentum(estimate).tolist())
+
+
+def test_tachometers_are_believed_before_the_fit(flight):
+    last = flight.campaign.slews[-1]
+    measured = np.tile([0.1, 0.2, np.nan], (len(last.time), 1))
+    measured[:-1, 2] = 0.3
+    wheels = tuple(replace(w, momentum_sigma=1e-5) for w in flight.campaign.wheels)
+    slews = (flight.campaign.slews[0], replace(last, wheel_momentum=measured))
+    campaign = replace(flight.campaign, wheels=wheels, slews=slews)
+    assert following_plan(campaign, np.ones(3)).wheel_momentum == (0.1, 0.2, 0.3)
+    assert following_plan(flight.campaign, np.ones(3)).wheel_momentum == (1.0, 1.0, 1.0)
+    assert following_plan(flight.campaign).wheel_momentum == ()
+
+
+def test_next_slew_without_tachometers_begins_with_the_wheels_turning(estimate, captured):
+    with pytest.raises(Captured):
+        next_slew(estimate)
+    np.testing.assert_array_equal(captured.base.wheel_momentum, final_wheel_momentum(estimate))
+
+
+def test_design_after_a_campaign_begins_with_the_wheels_turning(flight, captured, tmp_path):
+    write_campaign(flight.campaign, tmp_path / "campaign")
+    with pytest.raises(Captured):
+        run_design(tmp_path / "campaign", tmp_path / "run", Request(after=True))
+    truth = flight.truth[-1].wheel_momentum[-1]
+    assert np.linalg.norm(captured.base.wheel_momentum - truth) < 0.1 * np.linalg.norm(truth)
+    with pytest.raises(Captured):
+        run_design(tmp_path / "campaign", tmp_path / "run", Request(after=False))
+    assert captured.base.wheel_momentum == ()
