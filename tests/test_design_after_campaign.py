@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,6 +12,7 @@ import pytest
 
 from bayes_inertia.app import design_commands
 from bayes_inertia.app.design_commands import Request, run_design
+from bayes_inertia.app.terminal import show_design
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.design import designer
 from bayes_inertia.design.after_campaign import final_wheel_momentum, plan_after
@@ -92,3 +95,20 @@ def test_design_after_a_campaign_begins_with_the_wheels_turning(flight, captured
     with pytest.raises(Captured):
         run_design(tmp_path / "campaign", tmp_path / "run", Request(after=False))
     assert captured.base.wheel_momentum == ()
+
+
+@pytest.mark.slow
+def test_a_design_says_where_it_takes_the_wheels_to_be_at_rest(
+    flight, monkeypatch, tmp_path, capsys
+):
+    small = partial(designer.design_plan, candidates=30, starts=1, draws=1)
+    monkeypatch.setattr(design_commands, "design_plan", small)
+    write_campaign(flight.campaign, tmp_path / "campaign")
+    folder = tmp_path / "run"
+    show_design(run_design(tmp_path / "campaign", folder, Request(slews=1)), folder)
+    said = "The wheels are taken to be at rest at the start"
+    assert said in " ".join(capsys.readouterr().out.split())
+    assert said in (folder / "plan.toml").read_text()
+    content = json.loads((folder / "design.json").read_text())
+    assert content["start_wheel_momentum_Nms"] == [0.0, 0.0, 0.0]
+    assert content["start_wheel_momentum_from"] == "unknown, taken to be zero"

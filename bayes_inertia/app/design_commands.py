@@ -31,6 +31,10 @@ from bayes_inertia.report.pictures.design import comparison as picture
 
 DESIGN_FORMAT, COMPARE_FORMAT = "bayes-inertia-design/1", "bayes-inertia-compare/1"
 PAPER = "paper"
+WHEELS_AT_REST = (
+    "The wheels are taken to be at rest at the start: no tachometer of the last slew tells more. "
+    "With --after the fit tells their momentum."
+)
 
 
 @dataclass(frozen=True)
@@ -53,7 +57,9 @@ class Request:
 def run_design(campaign: Path, folder: Path, request: Request) -> Design:
     """Design a campaign that follows another one, and write design.json, plan.toml and design.png.
 
-    It begins where the campaign ended (attitude and wheel momentum), with its telemetry period and, unless one is given, its largest rate.
+    It begins where the campaign ended, with its telemetry period and, unless one is given, its
+    largest rate. The wheel momentum at the start is that of the tachometers; without them that of
+    the fit (`after`), or zero where nothing was fitted, which the results then say.
 
     Raises
     ------
@@ -82,6 +88,9 @@ def run_design(campaign: Path, folder: Path, request: Request) -> Design:
     content = _design_content(found, contenders, flown) | {
         "campaign_sha256": digest,
         "after": request.after,
+        "start_wheel_momentum_Nms": list(found.plan.wheel_momentum)
+        or [0.0] * len(flown.wheels),
+        "start_wheel_momentum_from": _momentum_source(flown, request),
     }
     write_plan(found.plan, folder / "plan.toml", overwrite=True)
     write_atomically(
@@ -263,6 +272,13 @@ def _save(figure: Any, path: Path) -> None:
     )
 
 
+def _momentum_source(campaign: Campaign, request: Request) -> str:
+    """What tells the wheel momentum that the plan begins with."""
+    if following_plan(campaign).wheel_momentum:
+        return "tachometers"
+    return "fit" if request.after else "unknown, taken to be zero"
+
+
 def _number(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
@@ -357,4 +373,6 @@ def _for_operators(found: Design, text: str) -> str:
         "# tightest margins when flown in closed loop, with noise and J, K drawn from what is known:",
     ]
     lines += [f"#   {m.says}" for m in sorted(found.flown, key=lambda m: m.left)[:6]]
+    if not found.plan.wheel_momentum:
+        lines += ["#", f"# {WHEELS_AT_REST}"]
     return "\n".join([*lines, "", text])

@@ -239,6 +239,8 @@ def show_observability(seen: Observed, folder: Path) -> None:
 
 def show_design(found: Design, folder: Path) -> None:
     """Print a designed plan: what it is expected to give, its slews, and what it leaves of the limits."""
+    from bayes_inertia.app.design_commands import WHEELS_AT_REST
+
     console = Console()
     value, reference = (
         _in_degrees(x, found.goal.unit) for x in (found.value, found.reference_value)
@@ -275,6 +277,8 @@ def show_design(found: Design, folder: Path) -> None:
             f"  {'' if margin.kept else '[red]BROKEN[/red] '}{margin.says}", highlight=False
         )
     console.print(f"limits that hold the design back: {', '.join(found.active) or 'none'}")
+    if not found.plan.wheel_momentum:
+        console.print(WHEELS_AT_REST, highlight=False, markup=False)
     console.print(
         f"wrote design.json, design.png and plan.toml (for `simulate --plan`) in {folder}"
     )
