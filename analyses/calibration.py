@@ -37,7 +37,8 @@ from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
 from bayes_inertia.flight.spacecraft import most_like_prior, most_like_spacecraft
-from bayes_inertia.inference.optimizer import Estimate, estimate
+from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.sampler import Settings, sample
 from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.physics.forward_model import Model

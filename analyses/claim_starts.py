@@ -17,7 +17,8 @@ from scipy.stats import beta
 from bayes_inertia.campaign.records import Campaign, InertiaPrior
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.flight.plan import paper_like_plan
-from bayes_inertia.inference.optimizer import Estimate, estimate
+from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.report.pictures import style
 

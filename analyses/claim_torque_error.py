@@ -28,7 +28,8 @@ from scipy.spatial.transform import Rotation
 from bayes_inertia.campaign.records import Campaign
 from bayes_inertia.flight.plan import PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import Flight, fly
-from bayes_inertia.inference.optimizer import Estimate, estimate
+from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.effects import WheelCommandLag, WheelTorqueGain
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.report.pictures import style

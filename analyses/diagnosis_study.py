@@ -36,7 +36,8 @@ from bayes_inertia.flight.plan import Plan, paper_like_plan
 from bayes_inertia.flight.plan_flight import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
 from bayes_inertia.flight.spacecraft import most_like_prior, most_like_spacecraft
-from bayes_inertia.inference.optimizer import Estimate, estimate, move_to
+from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.optimizer import estimate, move_to
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY
 from bayes_inertia.physics.forward_model import Model

@@ -33,7 +33,7 @@ from bayes_inertia.flight.spacecraft import (
     most_like_prior,
     most_like_spacecraft,
 )
-from bayes_inertia.inference.optimizer import Estimate
+from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.observability.analysis import observe
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.report.pictures import style

@@ -16,7 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.campaign.records import Campaign
-from bayes_inertia.inference.optimizer import Estimate, estimate
+from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.check_effect import check_effect, small_campaign
 from bayes_inertia.physics.effect import Effect

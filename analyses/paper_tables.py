@@ -33,7 +33,8 @@ from single_effects import single_effects
 from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import predict_final_errors
-from bayes_inertia.inference.optimizer import Estimate, estimate
+from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.sampler import Settings
 from bayes_inertia.physics.forward_model import Model

@@ -3,14 +3,15 @@
 # Printed text has typographic signs on purpose.
 from __future__ import annotations
 
-import jax.numpy as jnp
+from dataclasses import replace
+
 import numpy as np
 from common import ARCSEC, DEG, NAMES, PaperTable
 from matplotlib.figure import Figure
 
 from bayes_inertia.flight.plan_flight import Flight
+from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.likelihood import residuals
-from bayes_inertia.inference.optimizer import Estimate
 from bayes_inertia.report.pictures import style
 
 _AXES = ("x", "y", "z")
@@ -223,15 +224,7 @@ def wheels(flight: Flight) -> Figure:
 
 def _gaps(at: Estimate, theta: np.ndarray):
     """Whitened residuals by channel, with start states as fitted but J and K as given."""
-    point = at.point
-    return residuals(
-        at.model.structure,
-        jnp.asarray(theta),
-        jnp.asarray(point.bias),
-        jnp.asarray(point.local),
-        at.model.data,
-        at.stated,
-    )
+    return residuals(at.model.structure, replace(at.point, theta=theta), at.model.data, at.stated)
 
 
 @style.styled

@@ -24,8 +24,8 @@ import numpy as np
 
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.files import write_atomically
+from bayes_inertia.inference.laplace import principal_sd
 from bayes_inertia.inference.optimizer import estimate
-from bayes_inertia.inference.posterior import principal_sd
 from bayes_inertia.maths.inertia_tensor import principal_moments
 from bayes_inertia.physics.forward_model import Model
 

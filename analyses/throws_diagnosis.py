@@ -41,12 +41,12 @@ from bayes_inertia.diagnosis.flexible_mode_search import (
     frequencies,
     theta_of,
 )
-from bayes_inertia.diagnosis.projection import Projection, projection
 from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.files import write_atomically
+from bayes_inertia.inference.laplace import Estimate, principal_sd
+from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.objective import prior_rows
-from bayes_inertia.inference.optimizer import Estimate, estimate, move_to
-from bayes_inertia.inference.posterior import principal_sd
+from bayes_inertia.inference.optimizer import estimate, move_to
 from bayes_inertia.maths.inertia_tensor import principal_moments
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, EachSlew
@@ -89,15 +89,15 @@ class Linear:
     pull: np.ndarray
 
     @classmethod
-    def of(cls, at: Estimate, fit: Projection) -> Linear:
-        """From an estimate and its projection; columns are those of "measured minus predicted"."""
+    def of(cls, at: Estimate, fit: LinearisedFit) -> Linear:
+        """From an estimate and its linearised fit; columns are those of "measured minus predicted"."""
         slope, distance = (rows[at.free] for rows in prior_rows(at.model, at.theta))
-        precision = np.concatenate([slope**2, np.ones(fit.shared - len(at.free))])
+        precision = np.concatenate([slope**2, np.ones(fit.n_shared - len(at.free))])
         pull = np.concatenate([slope * distance, at.point.bias])
         return cls(
             fit.residual,
-            fit.fitted[..., : fit.shared],
-            fit.fitted[..., fit.shared :],
+            fit.shared,
+            fit.local,
             at.point.local,
             precision,
             pull,
@@ -180,7 +180,7 @@ class Linear:
         )
 
 
-def ringing_of(at: Estimate, fit: Projection) -> tuple[Ringing, str]:
+def ringing_of(at: Estimate, fit: LinearisedFit) -> tuple[Ringing, str]:
     """The flexible mode that the residuals show best, and what the tables call it."""
     flexible, response = next(e for e in LIBRARY if e.name == FLEXIBLE), torque_response(at)
     ringing = best_ringing(
@@ -190,7 +190,7 @@ def ringing_of(at: Estimate, fit: Projection) -> tuple[Ringing, str]:
     return ringing, f"{FLEXIBLE}@{ringing.frequency:.3g} Hz{', lowest' if lowest else ''}"
 
 
-def candidates(at: Estimate, fit: Projection, ringing: Ringing, label: str) -> list[Term]:
+def candidates(at: Estimate, fit: LinearisedFit, ringing: Ringing, label: str) -> list[Term]:
     """Every effect that leaves a trace here, shared and different in each throw."""
     space, terms = at.model.space, []
     for effect in at.model.effects:
@@ -233,7 +233,7 @@ def diagnose_configuration(folder: Path) -> dict:
     base = estimate(Model(campaign, (), "measured"))
     usable = tuple(e for e in LIBRARY if e.name != FLEXIBLE and not e.needs)
     at = move_to(base, Model(campaign, usable, "measured"))
-    fit = projection(at)
+    fit = at.linearised()
     ringing, label = ringing_of(at, fit)
     linear, terms = Linear.of(at, fit), candidates(at, fit, ringing, label)
     whole, none = linear.misfit(()), linear.predictive(())

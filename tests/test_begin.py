@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from bayes_inertia.inference.likelihood import whitening
-from bayes_inertia.inference.objective import Point, negative_log_posterior
+from bayes_inertia.inference.objective import negative_log_posterior
 from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.start_guess import begin
 from bayes_inertia.physics.forward_model import Model
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_inertia.diagnosis.linearised_fit import linearise
 from bayes_inertia.diagnosis.residual_scan import SIGNIFICANT, _windows, disagreement
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.forward_model import Model
@@ -31,9 +30,11 @@ def test_perfect_campaigns_give_uniform_p_values(flying):
 
 
 def test_replicates_have_the_covariance_that_a_fit_leaves(flown):
-    fit = linearise(fitted(flown.campaign))
+    fit = fitted(flown.campaign).linearised()
     drawn = fit.replicates(np.random.default_rng(1), 400, np.ones_like(fit.weight))
-    hat = sum(np.einsum("np,pq,nq->", J, fit.block(s), J) for s, J in enumerate(fit.columns))
+    hat = sum(
+        np.einsum("np,pq,nq->", J, fit.covariance_of(s), J) for s, J in enumerate(fit.columns)
+    )
     expected = np.count_nonzero(fit.valid) - hat
     chi2 = np.sum(drawn**2, axis=(0, 1))
     assert abs(chi2.mean() - expected) < 4.0 * np.sqrt(2.0 * expected / 400)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from bayes_inertia.diagnosis.driven_disturbances import CONSTANT, drivers, log_evidence
-from bayes_inertia.diagnosis.projection import projection
 from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.check_effect import small_campaign
@@ -20,7 +19,7 @@ def estimate_of(campaign):
 
 
 def evidence_in(estimate):
-    return log_evidence(estimate, torque_response(estimate), projection(estimate))
+    return log_evidence(estimate, torque_response(estimate), estimate.linearised())
 
 
 def test_coasting_wheels_are_no_driver():

@@ -11,9 +11,9 @@ import pytest
 from scipy import stats
 
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.diagnosis.linearised_fit import linearise
 from bayes_inertia.inference.likelihood import information
 from bayes_inertia.inference.optimizer import _different, estimate
+from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_tests import dispersion, whiteness
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.least_squares import descend
@@ -79,14 +79,7 @@ def test_at_the_optimum_no_direction_goes_down(fitted):
     model, point = fitted.model, fitted.point
 
     def objective(theta, bias, local):
-        r = residuals(
-            model.structure,
-            jnp.asarray(theta),
-            jnp.asarray(bias),
-            jnp.asarray(local),
-            model.data,
-            fitted.white,
-        )
+        r = residuals(model.structure, Point(theta, bias, local), model.data, fitted.white)
         prior = np.sum(((theta - model.space.mean) / model.space.sd) ** 2)
         return 0.5 * (
             sum(float(jnp.sum(x**2)) for x in r) + prior + np.sum(bias**2) + np.sum(local**2)
@@ -217,9 +210,9 @@ def test_an_optimizer_that_stopped_short_leaves_the_linearised_residuals_alone(f
     short = replace(
         fitted,
         point=beside,
-        information=information(fitted.model, theta, bias, local, fitted.white, fitted.free),
+        information=information(fitted.model, beside, fitted.white, fitted.free),
     )
-    chi2 = [float(np.sum(linearise(at).residual ** 2)) for at in (fitted, short)]
+    chi2 = [float(np.sum(at.linearised().settled_residual ** 2)) for at in (fitted, short)]
     uncorrected = float(short.information.chi2.sum())
     assert uncorrected - chi2[0] > 10.0
     assert abs(chi2[1] - chi2[0]) < 0.02 * (uncorrected - chi2[0])

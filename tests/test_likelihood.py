@@ -12,14 +12,16 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.inference.laplace import marginal
 from bayes_inertia.inference.likelihood import (
-    conditional_nuisances,
+    conditional_point,
     log_posterior,
     residuals,
     sensitivities,
     whitening,
 )
-from bayes_inertia.inference.optimizer import estimate, marginal
+from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.inference.point import Point
 from bayes_inertia.physics.forward_model import Model, predict_all
 
 DRIVES = ("commanded", "measured")
@@ -35,14 +37,7 @@ def residuals_at(model, theta, bias=None, local=None, white=None):
     bias = np.zeros(3) if bias is None else bias
     local = np.zeros((model.n_slews, model.structure.n_local)) if local is None else local
     white = white or whitening(model, theta)
-    return residuals(
-        model.structure,
-        jnp.asarray(theta),
-        jnp.asarray(bias),
-        jnp.asarray(local),
-        model.data,
-        white,
-    )
+    return residuals(model.structure, Point(theta, bias, local), model.data, white)
 
 
 def with_slews(campaign, change):
@@ -208,25 +203,14 @@ def test_without_a_star_tracker_there_are_no_attitude_residuals(flown):
 # --- sensitivities ---------------------------------------------------------------------------------------
 def test_sensitivities_are_the_residuals_derivatives(small):
     model, point, white = small.model, small.point, small.white
-    exact = sensitivities(
-        model.structure,
-        *(jnp.asarray(x) for x in (point.theta, point.bias, point.local)),
-        model.data,
-        white,
-    )
+    exact = sensitivities(model.structure, point, model.data, white)
     d, sd = len(point.theta), np.sqrt(np.diag(small.joint_covariance))
     full = np.concatenate([point.theta, point.bias, point.local.ravel()])
     assert full.size == sd.size
 
     def at(x):
-        r = residuals(
-            model.structure,
-            x[:d],
-            x[d : d + 3],
-            x[d + 3 :].reshape(point.local.shape),
-            model.data,
-            white,
-        )
+        here = Point(x[:d], x[d : d + 3], x[d + 3 :].reshape(point.local.shape))
+        r = residuals(model.structure, here, model.data, white)
         return jnp.concatenate(r, -1)
 
     batch = jax.jit(jax.vmap(at))
@@ -261,7 +245,7 @@ def joint_log_density(fitted):
 
     def one(x, data, white):
         theta, bias, local = x[:d], x[d : d + 3], x[d + 3 :].reshape(shape)
-        prediction = residuals(structure, theta, bias, local, data, white)
+        prediction = residuals(structure, Point(theta, bias, local), data, white)
         own = jnp.sum(((theta - prior_mean) / prior_sd) ** 2) + jnp.sum(x[d:] ** 2)
         return -0.5 * (sum(jnp.sum(r**2) for r in prediction) + own)
 
@@ -365,14 +349,8 @@ def integrated_over_nuisances(fitted, theta):
     nuisance = np.zeros(3 + model.n_slews * m)
     for _ in range(6):
         local = nuisance[3:].reshape(model.n_slews, m)
-        at = sensitivities(
-            model.structure,
-            jnp.asarray(theta),
-            jnp.asarray(nuisance[:3]),
-            jnp.asarray(local),
-            model.data,
-            fitted.white,
-        )
+        point = Point(theta, nuisance[:3], local)
+        at = sensitivities(model.structure, point, model.data, fitted.white)
         H, g = np.eye(len(nuisance)), nuisance.copy()
         for r, jacobian in zip(at.residuals, at.jacobian, strict=True):
             for s in range(model.n_slews):
@@ -394,15 +372,9 @@ def test_conditional_nuisances_have_the_joint_posteriors_moments(small):
     size = 3 + small.point.local.size
     frozen = marginal(small)
     drawn = [
-        conditional_nuisances(model.structure, frozen, theta, rng.normal(size=size))
-        for theta in thetas
+        conditional_point(model.structure, frozen, theta, rng.normal(size=size)) for theta in thetas
     ]
-    draws = np.array(
-        [
-            [*theta, *bias, *local.ravel()]
-            for theta, (bias, local) in zip(thetas, drawn, strict=True)
-        ]
-    )
+    draws = np.array([[*point.theta, *point.bias, *point.local.ravel()] for point in drawn])
     full = np.concatenate([small.theta, small.point.bias, small.point.local.ravel()])
     white = np.linalg.solve(np.linalg.cholesky(small.joint_covariance), (draws - full).T)
     # d + size whitened coordinates: each of unit variance, all uncorrelated.

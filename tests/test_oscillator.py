@@ -7,13 +7,13 @@ import pytest
 from scipy import stats
 
 from bayes_inertia.diagnosis.flexible_mode_search import best_ringing, frequencies, with_ringing
-from bayes_inertia.diagnosis.projection import projection
 from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.plan_flight import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
 from bayes_inertia.flight.spacecraft import most_like_prior, most_like_spacecraft
 from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.inference.point import Point
 from bayes_inertia.physics.effects import FlexibleMode
 from bayes_inertia.physics.forward_model import Model
 
@@ -25,15 +25,15 @@ NAME, SCALE = "flexible_mode", 100.0
 def searched(small_flown):
     """`searched(residual)`: the best ringing in residuals (slews, numbers) that an estimate of two slews might have left, and the response."""
     at = estimate(Model(small_flown.campaign), starts=1, discount=False)
-    response, fit = torque_response(at), projection(at)
+    response, fit = torque_response(at), at.linearised()
+
+    # At the prior mean, so that nothing but the residuals pulls.
+    centre = Point(at.model.space.mean, np.zeros(3), np.zeros_like(at.point.local))
 
     def search(residual):
-        return best_ringing(
-            NAME,
-            response,
-            replace(fit, residual=residual, gradient=fit.taken(residual[..., None])[:, 0]),
-            SCALE,
-        )
+        left = replace(fit, point=centre)
+        vars(left)["rows"] = replace(fit.rows, residual=residual)  # what is cached there otherwise
+        return best_ringing(NAME, response, left, SCALE)
 
     return search, response, fit.residual.shape
 

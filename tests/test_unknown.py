@@ -9,7 +9,6 @@ import pytest
 
 from bayes_inertia.diagnosis.driven_disturbances import CONSTANT
 from bayes_inertia.diagnosis.free_signal import body_torque, cardinal, infer
-from bayes_inertia.diagnosis.linearised_fit import linearise
 from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.diagnosis.unexplained import unknown_torque
 from bayes_inertia.flight.plan import paper_like_plan
@@ -130,7 +129,7 @@ def test_a_glitch_of_the_rate_sensor_is_no_torque(planted):
 
 def test_nothing_is_found_in_perfect_data(planted):
     at = fitted(planted())
-    history = infer(linearise(at), body_torque(linearise(at), torque_response(at)))
+    history = infer(at.linearised(), body_torque(at.linearised(), torque_response(at)))
     assert history.log_evidence < 8.0  # the best of many sizes and lengths gains a little by chance
     assert np.mean(np.abs(history.mean) < 2.5 * history.sd) > 0.97
 

@@ -88,8 +88,7 @@ def run_design(campaign: Path, folder: Path, request: Request) -> Design:
     content = _design_content(found, contenders, flown) | {
         "campaign_sha256": digest,
         "after": request.after,
-        "start_wheel_momentum_Nms": list(found.plan.wheel_momentum)
-        or [0.0] * len(flown.wheels),
+        "start_wheel_momentum_Nms": list(found.plan.wheel_momentum) or [0.0] * len(flown.wheels),
         "start_wheel_momentum_from": _momentum_source(flown, request),
     }
     write_plan(found.plan, folder / "plan.toml", overwrite=True)

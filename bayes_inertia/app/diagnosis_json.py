@@ -19,7 +19,7 @@ from bayes_inertia.diagnosis.residual_scan import Disagreement
 from bayes_inertia.diagnosis.result import NOISE, Diagnosis, Step
 from bayes_inertia.diagnosis.search import Rules
 from bayes_inertia.diagnosis.unexplained import Unknown
-from bayes_inertia.inference.optimizer import Estimate
+from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY
 

@@ -11,7 +11,8 @@ from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.campaign.records import Campaign
 from bayes_inertia.errors import OutputError
 from bayes_inertia.files import check_folder, make_folder, write_atomically
-from bayes_inertia.inference.optimizer import Estimate, estimate
+from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.observability.against_posterior import (
     Comparison,

@@ -6,7 +6,7 @@ import numpy as np
 
 from bayes_inertia.flight.follow_on import following_plan
 from bayes_inertia.flight.plan import Plan
-from bayes_inertia.inference.optimizer import Estimate
+from bayes_inertia.inference.laplace import Estimate
 
 
 def plan_after(estimate: Estimate) -> Plan:

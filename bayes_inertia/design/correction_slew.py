@@ -11,7 +11,7 @@ from bayes_inertia.flight.follow_on import spacecraft_at
 from bayes_inertia.flight.plan import Orbit, Plan, PlannedSlew
 from bayes_inertia.flight.plan_flight import predict_correction_slew
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft
-from bayes_inertia.inference.optimizer import Estimate
+from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.maths.inertia_tensor import is_physical
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.simulator import idle_slew

@@ -29,8 +29,8 @@ from bayes_inertia.flight.follow_on import spacecraft_at
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft
+from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.objective import N_BIAS
-from bayes_inertia.inference.optimizer import Estimate
 from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.physics.effects import by_name
 

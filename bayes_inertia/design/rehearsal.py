@@ -13,9 +13,10 @@ from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_flight import Flight, fly, planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_spacecraft
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft, spin_tensor
+from bayes_inertia.inference.laplace import Estimate, Starts
 from bayes_inertia.inference.likelihood import information, whitening
-from bayes_inertia.inference.objective import N_BIAS, Point, normal_equations
-from bayes_inertia.inference.optimizer import Estimate, Starts
+from bayes_inertia.inference.objective import N_BIAS, normal_equations
+from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
@@ -97,7 +98,7 @@ def _at_truth(model: Model, flight: Flight, theta: np.ndarray) -> Estimate:
     )
     point = Point(theta, np.zeros(N_BIAS), local)
     white = whitening(model, theta)
-    info = information(model, theta, point.bias, local, white)
+    info = information(model, point, white)
     hessian, _ = normal_equations(model, point, info)
     objective = 0.5 * float(info.chi2.sum() + np.sum(local**2))
     return Estimate(

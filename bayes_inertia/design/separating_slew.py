@@ -43,10 +43,10 @@ from bayes_inertia.design.planned_motion import Origin, motion, planned_slews, t
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.flight.follow_on import spacecraft_at
 from bayes_inertia.flight.plan import Plan, PlannedSlew
-from bayes_inertia.inference.likelihood import padded_sensitivities
-from bayes_inertia.inference.objective import N_BIAS, block_index, prior_rows
-from bayes_inertia.inference.optimizer import Estimate
-from bayes_inertia.maths.linear_algebra import canonical_correlation, inverse, solve
+from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.linearised_fit import marginal_information
+from bayes_inertia.inference.objective import N_BIAS, prior_rows
+from bayes_inertia.maths.linear_algebra import canonical_correlation, inverse
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 
@@ -213,23 +213,9 @@ def _told(at: Estimate, lean: Model, theta: np.ndarray) -> tuple[np.ndarray, np.
         for name, value in zip(lean.space.names, theta, strict=True):
             at_point[model.space.names.index(name)] = value
     columns = np.array([model.space.names.index(n) for n in lean.space.names])
-    d, m, slews = model.space.size, at.point.local.shape[1], at.model.n_slews
-    s = padded_sensitivities(model, at_point, at.point.bias, at.point.local, at.white, np.arange(d))
-    chosen = np.concatenate([columns, np.arange(d, d + N_BIAS + m)])
-    shared = len(columns) + N_BIAS
-    joint = np.zeros((shared + slews * m,) * 2)
-    for k in range(slews):
-        J = np.concatenate([np.asarray(j[k])[:, chosen] for j in s.jacobian])
-        index = block_index(shared, m, k)
-        joint[np.ix_(index, index)] += J.T @ J
-    local = np.arange(shared, len(joint))
-    joint[local, local] += 1.0
-    across = joint[np.ix_(local, np.arange(shared))]
-    told = joint[:shared, :shared] - np.stack(
-        [across.T @ solve(joint[np.ix_(local, local)], c) for c in across.T], 1
-    )
+    told = marginal_information(model, replace(at.point, theta=at_point), at.white, columns)
     slope = prior_rows(model, at_point)[0][columns]
-    return 0.5 * (told + told.T), np.diag(np.concatenate([slope**2, np.ones(N_BIAS)]))
+    return told, np.diag(np.concatenate([slope**2, np.ones(N_BIAS)]))
 
 
 def _with_commands(campaign: Campaign) -> Campaign:

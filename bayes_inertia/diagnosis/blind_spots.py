@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize, stats
 
-from bayes_inertia.diagnosis.projection import Projection, projection
 from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.score_test import fingerprints, unfitted
+from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.physics.forward_model import N_BASE
 
 _MOST = 2.0  # [prior sd] largest amplitude
@@ -59,7 +59,7 @@ def undetected(found: Diagnosis) -> tuple[Undetected, ...]:
     tried = unfitted(at)
     if not tried or found.verdict == "unknown":
         return ()
-    fit = projection(at)
+    fit = at.linearised()
     marks = fingerprints(at, tried, fit=fit)
     worst: dict[int, Undetected] = {}
     for k, name in enumerate(tried):
@@ -110,8 +110,8 @@ def furthest(pull: np.ndarray, data: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return shift, towards / np.maximum(shift, 1e-300)[:, None]
 
 
-def _pull(fit: Projection, free: np.ndarray, columns: np.ndarray) -> np.ndarray:
+def _pull(fit: LinearisedFit, free: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Shift (9, n) of J and K per unit of what is left out; zero where they are held."""
     out, rigid = np.zeros((N_BASE, columns.shape[-1])), free < N_BASE
-    out[free[rigid]] = (fit.root.T @ fit.taken(columns))[: len(free)][rigid]
+    out[free[rigid]] = (fit.inverse_root.T @ fit.imitated(columns))[: len(free)][rigid]
     return out

@@ -12,6 +12,7 @@ import numpy as np
 from bayes_inertia.diagnosis.torque_response import tangents
 from bayes_inertia.inference.likelihood import padded_sensitivities, residuals, whitening
 from bayes_inertia.inference.objective import N_BIAS
+from bayes_inertia.inference.point import Point
 from bayes_inertia.physics.forward_model import Model
 
 
@@ -20,16 +21,12 @@ def compile_ahead(model: Model) -> None:
 
     To be waited for before the model is used: two threads that call the same new function compile it twice.
     """
-    theta, bias, local = (
-        model.space.nulls,
-        jnp.zeros(N_BIAS),
-        jnp.zeros((model.n_slews, model.structure.n_local)),
-    )
-    white = whitening(model, theta)
+    theta, local = model.space.nulls, jnp.zeros((model.n_slews, model.structure.n_local))
+    point, white = Point(theta, jnp.zeros(N_BIAS), local), whitening(model, theta)
     jax.block_until_ready(
         (
-            padded_sensitivities(model, theta, bias, local, white, np.arange(9)),
+            padded_sensitivities(model, point, white, np.arange(9)),
             tangents(model.structure, jnp.asarray(theta), local, model.data),
-            residuals(model.structure, jnp.asarray(theta), bias, local, model.data, white),
+            residuals(model.structure, point, model.data, white),
         )
     )

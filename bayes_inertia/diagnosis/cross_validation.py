@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayes_inertia.inference.objective import N_BIAS, normal_equations
-from bayes_inertia.inference.optimizer import Estimate
+from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.objective import N_BIAS
 from bayes_inertia.maths.linear_algebra import inverse, solve
 
 
@@ -19,13 +19,11 @@ def held_out(at: Estimate) -> float | None:
     n = len(info.chi2)
     if n < 2:
         return None
-    shared = len(at.free) + N_BIAS
+    fit, shared = at.linearised(), len(at.free) + N_BIAS
     total, numbers = 0.0, 0.0
     for s in range(n):
-        weights = np.ones(n)
-        weights[s] = 0.0
-        hessian, gradient = normal_equations(at.model, at.point, info, weights)
-        step = -solve(hessian, gradient)[:shared]
+        step, hessian = fit.without_slew(s)
+        step = step[:shared]
         A, g = info.matrix[s].sum(0), info.gradient[s].sum(0)
         linear = g[:shared] + A[:shared, :shared] @ step
         own = g[shared:] + A[shared:, :shared] @ step + at.point.local[s]

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 
 from bayes_inertia.diagnosis.evidence import log_bayes_factor_of
-from bayes_inertia.diagnosis.projection import Projection
 from bayes_inertia.diagnosis.torque_response import TorqueResponse
-from bayes_inertia.inference.optimizer import Estimate
+from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.effects.scales import torque_scale
 
@@ -58,7 +58,7 @@ def drivers(response: TorqueResponse) -> dict[str, np.ndarray]:
 
 
 def log_evidence(
-    at: Estimate, response: TorqueResponse, fit: Projection
+    at: Estimate, response: TorqueResponse, fit: LinearisedFit
 ) -> dict[tuple[str, str], float]:
     """Log evidence for each disturbance in proportion to a driver, against nothing, at an estimate: {(source, driver): it}.
 
@@ -66,7 +66,7 @@ def log_evidence(
 
     Parameters
     ----------
-    response, fit : `torque_response(at)` and `projection(at)`.
+    response, fit : `torque_response(at)` and `at.linearised()`.
     """
     torque, rate = torque_scale(at.model.campaign), _SHARE * at.model.campaign.scale_of_motion()[0]
     found = {}
@@ -85,9 +85,9 @@ def log_evidence(
     return found
 
 
-def _evidence(fit: Projection, columns: np.ndarray) -> float:
+def _evidence(fit: LinearisedFit, columns: np.ndarray) -> float:
     """Log evidence for amplitudes of columns (slews, numbers, k) beyond all that is fitted."""
-    taken = fit.taken(columns)
+    taken = fit.imitated(columns)
     powers, directions = np.linalg.eigh(
         np.einsum("snj,snk->jk", columns, columns, optimize=True) - taken.T @ taken
     )

@@ -13,8 +13,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import logsumexp
 
+from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.objective import prior_rows
-from bayes_inertia.inference.optimizer import Estimate
 from bayes_inertia.maths.linear_algebra import inverse
 
 _POINTS = 24

@@ -18,10 +18,11 @@ import numpy as np
 from scipy import optimize, signal, stats
 
 from bayes_inertia.diagnosis.evidence import log_bayes_factor_around
-from bayes_inertia.diagnosis.projection import Projection, projection
 from bayes_inertia.diagnosis.score_test import Imprint
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
-from bayes_inertia.inference.optimizer import Estimate, re_estimate, without_effect
+from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.linearised_fit import LinearisedFit
+from bayes_inertia.inference.optimizer import re_estimate, without_effect
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effects import FlexibleMode
 
@@ -72,7 +73,7 @@ def with_ringing(at: Estimate) -> Estimate:
         return at
     without = without_effect(at, mode.name)
     ringing = best_ringing(
-        mode.name, torque_response(without), projection(without), at.model.space.sd[first] ** 2
+        mode.name, torque_response(without), without.linearised(), at.model.space.sd[first] ** 2
     )
     found = re_estimate(without, theta_of(ringing, without), at.free)
     return found if found.objective < at.objective else at
@@ -88,7 +89,7 @@ def frequencies(response: TorqueResponse) -> np.ndarray:
     return np.linspace(low, high, int(np.clip(np.ceil((high - low) * 2.0 * duration), 2, _MOST)))
 
 
-def best_ringing(name: str, response: TorqueResponse, fit: Projection, scale: float) -> Ringing:
+def best_ringing(name: str, response: TorqueResponse, fit: LinearisedFit, scale: float) -> Ringing:
     """The flexible mode, called `name`, that would gain most.
 
     Parameters
@@ -125,7 +126,7 @@ def best_ringing(name: str, response: TorqueResponse, fit: Projection, scale: fl
 
 
 def _gains(
-    response: TorqueResponse, fit: Projection, scale: float, tried: np.ndarray
+    response: TorqueResponse, fit: LinearisedFit, scale: float, tried: np.ndarray
 ) -> np.ndarray:
     """Gain of the best coupling at each frequency, over an even set of directions."""
     products = _products(_directions())
@@ -139,11 +140,11 @@ def _gains(
 
 
 def _normal(
-    response: TorqueResponse, fit: Projection, some: np.ndarray, scale: float
+    response: TorqueResponse, fit: LinearisedFit, some: np.ndarray, scale: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Columns (slews, numbers, 6 f) of modes of some frequencies, and each one's projected gradient (f, 6) and normal matrix (f, 6, 6)."""
     k, columns = len(_PAIRS), _columns(response, some, scale)
-    taken = fit.taken(columns)
+    taken = fit.imitated(columns)
     pull = fit.pull(columns, taken).reshape(len(some), k)
     taken, own = taken.reshape(-1, len(some), k), columns.reshape(*columns.shape[:2], len(some), k)
     matrix = np.einsum("snfa,snfb->fab", own, own, optimize=True) - np.einsum(

@@ -16,8 +16,8 @@ from scipy import linalg, stats
 from scipy.interpolate import make_interp_spline
 from scipy.optimize import minimize_scalar
 
-from bayes_inertia.diagnosis.linearised_fit import Linearised
 from bayes_inertia.diagnosis.torque_response import TorqueResponse
+from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effects.scales import torque_scale
 
@@ -80,7 +80,7 @@ class History:
         return float(stats.chi2.sf(self.chi2_after, max(self.dof_after, 1.0)))
 
 
-def knots(fit: Linearised, components: int) -> np.ndarray:
+def knots(fit: LinearisedFit, components: int) -> np.ndarray:
     """Knot times (slews, k) [s]: evenly over each slew, not closer than its rows."""
     time = fit.channels["rate"].time
     rows = np.array([np.count_nonzero(np.diff(t) > 0) + 1 for t in time])
@@ -98,7 +98,7 @@ def cardinal(at: np.ndarray, time: np.ndarray) -> np.ndarray:
     return make_interp_spline(time, np.eye(len(time)), k=3)(np.clip(at, time[0], time[-1]))
 
 
-def body_torque(fit: Linearised, response: TorqueResponse) -> Basis:
+def body_torque(fit: LinearisedFit, response: TorqueResponse) -> Basis:
     """An external torque on the body [N m], body axes."""
     scale = torque_scale(response.at.model.campaign)
     time = knots(fit, 3)
@@ -113,7 +113,7 @@ def body_torque(fit: Linearised, response: TorqueResponse) -> Basis:
     return Basis("body torque", "N m", time, columns, 3, scale)
 
 
-def wheel_torque(fit: Linearised, response: TorqueResponse) -> Basis | None:
+def wheel_torque(fit: LinearisedFit, response: TorqueResponse) -> Basis | None:
     """A torque between body and wheels beyond the commanded one [N m], counted on the wheel; None where wheels are not predicted."""
     campaign = response.at.model.campaign
     momentum = fit.channels["momentum"]
@@ -147,7 +147,7 @@ def wheel_torque(fit: Linearised, response: TorqueResponse) -> Basis | None:
     return Basis("wheel torque", "N m", time, columns, wheels, scale)
 
 
-def rate_reading(fit: Linearised, response: TorqueResponse) -> Basis:
+def rate_reading(fit: LinearisedFit, response: TorqueResponse) -> Basis:
     """An error of the rate sensor's readings [rad/s], sensor axes."""
     rate, white = fit.channels["rate"], np.asarray(response.at.white.rate)
     return _reading(
@@ -160,7 +160,7 @@ def rate_reading(fit: Linearised, response: TorqueResponse) -> Basis:
     )
 
 
-def momentum_reading(fit: Linearised, response: TorqueResponse) -> Basis | None:
+def momentum_reading(fit: LinearisedFit, response: TorqueResponse) -> Basis | None:
     """An error of the tachometers' readings [N m s]; None where wheels are not predicted."""
     momentum, white = fit.channels["momentum"], np.asarray(response.at.white.momentum)
     if not momentum.valid.any():
@@ -171,7 +171,7 @@ def momentum_reading(fit: Linearised, response: TorqueResponse) -> Basis | None:
 
 
 def _reading(
-    fit: Linearised, source: str, unit: str, rows, white: np.ndarray, scale: float
+    fit: LinearisedFit, source: str, unit: str, rows, white: np.ndarray, scale: float
 ) -> Basis:
     width = white.shape[-1]
     time = knots(fit, width)
@@ -210,9 +210,9 @@ class _Normal:
     shared: np.ndarray
 
 
-def _normal(fit: Linearised, basis: Basis) -> _Normal:
+def _normal(fit: LinearisedFit, basis: Basis) -> _Normal:
     own, cross, pull, shared = [], [], [], np.diag(fit.prior_precision)
-    for B, L, S, r in zip(basis.columns, fit.local, fit.shared, fit.residual, strict=True):
+    for B, L, S, r in zip(basis.columns, fit.local, fit.shared, fit.settled_residual, strict=True):
         factor = linalg.cho_factor(L.T @ L + np.eye(L.shape[1]))
         by_own, by_shared = linalg.cho_solve(factor, L.T @ B), linalg.cho_solve(factor, L.T @ S)
         own.append(B.T @ B - (B.T @ L) @ by_own)
@@ -285,7 +285,7 @@ def _smooth(normal: _Normal, basis: Basis, length: float) -> _Smooth:
     )
 
 
-def infer(fit: Linearised, basis: Basis) -> History:
+def infer(fit: LinearisedFit, basis: Basis) -> History:
     """The signal over time that explains the residuals best, with its band."""
     normal = _normal(fit, basis)
     durations = basis.time[:, -1] - basis.time[:, 0]
@@ -315,7 +315,7 @@ def infer(fit: Linearised, basis: Basis) -> History:
         sd=basis.scale * np.sqrt(np.array(variances)).reshape(shape),
         length=smooth.length,
         log_evidence=evidence,
-        chi2_before=float(np.sum(fit.residual**2)),
+        chi2_before=float(np.sum(fit.settled_residual**2)),
         chi2_after=float(np.sum(left**2)),
         dof_before=float(n - paid),
         dof_after=float(n - paid - effective),
@@ -323,18 +323,18 @@ def infer(fit: Linearised, basis: Basis) -> History:
     )
 
 
-def _left(fit: Linearised, basis: Basis, means: list[np.ndarray]) -> np.ndarray:
+def _left(fit: LinearisedFit, basis: Basis, means: list[np.ndarray]) -> np.ndarray:
     """Residuals after the signal is taken out and everything else is fitted again."""
     signal = np.stack([B @ m for B, m in zip(basis.columns, means, strict=True)])
-    return fit.residual - fit.unfitted(signal)
+    return fit.settled_residual - fit.unfitted(signal)
 
 
-def _paid(fit: Linearised) -> float:
+def _paid(fit: LinearisedFit) -> float:
     """Effective parameters of the fit itself: trace of its hat matrix."""
     columns = fit.columns
     return float(
         sum(
-            np.einsum("np,pq,nq->", J, fit.block(s), J, optimize=True)
+            np.einsum("np,pq,nq->", J, fit.covariance_of(s), J, optimize=True)
             for s, J in enumerate(columns)
         )
     )

@@ -15,7 +15,8 @@ import jax
 import numpy as np
 
 from bayes_inertia.diagnosis.result import Diagnosis, Rival, Step
-from bayes_inertia.inference.optimizer import Estimate, move_to, re_estimate, with_noise
+from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.optimizer import move_to, re_estimate, with_noise
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.values import array_dataclass

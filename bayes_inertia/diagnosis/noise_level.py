@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayes_inertia.inference.optimizer import Estimate
+from bayes_inertia.inference.laplace import Estimate
 
 # Differences of white noise, by order: variance, and number of independent values that one is worth times two (from their correlations).
 _VARIANCE = {2: 6.0, 4: 70.0}

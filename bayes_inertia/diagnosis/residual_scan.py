@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from bayes_inertia.diagnosis.linearised_fit import Linearised, Rows, linearise
-from bayes_inertia.inference.optimizer import Estimate
+from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.linearised_fit import ChannelRows, LinearisedFit
 from bayes_inertia.maths.values import array_dataclass
 
 SIGNIFICANT = 0.05
@@ -77,7 +77,7 @@ def disagreement(
     stated : compare with the noise that the campaign states; False: with the noise as used in the fit.
     replicates : simulated fits behind the p-values (smaller p-values than they reach follow from a Gumbel tail).
     """
-    fit, rng = linearise(at), np.random.default_rng([seed, 5])
+    fit, rng = at.linearised(), np.random.default_rng([seed, 5])
     noise = fit.weight if stated else np.ones_like(fit.weight)
     scans = _scans(fit, noise)
     largest = []
@@ -96,7 +96,9 @@ def disagreement(
         [(n, c) for n, c in fit.channels.items() if c.valid.any()], scans, strict=True
     ):
         components = component_names(at, name)
-        shift, energy = (x[..., 0] for x in scan.scores(channel.shaped(fit.residual[..., None])))
+        shift, energy = (
+            x[..., 0] for x in scan.scores(channel.shaped(fit.settled_residual[..., None]))
+        )
         p = np.maximum(null.sf(0.5 * np.maximum(shift, energy) ** 2), 1e-300)
         best = min(best, float(p.min()))
         found += _significant(
@@ -151,11 +153,11 @@ def _sums(values: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray
     return total[:, stop] - total[:, start]
 
 
-def _scans(fit: Linearised, noise: np.ndarray) -> list[tuple[Rows, _Scan]]:
+def _scans(fit: LinearisedFit, noise: np.ndarray) -> list[tuple[ChannelRows, _Scan]]:
     channels = [c for c in fit.channels.values() if c.valid.any()]
     numbers = sum(c.valid.size for c in channels)
     shortest = 2 ** max(0, int(np.ceil(np.log2(4.0 * numbers / _MOST_WINDOWS))))
-    columns, blocks = fit.columns, [fit.block(s) for s in range(len(fit.residual))]
+    columns, blocks = fit.columns, [fit.covariance_of(s) for s in range(len(fit.residual))]
     return [
         (c, _scan(c, columns, blocks, noise, shortest if c.valid.shape[1] > 8 * shortest else 1))
         for c in channels
@@ -182,7 +184,11 @@ def _windows(rows: int, shortest: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _scan(
-    channel: Rows, columns: np.ndarray, blocks: list[np.ndarray], noise: np.ndarray, shortest: int
+    channel: ChannelRows,
+    columns: np.ndarray,
+    blocks: list[np.ndarray],
+    noise: np.ndarray,
+    shortest: int,
 ) -> _Scan:
     start, stop = _windows(channel.valid.shape[1], shortest)
     valid, share = channel.valid.astype(float), channel.shaped(noise) ** 2
@@ -209,7 +215,7 @@ def _scan(
 
 
 def _significant(
-    name, channel: Rows, scan: _Scan, components, slews, score, shifted, p
+    name, channel: ChannelRows, scan: _Scan, components, slews, score, shifted, p
 ) -> list[Window]:
     """The most significant windows of each slew that do not overlap."""
     found = []
@@ -243,8 +249,10 @@ def _trimmed(valid: np.ndarray, start: int, stop: int) -> tuple[int, int]:
     return int(inside[0]), int(inside[-1]) + 1
 
 
-def _cells(channel: Rows, components: tuple[str, ...], fit: Linearised, noise: np.ndarray) -> Cells:
-    residual, scale = channel.shaped(fit.residual), channel.shaped(noise)
+def _cells(
+    channel: ChannelRows, components: tuple[str, ...], fit: LinearisedFit, noise: np.ndarray
+) -> Cells:
+    residual, scale = channel.shaped(fit.settled_residual), channel.shaped(noise)
     slews, _, width = channel.valid.shape
     everywhere = fit.channels["rate"].time
     edges = np.stack(

@@ -15,8 +15,8 @@ import numpy as np
 from scipy import stats
 
 from bayes_inertia.diagnosis.evidence import log_bayes_factor_of
-from bayes_inertia.diagnosis.projection import Projection, projection
-from bayes_inertia.inference.optimizer import Estimate
+from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.maths.linear_algebra import VISIBLE, canonical_correlation
 from bayes_inertia.maths.values import array_dataclass
 
@@ -158,20 +158,20 @@ def fingerprints(
     at: Estimate,
     names: tuple[str, ...],
     imprints: tuple[Imprint, ...] = (),
-    fit: Projection | None = None,
+    fit: LinearisedFit | None = None,
 ) -> Fingerprints:
     """Fingerprints of candidate effects against all that is fitted.
 
     Parameters
     ----------
     at : an estimate of a model that holds the effects `names` at their null; only others' parameters were free.
-    imprints : further candidates, given by their columns. fit : `projection(at)`, if it is there already.
+    imprints : further candidates, given by their columns. fit : `at.linearised()`, if it is there already.
     """
-    fit, space = fit or projection(at), at.model.space
+    fit, space = fit or at.linearised(), at.model.space
     slices = [space.slice_of(name) for name in names]
     parts = [fit.parameters[..., s] * space.sd[s] for s in slices] + [i.columns for i in imprints]
     columns = np.concatenate(parts, -1) if parts else np.zeros((*fit.residual.shape, 0))
-    taken = fit.taken(columns)
+    taken = fit.imitated(columns)
     matrix = np.einsum("snj,snk->jk", columns, columns, optimize=True) - taken.T @ taken
     groups = tuple(
         np.arange(a, b) for a, b in pairwise(np.cumsum([0, *(p.shape[-1] for p in parts)]))

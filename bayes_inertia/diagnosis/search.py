@@ -23,14 +23,13 @@ from bayes_inertia.diagnosis.driven_disturbances import NAMED
 from bayes_inertia.diagnosis.evidence import log_bayes_factor
 from bayes_inertia.diagnosis.flexible_mode_search import Ringing, best_ringing, theta_of
 from bayes_inertia.diagnosis.noise_level import noise_factors
-from bayes_inertia.diagnosis.projection import projection
 from bayes_inertia.diagnosis.result import NOISE, Candidate, Diagnosis, Rival, Step
 from bayes_inertia.diagnosis.score_test import Fingerprints, fingerprints, unfitted
 from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.diagnosis.unexplained import unknown_torque
 from bayes_inertia.errors import EffectError
+from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import (
-    Estimate,
     estimate,
     move_to,
     re_estimate,
@@ -179,7 +178,7 @@ def _marks(at: Estimate, flexible: Effect | None) -> Fingerprints:
     waiting = unfitted(at)
     if flexible is None or any(e.name == FLEXIBLE for e in at.model.effects):
         return fingerprints(at, waiting)
-    coupling, fit = flexible.parameters(at.model.campaign)[0].priors[0].sd, projection(at)
+    coupling, fit = flexible.parameters(at.model.campaign)[0].priors[0].sd, at.linearised()
     return fingerprints(
         at, waiting, (best_ringing(FLEXIBLE, torque_response(at), fit, coupling**2),), fit
     )

@@ -15,8 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.likelihood import Residuals
-from bayes_inertia.inference.optimizer import Estimate
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Data, Structure, start_of

@@ -20,10 +20,9 @@ from bayes_inertia.diagnosis.free_signal import (
     rate_reading,
     wheel_torque,
 )
-from bayes_inertia.diagnosis.linearised_fit import Linearised, linearise
-from bayes_inertia.diagnosis.projection import projection
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
-from bayes_inertia.inference.optimizer import Estimate
+from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.maths.values import array_dataclass
 
 _LEFT = 1e-4  # probability of what a torque leaves, above which nothing else is tried
@@ -95,7 +94,7 @@ def unknown_torque(at: Estimate) -> Unknown:
     All that was fitted is integrated out with its priors, so that only what J, K, start states, bias and the
     effects of the model cannot produce is shown. To first order around the estimate.
     """
-    fit, response = linearise(at), torque_response(at)
+    fit, response = at.linearised(), torque_response(at)
     torque = infer(fit, body_torque(fit, response))
     enough = torque.p_left > _LEFT
     other = None if enough else _other(fit, response, torque)
@@ -111,13 +110,13 @@ def unknown_torque(at: Estimate) -> Unknown:
     spectrum = _spectrum(torque.time, along)
     matches = _matches(at, response, torque, along)
     rms = float(np.sqrt(np.mean(np.sum(torque.mean**2, -1))))
-    followed = log_evidence(at, response, projection(at))
+    followed = log_evidence(at, response, fit)
     found = Unknown(source, torque, other, axis, share, rms, spectrum, matches, followed, "")
     quiet = _quiet_before(at, torque.time, along)
     return Unknown(**{**found.__dict__, "description": describe(found, quiet)})
 
 
-def _other(fit: Linearised, response: TorqueResponse, torque: History) -> History | None:
+def _other(fit: LinearisedFit, response: TorqueResponse, torque: History) -> History | None:
     """The signal other than a body torque with the best evidence, if that is far better than the torque's."""
     bases = [build(fit, response) for build in (rate_reading, wheel_torque, momentum_reading)]
     found = [infer(fit, basis) for basis in bases if basis is not None]

@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.physics.forward_model import (
     Data,
@@ -148,20 +149,16 @@ def _whitened(
 
 
 @partial(jax.jit, static_argnums=0)
-def residuals(
-    structure: Structure, theta: Array, bias: Array, local: Array, data: Data, white: Whitening
-) -> Residuals:
-    """Whitened residuals of all slews at theta (d,) and whitened nuisances bias (3,), local (slews, n_local)."""
-    prediction = predict_all(structure, theta, local, bias, data)
+def residuals(structure: Structure, point: Point, data: Data, white: Whitening) -> Residuals:
+    """Whitened residuals of all slews at a point."""
+    prediction = predict_all(structure, point.theta, point.local, point.bias, data)
     return _whitened(structure, prediction, data.arrays.telemetry, white)
 
 
 @partial(jax.jit, static_argnums=0)
 def sensitivities(
     structure: Structure,
-    theta: Array,
-    bias: Array,
-    local: Array,
+    point: Point,
     data: Data,
     white: Whitening,
     columns: Array | None = None,
@@ -172,7 +169,7 @@ def sensitivities(
     ----------
     columns : (p,) indices into that vector of d + 3 + n_local numbers; None for all.
     """
-    d, b = len(theta), len(bias)
+    d, b = len(point.theta), len(point.bias)
 
     def of_slew(x, slew, telemetry, reference, white_of_slew):
         def parts(z):
@@ -189,8 +186,8 @@ def sensitivities(
         )
         return Sensitivities(value, jacobian)
 
-    shared = jnp.broadcast_to(jnp.concatenate([theta, bias]), (len(local), d + b))
-    return jax.vmap(of_slew)(jnp.concatenate([shared, local], -1), *data.arrays, white)
+    shared = jnp.broadcast_to(jnp.concatenate([point.theta, point.bias]), (len(point.local), d + b))
+    return jax.vmap(of_slew)(jnp.concatenate([shared, point.local], -1), *data.arrays, white)
 
 
 def all_columns(model: Model, free: np.ndarray | None = None) -> np.ndarray:
@@ -201,15 +198,15 @@ def all_columns(model: Model, free: np.ndarray | None = None) -> np.ndarray:
 
 
 def padded_sensitivities(
-    model: Model, theta, bias, local, white: Whitening, free: np.ndarray
+    model: Model, point: Point, white: Whitening, free: np.ndarray
 ) -> Sensitivities:
     """Sensitivities to (theta[free], bias, local nuisances), some columns at a time, the last one repeated: all fits of a model share compiled code."""
     columns = all_columns(model, free)
     columns = np.concatenate([columns, np.repeat(columns[-1:], -len(columns) % _COLUMNS)])
-    args = (jnp.asarray(theta), jnp.asarray(bias), jnp.asarray(local), model.data, white)
+    point = jax.tree.map(jnp.asarray, point)
     parts = [
-        sensitivities(model.structure, *args, jnp.asarray(some))
-        for some in columns.reshape(-1, _COLUMNS)
+        sensitivities(model.structure, point, model.data, white, jnp.asarray(chunk))
+        for chunk in columns.reshape(-1, _COLUMNS)
     ]
     return Sensitivities(
         parts[0].residuals,
@@ -229,13 +226,11 @@ def _normal_equations(s: Sensitivities):
 
 
 def information(
-    model: Model, theta, bias, local, white: Whitening, free: np.ndarray | None = None
+    model: Model, point: Point, white: Whitening, free: np.ndarray | None = None
 ) -> Information:
     """Normal equations of every slew and channel at one point (host arrays), for the free parameters (all by default)."""
     free = np.arange(model.space.size) if free is None else np.asarray(free)
-    matrix, gradient, chi2 = _normal_equations(
-        padded_sensitivities(model, theta, bias, local, white, free)
-    )
+    matrix, gradient, chi2 = _normal_equations(padded_sensitivities(model, point, white, free))
     p = len(free) + 3 + model.structure.n_local
     return Information(
         np.array(matrix)[..., :p, :p],
@@ -266,16 +261,14 @@ def n_data(white: Whitening) -> np.ndarray:
 class Marginal(NamedTuple):
     """Everything the marginal log posterior needs, frozen at theta0: a JAX pytree.
 
-    `theta0` (d,), `bias0` (3,), `local0` (slews, m): the optimum; `ridge_bias` (3, d), `ridge_local`
+    `optimum`: the point where it is expanded; `ridge_bias` (3, d), `ridge_local`
     (slews, m, d): how the nuisances follow theta; `columns` the sensitivities of the nuisances by channel
     (slews, numbers, 3 + m); `factor` (M, M) the Cholesky factor of their normal matrix, M = 3 + slews m;
     `prior` the priors of theta as arrays;
     `data`, `white`.
     """
 
-    theta0: Array
-    bias0: Array
-    local0: Array
+    optimum: Point
     ridge_bias: Array
     ridge_local: Array
     columns: Residuals
@@ -285,15 +278,18 @@ class Marginal(NamedTuple):
     white: Whitening
 
 
-def nuisances_on_ridge(m: Marginal, theta: Array) -> tuple[Array, Array]:
-    """Whitened bias (3,) and local nuisances (slews, n_local) that belong to theta (d,) to first order."""
-    shift = theta - m.theta0
-    return m.bias0 + m.ridge_bias @ shift, m.local0 + m.ridge_local @ shift
+def point_on_ridge(m: Marginal, theta: Array) -> Point:
+    """theta (d,) with the nuisances that belong to it to first order."""
+    shift = theta - m.optimum.theta
+    return Point(
+        theta, m.optimum.bias + m.ridge_bias @ shift, m.optimum.local + m.ridge_local @ shift
+    )
 
 
-def _project(structure: Structure, m: Marginal, theta: Array):
-    """Residuals on the ridge, and the gradient (M,) of half their square with respect to the nuisances."""
-    bias, local = nuisances_on_ridge(m, theta)
+def _project(structure: Structure, m: Marginal, theta: Array) -> tuple[Array, Array]:
+    """chi^2 () on the ridge, and the gradient (M,) of half of it with respect to the nuisances."""
+    point = point_on_ridge(m, theta)
+    bias, local = point.bias, point.local
     prediction = predict_all(structure, theta, local, bias, m.data)
     r = _whitened(structure, prediction, m.data.arrays.telemetry, m.white)
     pull = sum(
@@ -302,7 +298,7 @@ def _project(structure: Structure, m: Marginal, theta: Array):
     )
     gradient = jnp.concatenate([pull[:, :3].sum(0) + bias, (pull[:, 3:] + local).ravel()])
     chi2 = sum(jnp.sum(channel**2) for channel in r) + jnp.sum(bias**2) + jnp.sum(local**2)
-    return r, bias, local, gradient, chi2
+    return chi2, gradient
 
 
 def log_posterior_of(structure: Structure, m: Marginal, theta: Array) -> Array:
@@ -311,8 +307,8 @@ def log_posterior_of(structure: Structure, m: Marginal, theta: Array) -> Array:
     Differentiable; `log_posterior` is the compiled batch version.
     """
     physical = inertia_tensor.is_physical(theta[:6])
-    safe = jnp.where(physical, theta, m.theta0)
-    *_, gradient, chi2 = _project(structure, m, safe)
+    safe = jnp.where(physical, theta, m.optimum.theta)
+    chi2, gradient = _project(structure, m, safe)
     value = log_prior(m.prior, theta) - 0.5 * (chi2 - jnp.sum((m.root @ gradient) ** 2))
     return jnp.where(physical & jnp.isfinite(value), value, -jnp.inf)
 
@@ -334,21 +330,18 @@ def shared_log_posterior(structure: Structure, m: Marginal, thetas: Array) -> Ar
     return jax.vmap(partial(log_posterior_of, structure, m))(thetas)
 
 
-def conditional_nuisances(
+def conditional_point(
     structure: Structure, m: Marginal, theta: np.ndarray, noise: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Whitened bias (3,) and local nuisances (slews, n_local) drawn from their posterior given theta (d,).
+) -> Point:
+    """theta (d,) with nuisances drawn from their posterior given theta.
 
     `noise` (3 + slews * n_local,) are standard normal numbers; zeros give the conditional mean.
     """
-    shift = np.asarray(theta) - np.asarray(m.theta0)
-    bias, local = (
-        np.asarray(m.bias0) + np.asarray(m.ridge_bias) @ shift,
-        np.asarray(m.local0) + np.asarray(m.ridge_local) @ shift,
-    )
-    r = residuals(
-        structure, jnp.asarray(theta), jnp.asarray(bias), jnp.asarray(local), m.data, m.white
-    )
+    theta, optimum = np.asarray(theta), jax.tree.map(np.asarray, m.optimum)
+    shift = theta - optimum.theta
+    bias = optimum.bias + np.asarray(m.ridge_bias) @ shift
+    local = optimum.local + np.asarray(m.ridge_local) @ shift
+    r = residuals(structure, Point(theta, bias, local), m.data, m.white)
     pull = sum(
         np.einsum("sn,snk->sk", channel, columns)
         for channel, columns in zip(r, m.columns, strict=True)
@@ -356,7 +349,7 @@ def conditional_nuisances(
     gradient = np.concatenate([pull[:, :3].sum(0) + bias, (pull[:, 3:] + local).ravel()])
     root = np.asarray(m.root)
     step = root.T @ (noise - root @ gradient)
-    return bias + step[:3], local + step[3:].reshape(local.shape)
+    return Point(theta, bias + step[:3], local + step[3:].reshape(local.shape))
 
 
 def by_channel(values) -> dict:

@@ -11,8 +11,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.inference.likelihood import Information, Whitening, residuals
+from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor
-from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import prior_residual
 
@@ -21,27 +21,11 @@ N_BIAS = 3
 _THINNEST = 1e-7
 
 
-@array_dataclass
-class Point:
-    """A point of the full parameter space: `theta` (d,) physical, `bias` (3,) and `local` (slews, n_local) whitened nuisances."""
-
-    theta: np.ndarray
-    bias: np.ndarray
-    local: np.ndarray
-
-
 def negative_log_posterior(model: Model, point: Point, white: Whitening) -> float:
     """Half the sum of all whitened squares, priors included; infinite outside the physical tensors."""
     if not bool(_is_physical(point.theta[:6])):
         return np.inf
-    r = residuals(
-        model.structure,
-        jnp.asarray(point.theta),
-        jnp.asarray(point.bias),
-        jnp.asarray(point.local),
-        model.data,
-        white,
-    )
+    r = residuals(model.structure, point, model.data, white)
     with np.errstate(over="ignore"):  # A step too far gives an infinite objective.
         chi2 = sum(float(np.sum(np.square(channel))) for channel in r)
     own = np.asarray(_prior_residual(model.space.constants(), point.theta))

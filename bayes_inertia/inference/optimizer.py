@@ -12,39 +12,23 @@ by many sigmas would otherwise overrule all prior knowledge with its errors.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
-from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.errors import EstimateError
-from bayes_inertia.inference.likelihood import (
-    Information,
-    Marginal,
-    Residuals,
-    Whitening,
-    discounted,
-    information,
-    padded_sensitivities,
-    residuals,
-    whitening,
-)
+from bayes_inertia.inference.laplace import Estimate, Starts, residual_series
+from bayes_inertia.inference.likelihood import Whitening, discounted, information, whitening
 from bayes_inertia.inference.objective import (
     N_BIAS,
-    Point,
-    block_index,
     in_chart,
     moved,
     negative_log_posterior,
     normal_equations,
-    prior_rows,
 )
-from bayes_inertia.inference.residual_tests import ChannelTest, channel_tests, dispersion
+from bayes_inertia.inference.point import Point
+from bayes_inertia.inference.residual_tests import dispersion
 from bayes_inertia.inference.start_guess import begin
 from bayes_inertia.maths.least_squares import descend
-from bayes_inertia.maths.linear_algebra import inverse, inverse_root, solve
-from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import N_BASE, Model
 from bayes_inertia.physics.packing import CHANNELS
 
@@ -55,132 +39,6 @@ _SOON = {"steps": 60, "tolerance": 1e-3}
 _SAME = 0.1
 # Reduced chi^2 above which a gentle descent has lost its way, and starts that are tried at most until one has not.
 _LOST, _MOST_STARTS = 1e3, 12
-
-
-class Starts(NamedTuple):
-    """How many of the optimizer's starts ended in the optimum, of how many."""
-
-    agreeing: int
-    tried: int
-
-
-@array_dataclass
-class Estimate:
-    """The posterior's maximum and its Laplace approximation.
-
-    Attributes
-    ----------
-    model, point : what was fitted, and the maximum.
-    stated, white : the noise as the campaign states it, and as it was used (equal unless discounted).
-    discount : (slews, 3) factor of each slew's and channel's information, 1 where the model explains the data.
-    information : normal equations by slew and channel at `point`, with the noise as used.
-    hessian : (free + 3 + slews n_local,) squared, of the negative log posterior (Gauss-Newton), theta in physical units.
-    objective : half the sum of all whitened squares, priors included.
-    starts : how many of the optimizer's starts ended here, of how many.
-    """
-
-    model: Model
-    point: Point
-    stated: Whitening
-    white: Whitening
-    discount: np.ndarray
-    information: Information
-    hessian: np.ndarray
-    objective: float
-    starts: Starts
-
-    @property
-    def theta(self) -> np.ndarray:
-        """The maximum (d,), in physical units."""
-        return self.point.theta
-
-    @property
-    def discounted(self) -> bool:
-        """Whether misfit made any slew count for less than its stated noise says."""
-        return bool(np.any(self.discount < 1.0))
-
-    @cached_property
-    def joint_covariance(self) -> np.ndarray:
-        """Covariance of (theta[free], bias, all local nuisances)."""
-        return inverse(self.hessian)
-
-    @property
-    def free(self) -> np.ndarray:
-        """Indices of the parameters that were fitted (all, unless some were held)."""
-        return self.information.free
-
-    @cached_property
-    def covariance(self) -> np.ndarray:
-        """Covariance (d, d) of theta with the nuisances integrated out; zero for parameters that were held."""
-        out = np.zeros((len(self.theta), len(self.theta)))
-        out[np.ix_(self.free, self.free)] = self.joint_covariance[
-            : len(self.free), : len(self.free)
-        ]
-        return out
-
-    @property
-    def sd(self) -> np.ndarray:
-        """Standard deviations (d,) of the Laplace approximation."""
-        return np.sqrt(np.diag(self.covariance))
-
-    @cached_property
-    def residual_series(self) -> dict[str, list[np.ndarray]]:
-        """{channel: [(rows, components) a slew]} of residuals in stated sigmas, NaN where nothing was measured."""
-        return _series(self.model, self.point, self.stated)
-
-    @cached_property
-    def effective_parameters(self) -> np.ndarray:
-        """How many parameters each channel pays for (3,): trace of the hat matrix over its rows."""
-        total = np.zeros(3)
-        for s, block in enumerate(self.information.matrix):
-            index = block_index(len(self.free) + N_BIAS, self.point.local.shape[1], s)
-            total += np.einsum("cpq,qp->c", block, self.joint_covariance[np.ix_(index, index)])
-        return total
-
-    @cached_property
-    def tests(self) -> dict[str, ChannelTest]:
-        """Reduced chi^2 against the STATED noise and whiteness, by channel and in total."""
-        chi2 = (self.information.chi2 / self.discount).sum(0)
-        return channel_tests(
-            self.residual_series, chi2, self.information.n_data.sum(0) - self.effective_parameters
-        )
-
-    @cached_property
-    def robust_sd(self) -> np.ndarray | None:
-        """Standard deviations (d,) that the slews themselves support, None for a single slew."""
-        covariance = self.robust_covariance
-        return None if covariance is None else np.sqrt(np.diag(covariance))
-
-    @cached_property
-    def robust_covariance(self) -> np.ndarray | None:
-        """Covariance (d, d) that the slews themselves support, None for a single slew.
-
-        Leave-one-slew-out jackknife of the estimate (to first order) plus the part that comes from
-        the prior: a sandwich whose bread is the Hessian and whose meat is what slews and prior
-        scatter, without belief in the noise model (MacKinnon and White 1985, HC3 clustered by slew).
-        The scatter of a handful of slews can be small by luck, so that no parameter's variance is
-        taken below the model's own (Angrist and Pischke 2009, section 8.1).
-        """
-        if self.model.n_slews < 2:
-            return None
-        left_out = np.array([self.without_slew(s) for s in range(self.model.n_slews)])
-        n = len(left_out)
-        scatter = left_out - left_out.mean(0)
-        slope, _ = prior_rows(self.model, self.theta)
-        shift = self.covariance * slope
-        sandwich = (n - 1) / n * scatter.T @ scatter + shift @ shift.T
-        own = np.sqrt(np.diag(sandwich))
-        lift = np.where(own > 0.0, np.maximum(1.0, self.sd / np.where(own > 0.0, own, 1.0)), 1.0)
-        return sandwich * np.outer(lift, lift)
-
-    def without_slew(self, s: int) -> np.ndarray:
-        """theta (d,) when slew s is left out, to first order."""
-        weights = np.ones(self.model.n_slews)
-        weights[s] = 0.0
-        hessian, gradient = normal_equations(self.model, self.point, self.information, weights)
-        theta = self.theta.copy()
-        theta[self.free] -= solve(hessian, gradient)[: len(self.free)]
-        return theta
 
 
 def estimate(
@@ -312,7 +170,7 @@ def _discounted_fit(
 
 
 def _dispersions(model: Model, point: Point, stated: Whitening) -> np.ndarray:
-    series = _series(model, point, stated)
+    series = residual_series(model, point, stated)
     return np.array(
         [
             [1.0 / dispersion(series[c][s], bursts=c == "attitude") for c in CHANNELS]
@@ -431,17 +289,17 @@ def _at(
     starts: Starts,
 ) -> Estimate:
     white = discounted(stated, factors)
-    info = information(model, point.theta, point.bias, point.local, white, free)
-    hessian, _ = normal_equations(model, point, info)
-    return Estimate(model, point, stated, white, factors, info, hessian, objective, starts)
+    blocks = information(model, point, white, free)
+    hessian, _ = normal_equations(model, point, blocks)
+    return Estimate(model, point, stated, white, factors, blocks, hessian, objective, starts)
 
 
 def _descend(
     model: Model, point: Point, white: Whitening, free: np.ndarray, **stop
 ) -> tuple[Point, float]:
     def equations(x: Point) -> tuple[np.ndarray, np.ndarray]:
-        info = information(model, x.theta, x.bias, x.local, white, free)
-        return in_chart(x, *normal_equations(model, x, info))
+        blocks = information(model, x, white, free)
+        return in_chart(x, *normal_equations(model, x, blocks))
 
     return descend(
         lambda x: negative_log_posterior(model, x, white),
@@ -449,48 +307,4 @@ def _descend(
         lambda x, step: moved(model, x, step, free),
         point,
         **stop,
-    )
-
-
-def _series(model: Model, point: Point, white: Whitening) -> dict[str, list[np.ndarray]]:
-    r = residuals(
-        model.structure,
-        jnp.asarray(point.theta),
-        jnp.asarray(point.bias),
-        jnp.asarray(point.local),
-        model.data,
-        white,
-    )
-    telemetry = model.data.arrays.telemetry
-    fixes = np.repeat(np.asarray(telemetry.fix_valid)[..., None], 3, -1)
-    momentum = np.asarray(telemetry.momentum_valid)[
-        ..., : 0 if model.structure.drive == "measured" else None
-    ]
-    valid = (np.asarray(telemetry.rate_valid), fixes, momentum)
-    return {
-        c: [
-            np.where(v, x, np.nan) for v, x in zip(ok, np.asarray(a).reshape(ok.shape), strict=True)
-        ]
-        for c, a, ok in zip(CHANNELS, r, valid, strict=True)
-    }
-
-
-def marginal(at: Estimate) -> Marginal:
-    """What the marginal log posterior needs, frozen at an estimate."""
-    model, point = at.model, at.point
-    d, m = len(point.theta), point.local.shape[1]
-    s = padded_sensitivities(model, point.theta, point.bias, point.local, at.white, np.arange(d))
-    nuisance = at.hessian[d:, d:]
-    ridge = -solve(nuisance, at.hessian[d:, :d])
-    return Marginal(
-        theta0=jnp.asarray(point.theta),
-        bias0=jnp.asarray(point.bias),
-        local0=jnp.asarray(point.local),
-        ridge_bias=jnp.asarray(ridge[:N_BIAS]),
-        ridge_local=jnp.asarray(ridge[N_BIAS:].reshape(len(point.local), m, d)),
-        columns=Residuals(*(j[..., d : d + N_BIAS + m] for j in s.jacobian)),
-        root=jnp.asarray(inverse_root(nuisance)),
-        prior=model.space.constants(),
-        data=model.data,
-        white=at.white,
     )

@@ -18,13 +18,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import write_atomically
-from bayes_inertia.inference.likelihood import conditional_nuisances, residuals
-from bayes_inertia.inference.optimizer import Estimate, marginal
+from bayes_inertia.inference.laplace import Estimate, marginal, principal_sd
+from bayes_inertia.inference.likelihood import conditional_point, residuals
 from bayes_inertia.inference.sampler import Chains
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.maths.values import array_dataclass
@@ -281,17 +280,8 @@ def _telemetry_groups(at: Estimate, chains: Chains, rng: np.random.Generator) ->
     out: dict[str, list[np.ndarray]] = {c: [] for c in CHANNELS}
     points: dict[str, list[np.ndarray]] = {c: [] for c in CHANNELS}
     for theta in thinned:
-        bias, local = conditional_nuisances(
-            structure, frozen, theta, rng.standard_normal(len(frozen.root))
-        )
-        r = residuals(
-            structure,
-            jnp.asarray(theta),
-            jnp.asarray(bias),
-            jnp.asarray(local),
-            at.model.data,
-            at.stated,
-        )
+        point = conditional_point(structure, frozen, theta, rng.standard_normal(len(frozen.root)))
+        r = residuals(structure, point, at.model.data, at.stated)
         gaps = {c: np.asarray(value) for c, value in zip(CHANNELS, r, strict=True)}
         for c, values in _predicted(at, gaps).items():
             out[c].append(values)
@@ -448,25 +438,8 @@ _RESIDUAL_DIMS = {
 
 
 def _residual_arrays(at: Estimate):
-    point = at.point
-    r = residuals(
-        at.model.structure,
-        jnp.asarray(point.theta),
-        jnp.asarray(point.bias),
-        jnp.asarray(point.local),
-        at.model.data,
-        at.stated,
-    )
+    r = residuals(at.model.structure, at.point, at.model.data, at.stated)
     return zip(CHANNELS, r, (3, 3, max(1, at.model.structure.wheels)), strict=True)
-
-
-def principal_sd(at: Estimate, covariance: np.ndarray) -> np.ndarray:
-    """Standard deviations of the principal moments by linear propagation: dI_i = v_i^T dJ v_i."""
-    _, axes = np.linalg.eigh(np.asarray(inertia_tensor.tensor(jnp.asarray(at.theta[:6]))))
-    weights = np.stack(
-        [np.asarray(inertia_tensor.elements(np.outer(v, v))) * [1, 1, 1, 2, 2, 2] for v in axes.T]
-    )
-    return np.sqrt(np.einsum("ij,jk,ik->i", weights, covariance[:6, :6], weights))
 
 
 def _about(

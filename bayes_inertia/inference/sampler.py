@@ -24,9 +24,9 @@ from threadpoolctl import threadpool_limits
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.files import make_folder, remove_leftovers
 from bayes_inertia.inference.chain_file import load_chain, save_chain
+from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.likelihood import Marginal, log_posterior, shared_log_posterior
 from bayes_inertia.inference.moves import IndependenceMove
-from bayes_inertia.inference.optimizer import Estimate, marginal
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Structure
 

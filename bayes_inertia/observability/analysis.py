@@ -23,9 +23,8 @@ from math import factorial
 import numpy as np
 
 from bayes_inertia.errors import EstimateError
-from bayes_inertia.inference.likelihood import padded_sensitivities
+from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.objective import N_BIAS, block_index, prior_rows
-from bayes_inertia.inference.optimizer import Estimate
 from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.observability.degeneracy import EXACT_BELOW, in_words, stated_degeneracies
 from bayes_inertia.observability.result import (
@@ -134,24 +133,12 @@ def _groups(at: Estimate) -> dict[str, np.ndarray]:
     return {name: part for name, part in zip(GROUPS, parts, strict=True) if len(part)}
 
 
-def _hessian(at: Estimate, weights: np.ndarray) -> np.ndarray:
-    """The joint Hessian with each slew's and channel's information multiplied by `weights` (slews, 3)."""
-    f, m = len(at.free), at.point.local.shape[1]
-    size = f + N_BIAS + at.point.local.size
-    slope = prior_rows(at.model, at.theta)[0][at.free]
-    hessian = np.diag(np.concatenate([slope**2, np.ones(size - f)]))
-    for s, block in enumerate(at.information.matrix):
-        index = block_index(f + N_BIAS, m, s)
-        hessian[np.ix_(index, index)] += np.einsum("c,cpq->pq", weights[s], block)
-    return hessian
-
-
 def _sd_without(at: Estimate) -> tuple[np.ndarray, np.ndarray]:
     """sd (slews, f) without each slew and (3, f) without each channel; NaN for channels without data."""
-    f, shape = len(at.free), at.information.n_data.shape
+    f, shape, fit = len(at.free), at.information.n_data.shape, at.linearised()
 
     def sd(weights: np.ndarray) -> np.ndarray:
-        return np.sqrt(np.diag(inverse(_hessian(at, weights)))[:f])
+        return np.sqrt(np.diag(inverse(fit.weighted_hessian(weights)))[:f])
 
     slews = np.stack(
         [
@@ -249,11 +236,9 @@ def _directions(at: Estimate, names: list[str]) -> tuple[Direction, ...]:
 
 
 def _arrivals(at: Estimate) -> tuple[Arrival, ...]:
-    model, point, w = at.model, at.point, _followers(at)
-    f, m = len(at.free), point.local.shape[1]
-    jacobian = padded_sensitivities(
-        model, point.theta, point.bias, point.local, at.white, at.free
-    ).jacobian
+    model, w = at.model, _followers(at)
+    f, m = len(at.free), at.point.n_local
+    jacobian = at.linearised().fitted_columns()
     fix_row = np.asarray(model.data.arrays.telemetry.fix_row)
     out = []
     for s, slew in enumerate(model.campaign.slews):
@@ -262,7 +247,7 @@ def _arrivals(at: Estimate) -> tuple[Arrival, ...]:
         for c, (columns, width) in enumerate(
             zip(jacobian, (3, 3, max(1, model.structure.wheels)), strict=True)
         ):
-            projected = np.asarray(columns[s])[:, : f + N_BIAS + m] @ follow
+            projected = columns[s] @ follow
             squares = (projected**2).reshape(-1, width, f).sum(1)
             np.add.at(rows[:, c], fix_row[s] if c == 1 else np.arange(len(squares)), squares)
         out.append(Arrival(slew.name, slew.time - slew.time[0], rows[: len(slew.time)]))

@@ -14,8 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.campaign.records import Campaign
+from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.objective import prior_rows
-from bayes_inertia.inference.optimizer import Estimate
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.linear_algebra import inverse
 

@@ -1,0 +1,510 @@
+"""A fit, linearised: everything that follows from the residuals and their derivatives at one point.
+
+Around the optimum the data are r = J x + (what is asked about) + e with unit noise e and Gaussian priors on
+x. With H = J^T J + prior the residuals of a perfect model have the covariance 1 - J H^-1 J^T: fitting has
+taken its share. What a test, a scan or a torque history may claim must be measured against that.
+
+Two forms of the same linear model are kept. The blocks (normal equations by slew and channel) are cheap and
+serve where slews or channels are weighed. The rows (residuals with their derivatives) serve where columns are
+projected off the fit; they are evaluated when first asked for.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from bayes_inertia.inference.likelihood import (
+    Information,
+    Residuals,
+    Sensitivities,
+    Whitening,
+    padded_sensitivities,
+)
+from bayes_inertia.inference.objective import N_BIAS, block_index, normal_equations, prior_rows
+from bayes_inertia.inference.point import Point
+from bayes_inertia.maths.linear_algebra import inverse, inverse_root, solve
+from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.packing import CHANNELS
+
+
+@array_dataclass
+class ChannelRows:
+    """One channel's measurements among the numbers of all channels.
+
+    Parameters
+    ----------
+    part : slice
+        Where the channel's numbers stand.
+    time : (slews, rows) array
+        Times of the measurements [s], the last one repeated in padding.
+    valid : (slews, rows, components) array of bool
+        What was measured.
+    """
+
+    part: slice
+    time: np.ndarray
+    valid: np.ndarray
+
+    def shaped(self, flat: np.ndarray) -> np.ndarray:
+        """Pick this channel out of the numbers of all channels.
+
+        Parameters
+        ----------
+        flat : (slews, numbers, ...) array
+            Numbers of all channels, one channel after the other.
+
+        Returns
+        -------
+        (slews, rows, components, ...) array
+            This channel's numbers.
+        """
+        return flat[:, self.part].reshape(*self.valid.shape, *flat.shape[2:])
+
+
+@array_dataclass
+class Rows:
+    """Whitened residuals "measured minus predicted" and their derivatives, all channels one after the other.
+
+    Parameters
+    ----------
+    residual : (slews, numbers) array
+        Zero where nothing was measured.
+    jacobian : (slews, numbers, d + 3 + n_local) array
+        Derivatives with respect to all parameters of the model, fitted or not, the bias and the slew's own nuisances.
+    """
+
+    residual: np.ndarray
+    jacobian: np.ndarray
+
+
+@array_dataclass
+class LinearisedFit:
+    """A fit to first order around a point.
+
+    Parameters
+    ----------
+    model : Model
+        What was fitted.
+    point : Point
+        Where the derivatives are taken.
+    white : Whitening
+        The noise as used.
+    information : Information
+        Normal equations by slew and channel; its `free` are the f parameters that were fitted.
+    hessian : (f + 3 + slews n_local,) squared array
+        Normal matrix of everything fitted, priors included.
+    discount : (slews, 3) array
+        Factor of each slew's and channel's information: noise as stated over noise as used, squared.
+    """
+
+    model: Model
+    point: Point
+    white: Whitening
+    information: Information
+    hessian: np.ndarray
+    discount: np.ndarray
+
+    # --- the unknowns ---------------------------------------------------------------------------------
+    @property
+    def free(self) -> np.ndarray:
+        """Indices (f,) of the parameters that were fitted."""
+        return self.information.free
+
+    @property
+    def n_shared(self) -> int:
+        """Unknowns that all slews share: the fitted parameters and the bias."""
+        return len(self.free) + N_BIAS
+
+    @property
+    def n_local(self) -> int:
+        """Nuisances of one slew."""
+        return self.point.n_local
+
+    def index(self, slew: int) -> np.ndarray:
+        """Where the unknowns of one slew stand in the joint vector.
+
+        Parameters
+        ----------
+        slew : int
+            Which slew, from 0.
+
+        Returns
+        -------
+        (n_shared + n_local,) array of int
+            Indices into (theta[free], bias, all local nuisances).
+        """
+        return block_index(self.n_shared, self.n_local, slew)
+
+    @cached_property
+    def prior_precision(self) -> np.ndarray:
+        """Prior precision (n_shared,) of the shared unknowns."""
+        slope, _ = prior_rows(self.model, self.point.theta)
+        return np.concatenate([slope[self.free] ** 2, np.ones(N_BIAS)])
+
+    # --- from the blocks ------------------------------------------------------------------------------
+    def normal_equations(self, weights: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+        """Hessian and gradient of everything fitted, priors included.
+
+        Parameters
+        ----------
+        weights : (slews,) array, optional
+            Multiplies each slew's information; 0 leaves a slew out.
+
+        Returns
+        -------
+        hessian : (unknowns, unknowns) array
+        gradient : (unknowns,) array
+        """
+        return normal_equations(self.model, self.point, self.information, weights)
+
+    def weighted_hessian(self, weights: np.ndarray) -> np.ndarray:
+        """Hessian with each slew's and channel's information weighted.
+
+        Another order of summation than `normal_equations`: with weights of one they agree to rounding.
+
+        Parameters
+        ----------
+        weights : (slews, 3) array
+            Multiplies the information of each slew and channel; 0 leaves it out.
+
+        Returns
+        -------
+        (unknowns, unknowns) array
+            Normal matrix of everything fitted, priors included.
+        """
+        hessian = self._prior_matrix()
+        for s, block in enumerate(self.information.matrix):
+            index = self.index(s)
+            hessian[np.ix_(index, index)] += np.einsum("c,cpq->pq", weights[s], block)
+        return hessian
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """Covariance (unknowns, unknowns) of (theta[free], bias, all local nuisances) given the data."""
+        return inverse(self.hessian)
+
+    def covariance_of(self, slew: int) -> np.ndarray:
+        """Covariance of what one slew depends on.
+
+        Parameters
+        ----------
+        slew : int
+            Which slew, from 0.
+
+        Returns
+        -------
+        (n_shared + n_local,) squared array
+            The slew's block of `covariance`.
+        """
+        index = self.index(slew)
+        return self.covariance[np.ix_(index, index)]
+
+    def without_slew(self, slew: int) -> tuple[np.ndarray, np.ndarray]:
+        """The fit without one slew, to first order.
+
+        Parameters
+        ----------
+        slew : int
+            The slew left out, from 0.
+
+        Returns
+        -------
+        step : (unknowns,) array
+            From `point` to the optimum of the other slews.
+        hessian : (unknowns, unknowns) array
+            Normal matrix of the other slews, priors included.
+        """
+        weights = np.ones(len(self.information.matrix))
+        weights[slew] = 0.0
+        hessian, gradient = self.normal_equations(weights)
+        return -solve(hessian, gradient), hessian
+
+    # --- from the rows --------------------------------------------------------------------------------
+    @cached_property
+    def sensitivities(self) -> Sensitivities:
+        """Residuals and derivatives with respect to all parameters, bias and nuisances, by channel (arrays of JAX)."""
+        every = np.arange(self.model.space.size)
+        s = padded_sensitivities(self.model, self.point, self.white, every)
+        p = len(every) + N_BIAS + self.n_local
+        return Sensitivities(s.residuals, Residuals(*(j[..., :p] for j in s.jacobian)))
+
+    @cached_property
+    def rows(self) -> Rows:
+        """Residuals and derivatives of all channels, one after the other."""
+        s = self.sensitivities
+        return Rows(
+            np.concatenate([np.asarray(r) for r in s.residuals], 1),
+            np.concatenate([np.asarray(j) for j in s.jacobian], 1),
+        )
+
+    def fitted_columns(self) -> Residuals:
+        """Derivatives with respect to everything fitted only, by channel.
+
+        Returns
+        -------
+        Residuals
+            Arrays (slews, numbers, n_shared + n_local).
+        """
+        s = padded_sensitivities(self.model, self.point, self.white, self.free)
+        return Residuals(*(np.asarray(j)[..., : self.n_shared + self.n_local] for j in s.jacobian))
+
+    @property
+    def residual(self) -> np.ndarray:
+        """Whitened residuals (slews, numbers) at the point."""
+        return self.rows.residual
+
+    @property
+    def parameters(self) -> np.ndarray:
+        """Derivatives (slews, numbers, d) with respect to all parameters of the model, fitted or not."""
+        return self.rows.jacobian[..., : self.model.space.size]
+
+    @cached_property
+    def columns(self) -> np.ndarray:
+        """Derivatives (slews, numbers, n_shared + n_local) with respect to everything fitted."""
+        return np.ascontiguousarray(self._columns_to_project)
+
+    @cached_property
+    def _columns_to_project(self) -> np.ndarray:
+        """As `columns`, each column's numbers side by side in memory: sums over numbers round by that order."""
+        d = self.model.space.size
+        bias_and_local = np.arange(d, d + N_BIAS + self.n_local)
+        return self.rows.jacobian[..., np.concatenate([self.free, bias_and_local])]
+
+    @property
+    def shared(self) -> np.ndarray:
+        """Columns (slews, numbers, n_shared) of the fitted parameters and the bias."""
+        return self.columns[..., : self.n_shared]
+
+    @property
+    def local(self) -> np.ndarray:
+        """Columns (slews, numbers, n_local) of each slew's own nuisances (prior sd 1)."""
+        return self.columns[..., self.n_shared :]
+
+    @cached_property
+    def settled_residual(self) -> np.ndarray:
+        """Residuals (slews, numbers) of the optimum, orthogonal to columns and prior.
+
+        The optimizer may have stopped short of it, at the end of a long narrow valley. One more step to first order is taken.
+        """
+        residual = self.residual.copy()
+        step = -self.covariance @ self.normal_equations()[1]
+        for s, columns in enumerate(self.columns):
+            residual[s] += columns @ step[self.index(s)]
+        return residual
+
+    def unfitted(self, signal: np.ndarray) -> np.ndarray:
+        """What is left of a signal in the residuals after everything is fitted again, to first order.
+
+        Parameters
+        ----------
+        signal : (slews, numbers) array
+            What is added to the whitened data.
+
+        Returns
+        -------
+        (slews, numbers) array
+            The part that the fit cannot imitate.
+        """
+        pull = np.zeros(len(self.covariance))
+        for s, change in enumerate(signal):
+            pull[self.index(s)] += self.columns[s].T @ change
+        answer = self.covariance @ pull
+        return np.stack(
+            [change - self.columns[s] @ answer[self.index(s)] for s, change in enumerate(signal)]
+        )
+
+    def replicates(self, rng: np.random.Generator, n: int, noise: np.ndarray) -> np.ndarray:
+        """Residuals that fits of a perfect model would leave.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Source of the noise, and of the true values, which are drawn from their priors.
+        n : int
+            How many.
+        noise : (slews, numbers) array
+            Standard deviation of the noise in units of the noise as used.
+
+        Returns
+        -------
+        (slews, numbers, n) array
+        """
+        e = rng.standard_normal((*self.residual.shape, n)) * (noise * self.valid)[..., None]
+        truth = np.concatenate(
+            [
+                rng.standard_normal((self.n_shared, n)) / np.sqrt(self.prior_precision)[:, None],
+                rng.standard_normal((len(e) * self.n_local, n)),
+            ]
+        )
+        pull = np.zeros_like(truth)
+        for s in range(len(e)):
+            e[s] -= self.columns[s] @ truth[self.index(s)]
+            pull[self.index(s)] += self.columns[s].T @ e[s]
+        answer = self.covariance @ pull
+        for s in range(len(e)):
+            e[s] -= self.columns[s] @ answer[self.index(s)]
+        return e
+
+    # --- projecting off the fit -----------------------------------------------------------------------
+    @cached_property
+    def _row_equations(self) -> tuple[np.ndarray, np.ndarray]:
+        """As `normal_equations`, summed from the rows: what is projected and what it is projected off round alike."""
+        theta, bias, local = self.point.theta, self.point.bias, self.point.local
+        slope, distance = (rows[self.free] for rows in prior_rows(self.model, theta))
+        hessian = self._prior_matrix()
+        gradient = np.concatenate([slope * distance, bias, local.ravel()])
+        for s, (columns, r) in enumerate(zip(self._columns_to_project, self.residual, strict=True)):
+            index = self.index(s)
+            hessian[np.ix_(index, index)] += columns.T @ columns
+            gradient[index] += columns.T @ r
+        return hessian, gradient
+
+    @cached_property
+    def inverse_root(self) -> np.ndarray:
+        """Lower triangular R (unknowns, unknowns), R^T R the inverse of the normal matrix of the rows."""
+        return inverse_root(self._row_equations[0])
+
+    @cached_property
+    def whitened_gradient(self) -> np.ndarray:
+        """R times the gradient (unknowns,) of the rows, priors included."""
+        return self.inverse_root @ self._row_equations[1]
+
+    def imitated(self, columns: np.ndarray) -> np.ndarray:
+        """The share of columns that the fit imitates: its square is what projecting takes away.
+
+        Parameters
+        ----------
+        columns : (slews, numbers, k) array
+            Changes of the whitened residuals by what is not fitted.
+
+        Returns
+        -------
+        (unknowns, k) array
+        """
+        total = np.zeros((len(self.inverse_root), columns.shape[-1]))
+        for s, (fitted, change) in enumerate(zip(self._columns_to_project, columns, strict=True)):
+            total[self.index(s)] += fitted.T @ change
+        return self.inverse_root @ total
+
+    def pull(self, columns: np.ndarray, imitated: np.ndarray) -> np.ndarray:
+        """Towards which amplitude of columns the residuals pull.
+
+        Parameters
+        ----------
+        columns : (slews, numbers, k) array
+            Changes of the whitened residuals by what is not fitted.
+        imitated : (unknowns, k) array
+            Their `imitated` share.
+
+        Returns
+        -------
+        (k,) array
+            The projected gradient.
+        """
+        along = np.einsum("snk,sn->k", columns, self.residual)
+        return -(along - imitated.T @ self.whitened_gradient)
+
+    # --- the measurements -----------------------------------------------------------------------------
+    @property
+    def valid(self) -> np.ndarray:
+        """Whether a number was measured, (slews, numbers)."""
+        return np.concatenate(
+            [rows.valid.reshape(len(self.residual), -1) for rows in self.channels.values()], 1
+        )
+
+    @cached_property
+    def weight(self) -> np.ndarray:
+        """Square root of the discount (slews, numbers): noise as stated over noise as used."""
+        return np.repeat(np.sqrt(self.discount), self._channel_sizes, axis=1)
+
+    @cached_property
+    def channels(self) -> dict[str, ChannelRows]:
+        """Where each channel's numbers are."""
+        time, fix_time, valid = _times(self.model)
+        sizes = self._channel_sizes
+        return {
+            c: ChannelRows(
+                slice(int(stop - size), int(stop)), fix_time if c == "attitude" else time, ok
+            )
+            for c, size, stop, ok in zip(CHANNELS, sizes, np.cumsum(sizes), valid, strict=True)
+        }
+
+    @property
+    def _channel_sizes(self) -> np.ndarray:
+        return np.array([ok[0].size for ok in _times(self.model)[2]])
+
+    def _prior_matrix(self) -> np.ndarray:
+        """Prior precision of everything fitted, as a diagonal matrix."""
+        return np.diag(np.concatenate([self.prior_precision, np.ones(self.point.local.size)]))
+
+
+def _times(model: Model) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, ...]]:
+    """Times of rows and fixes from each slew's zero, repeated at the end in padding, and what was measured."""
+    telemetry, slews = model.data.arrays.telemetry, model.campaign.slews
+    n = telemetry.rate.shape[1]
+    time = np.stack([np.concatenate([s.time, np.full(n - len(s.time), s.time[-1])]) for s in slews])
+    fixes = np.take_along_axis(time, np.asarray(telemetry.fix_row), axis=1)
+    return time, fixes, tuple(np.asarray(v, bool) for v in measured(model))
+
+
+def measured(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What the model compares with measurements, by channel.
+
+    Parameters
+    ----------
+    model : Model
+        In the measured drive tachometers are an input and no channel.
+
+    Returns
+    -------
+    rate, attitude, momentum : (slews, rows, components) arrays of bool
+    """
+    telemetry = model.data.arrays.telemetry
+    wheels = 0 if model.structure.drive == "measured" else None
+    return (
+        np.asarray(telemetry.rate_valid),
+        np.repeat(np.asarray(telemetry.fix_valid)[..., None], 3, -1),
+        np.asarray(telemetry.momentum_valid)[..., :wheels],
+    )
+
+
+def marginal_information(
+    model: Model, point: Point, white: Whitening, parameters: np.ndarray
+) -> np.ndarray:
+    """What the data tell of some parameters and the bias, the slews' own nuisances integrated out with their priors.
+
+    At any point of any model of the campaign, not only at a fit's optimum.
+
+    Parameters
+    ----------
+    model : Model
+    point : Point
+        Where the derivatives are taken.
+    white : Whitening
+        The noise.
+    parameters : (k,) array of int
+        Which parameters; the others are taken as known.
+
+    Returns
+    -------
+    (k + 3, k + 3) array
+        Information matrix, without the priors of parameters and bias.
+    """
+    d, m, slews = model.space.size, point.n_local, model.n_slews
+    s = padded_sensitivities(model, point, white, np.arange(d))
+    chosen = np.concatenate([parameters, np.arange(d, d + N_BIAS + m)])
+    shared = len(parameters) + N_BIAS
+    joint = np.zeros((shared + slews * m,) * 2)
+    for k in range(slews):
+        J = np.concatenate([np.asarray(j[k])[:, chosen] for j in s.jacobian])
+        index = block_index(shared, m, k)
+        joint[np.ix_(index, index)] += J.T @ J
+    local = np.arange(shared, len(joint))
+    joint[local, local] += 1.0
+    across = joint[np.ix_(local, np.arange(shared))]
+    own = joint[np.ix_(local, local)]
+    told = joint[:shared, :shared] - np.stack([across.T @ solve(own, c) for c in across.T], 1)
+    return 0.5 * (told + told.T)

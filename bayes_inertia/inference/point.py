@@ -1,0 +1,39 @@
+"""A point of the full parameter space: what is sampled and what is integrated out, together."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+from jax import Array
+
+from bayes_inertia.maths.values import array_dataclass
+
+
+@jax.tree_util.register_dataclass
+@array_dataclass
+class Point:
+    """Where residuals are evaluated; compiled code takes it as one argument.
+
+    Parameters
+    ----------
+    theta : (d,) array
+        Parameters of the model, in physical units.
+    bias : (3,) array
+        Deviation of the rate bias from its prior mean, in prior sd.
+    local : (slews, n_local) array
+        Nuisances of each slew (start state; in the measured drive slow tachometer noise), in prior sd.
+
+    Examples
+    --------
+    >>> Point(np.zeros(9), np.zeros(3), np.zeros((2, 9))).n_local
+    9
+    """
+
+    theta: np.ndarray | Array
+    bias: np.ndarray | Array
+    local: np.ndarray | Array
+
+    @property
+    def n_local(self) -> int:
+        """Nuisances of one slew."""
+        return self.local.shape[1]
