@@ -19,9 +19,9 @@ from bayes_inertia.app import design_commands
 from bayes_inertia.app.cli import main
 from bayes_inertia.app.design_commands import keep_outs
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.campaign.records import RateSensor, StarTracker, Wheel
+from bayes_inertia.campaign.records import InertiaPrior, RateSensor, StarTracker, Wheel
 from bayes_inertia.design.comparison import achieve, compare_plans
-from bayes_inertia.design.designer import design_plan, next_slew
+from bayes_inertia.design.designer import design_plan, next_slew, problem_for
 from bayes_inertia.design.feasible_region import region_of
 from bayes_inertia.design.goals import Goal, criterion, goal
 from bayes_inertia.design.information import covariance, forecast
@@ -42,7 +42,7 @@ from bayes_inertia.flight.spacecraft import (
     most_like_spacecraft,
 )
 from bayes_inertia.inference.optimizer import estimate, move_to
-from bayes_inertia.maths import quaternion
+from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.physics.check_effect import small_campaign
 from bayes_inertia.physics.effects import ConstantTorque, StarTrackerShift, by_name
 from bayes_inertia.physics.forward_model import Model
@@ -499,3 +499,16 @@ def test_keep_out_cones_from_a_file(tmp_path):
     path.write_text("[[keep_out]]\nname = 3\n")
     with pytest.raises(CampaignError, match="direction_N"):
         keep_outs([str(path)])
+
+
+def test_a_plan_for_a_nearly_flat_body_is_judged_by_tensors_that_a_body_can_have(craft):
+    """A plate's draws from an estimate are unphysical half the time."""
+    plate = replace(craft, inertia_B=np.diag([1.0, 1.0, 1.9999]))
+    prior = InertiaPrior(plate.inertia_B, 0.04, 0.03)
+    one = replace(paper_like_plan(), slews=paper_like_plan().slews[:1])
+    estimate = rehearse(one, plate, prior)
+    problem, _, _, truths = problem_for(
+        plate, prior, goal("cross_terms"), Limits(rate=0.02), one, 1, 0, 12, estimate
+    )
+    assert len(truths) == len(problem.thetas) == 12
+    assert np.all(inertia_tensor.is_physical(problem.thetas[:, :6]))

@@ -10,9 +10,10 @@ from bayes_inertia.design.after_campaign import plan_after
 from bayes_inertia.flight.follow_on import spacecraft_at
 from bayes_inertia.flight.plan import Orbit, Plan, PlannedSlew
 from bayes_inertia.flight.plan_flight import predict_correction_slew
-from bayes_inertia.flight.spacecraft import Controller, Spacecraft
+from bayes_inertia.flight.spacecraft import Controller, Spacecraft, spin_tensor
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.maths.inertia_tensor import is_physical
+from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.simulator import idle_slew
 
@@ -122,13 +123,20 @@ def _predicted(
 
 
 def _draws(at: Estimate, rng: np.random.Generator, n: int) -> np.ndarray:
-    """Draws (<= n, d) of all parameters from the Laplace approximation, physical ones."""
-    space = at.model.space
-    thetas = rng.multivariate_normal(at.theta, at.covariance, size=n)
+    """Draws (n, d) of all parameters from the Laplace approximation, every J physical."""
+    space, campaign = at.model.space, at.model.campaign
+    locked = campaign.inertia.includes_wheel_spin
+    thetas = draw_physical(
+        lambda k: rng.multivariate_normal(at.theta, at.covariance, size=k),
+        n,
+        wheel_spin=inertia_tensor.elements(spin_tensor(campaign.wheels)) if locked else None,
+        where="the estimate",
+        advice="hardly any tensor within its uncertainty is one of a body: fly more slews first",
+    )
     thetas[:, 6:] = np.clip(thetas, space.lower + 1e-9 * space.sd, space.upper - 1e-9 * space.sd)[
         :, 6:
     ]
-    return thetas[[bool(is_physical(t[:6])) for t in thetas]]
+    return thetas
 
 
 def _values(

@@ -28,10 +28,12 @@ from bayes_inertia.errors import DesignError
 from bayes_inertia.flight.follow_on import spacecraft_at
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
-from bayes_inertia.flight.spacecraft import Controller, Spacecraft
+from bayes_inertia.flight.spacecraft import Controller, Spacecraft, spin_tensor
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.objective import N_BIAS
+from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.linear_algebra import inverse
+from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.physics.effects import by_name
 
 # A limit that a plan comes this close to, of what its reserve leaves, is active.
@@ -373,8 +375,15 @@ def _told(ahead: Forecast, at: Estimate) -> Forecast:
 
 def _truths_after(at: Estimate, spacecraft: Spacecraft, n: int, seed: int) -> list[Spacecraft]:
     rng = np.random.default_rng([seed, 5])
-    drawn = rng.multivariate_normal(at.theta[:9], at.covariance[:9, :9], n - 1, method="cholesky")
-    campaign = at.model.campaign
+    mean, covariance, campaign = at.theta[:9], at.covariance[:9, :9], at.model.campaign
+    locked = campaign.inertia.includes_wheel_spin
+    drawn = draw_physical(
+        lambda k: rng.multivariate_normal(mean, covariance, k, method="cholesky"),
+        n - 1,
+        wheel_spin=inertia_tensor.elements(spin_tensor(campaign.wheels)) if locked else None,
+        where="the estimate",
+        advice="hardly any tensor within its uncertainty is one of a body: fly more slews first",
+    )
     return [replace(spacecraft_at(campaign, theta), bias=None) for theta in [at.theta[:9], *drawn]]
 
 

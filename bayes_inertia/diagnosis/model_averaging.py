@@ -11,7 +11,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 
-import jax
 import numpy as np
 
 from bayes_inertia.diagnosis.result import Diagnosis, Rival, Step
@@ -19,10 +18,9 @@ from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import move_to, re_estimate, with_noise
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import N_BASE, Model
-
-_is_physical = jax.jit(inertia_tensor.is_physical)
 
 
 @array_dataclass
@@ -156,17 +154,12 @@ def _row(effects: list[str], other: Alternative) -> dict:
     return {"effects": effects, "probability": other.probability, "parameters": parameters}
 
 
-def _physical_draws(
-    other: Alternative, n: int, rng: np.random.Generator, tries: int = 100
-) -> np.ndarray:
-    """Draws (n, 9) of J and K; one that no body has is replaced by the mean after so many tries."""
-    out, open_still = np.tile(other.mean, (n, 1)), np.arange(n)
-    for _ in range(tries):
-        if not len(open_still):
-            break
-        drawn = rng.multivariate_normal(
-            other.mean, other.covariance, len(open_still), method="eigh"
-        )
-        good = np.asarray(_is_physical(drawn[:, :6]))
-        out[open_still[good]], open_still = drawn[good], open_still[~good]
-    return out
+def _physical_draws(alternative: Alternative, n: int, rng: np.random.Generator) -> np.ndarray:
+    """Draws (n, 9) of J and K."""
+    mean, covariance = alternative.mean, alternative.covariance
+    return draw_physical(
+        lambda k: rng.multivariate_normal(mean, covariance, k, method="eigh"),
+        n,
+        where=alternative.effect,
+        advice="hardly any tensor within its uncertainty is one of a body: fly more slews first",
+    )

@@ -13,7 +13,7 @@ import numpy as np
 
 from bayes_inertia.campaign.records import Campaign, InertiaPrior
 from bayes_inertia.campaign.writer import write_campaign
-from bayes_inertia.errors import CampaignError, EffectError, OutputError
+from bayes_inertia.errors import EffectError, OutputError
 from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_flight import Flight, fly, planned_campaign
@@ -24,6 +24,8 @@ from bayes_inertia.flight.spacecraft import (
     most_like_spacecraft,
     spin_tensor,
 )
+from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.parameters import ParameterSpace
@@ -177,19 +179,10 @@ def draw_spacecraft(
     prior, sensor = template.inertia, template.rate_sensor
     spin = spin_tensor(template.wheels) if prior.includes_wheel_spin else np.zeros((3, 3))
     mean, sd = prior.elements, prior.sd
-    rows, columns = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)  # the order of inertia.ELEMENTS
-    for _ in range(10_000):
-        J = np.zeros((3, 3))
-        J[rows, columns] = J[columns, rows] = rng.normal(mean, sd)
-        J -= spin
-        if np.linalg.eigvalsh(0.5 * np.trace(J) * np.eye(3) - J)[0] > 0.0:
-            break
-    else:
-        raise CampaignError(
-            "hardly any draw of the inertia prior is physical",
-            where="key inertia",
-            advice="reduce relative_sigma or product_sigma",
-        )
+    elements = draw_physical(
+        lambda n: rng.normal(mean, sd, (n, 6)), 1, wheel_spin=inertia_tensor.elements(spin)
+    )[0]
+    J = np.array(inertia_tensor.tensor(elements)) - spin
     drawn = {**(values or {})}
     for effect in effects:
         if effect.name not in drawn:

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from scipy import stats
 
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.physical_draws import are_physical
 from bayes_inertia.observability.result import Observability
 
 # Differences are reported above this and above four times their Monte Carlo error.
@@ -106,7 +105,4 @@ def _unphysical(found: Observability, draws: int = 20_000) -> float:
     drawn = rng.multivariate_normal(
         mean, found.covariance[np.ix_(index, index)], draws, method="eigh"
     )
-    return float(1.0 - np.mean(np.asarray(_is_physical(jnp.asarray(drawn)))))
-
-
-_is_physical = jax.jit(inertia_tensor.is_physical)
+    return float(1.0 - np.mean(are_physical(drawn)))

@@ -18,6 +18,7 @@ from jax import Array
 from bayes_inertia.campaign.records import Campaign
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.maths import inertia_tensor, quaternion
+from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.effect import Effect, Trajectory
@@ -27,7 +28,6 @@ from bayes_inertia.physics.simulator import Drive, SlewInput, Start, simulate
 
 # Slow shapes of tachometer noise that move the attitude; the rest acts only on its own sample.
 _TACHOMETER_MODES = 12
-_is_physical = jax.jit(inertia_tensor.is_physical)
 N_BASE = 9  # six elements of J, three scale factors: first in every model, before the parameters of effects
 
 
@@ -152,17 +152,7 @@ class Model:
 
     def draw_prior(self, rng: np.random.Generator, n: int) -> np.ndarray:
         """n draws (n, d) of the prior; every J among them is physical."""
-        drawn = self.space.draw(rng, n)
-        for _ in range(1000):
-            bad = ~np.array(_is_physical(drawn[:, :6]))
-            if not bad.any():
-                return drawn
-            drawn[bad] = self.space.draw(rng, int(bad.sum()))
-        raise CampaignError(
-            "hardly any draw of the inertia prior is physical",
-            where="key inertia",
-            advice="reduce relative_sigma or product_sigma",
-        )
+        return draw_physical(lambda n: self.space.draw(rng, n), n)
 
 
 def _check(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> None:
