@@ -45,7 +45,7 @@ sys.path.insert(0, str(Path(__file__).parent))
 
 from by_hand import ByHand
 
-from bayes_inertia.campaign.records import Campaign
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.plan_flight import planned_campaign

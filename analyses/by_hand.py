@@ -15,7 +15,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from bayes_inertia.campaign.records import Campaign, Slew
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.slew import Slew
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,8 @@ from matplotlib.figure import Figure
 from scipy.linalg import sqrtm
 from scipy.stats import beta
 
-from bayes_inertia.campaign.records import Campaign, InertiaPrior
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.inference.laplace import Estimate

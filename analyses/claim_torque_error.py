@@ -25,7 +25,7 @@ from common import (
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
-from bayes_inertia.campaign.records import Campaign
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.flight.plan import PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import Flight, fly
 from bayes_inertia.inference.laplace import Estimate

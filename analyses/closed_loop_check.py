@@ -11,8 +11,8 @@ import numpy as np
 from common import ARCSEC, DEG, ROOT, Table, spacecraft_of
 from scipy.spatial.transform import Rotation
 
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.campaign.records import Campaign
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
 from bayes_inertia.flight.spacecraft import Controller

@@ -22,7 +22,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from bayes_inertia.campaign.records import Campaign, InertiaPrior, RateSensor, StarTracker, Wheel
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
+from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_flight import Flight, fly

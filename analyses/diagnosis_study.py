@@ -24,7 +24,7 @@ import numpy as np
 from independent import Deadband, Disturbance, Leak, RateSquared, Ripple, Swirl, Wander, replayed
 from scipy import optimize, stats
 
-from bayes_inertia.campaign.records import Campaign
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.cross_validation import held_out
 from bayes_inertia.diagnosis.model_averaging import alternatives
 from bayes_inertia.diagnosis.result import Diagnosis

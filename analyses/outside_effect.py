@@ -15,7 +15,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 import numpy as np
 
-from bayes_inertia.campaign.records import Campaign
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.maths import quaternion

@@ -12,14 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayes_inertia.campaign.records import (
-    Campaign,
-    InertiaPrior,
-    RateSensor,
-    Slew,
-    StarTracker,
-    Wheel,
-)
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
+from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.parameters import Normal, vector

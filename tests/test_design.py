@@ -18,8 +18,9 @@ import bayes_inertia
 from bayes_inertia.app import design_commands
 from bayes_inertia.app.cli import main
 from bayes_inertia.app.design_commands import keep_outs
+from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
+from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.campaign.records import InertiaPrior, RateSensor, StarTracker, Wheel
 from bayes_inertia.design.comparison import achieve, compare_plans
 from bayes_inertia.design.designer import design_plan, next_slew, problem_for
 from bayes_inertia.design.feasible_region import region_of

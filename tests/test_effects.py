@@ -17,8 +17,11 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import RateSensor
+from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.campaign.records import Campaign, InertiaPrior, RateSensor, Slew
+from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import EffectError
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.maths import inertia_tensor, quaternion

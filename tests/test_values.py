@@ -17,7 +17,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 import bayes_inertia
-from bayes_inertia.campaign.records import InertiaPrior, RateSensor, Slew
+from bayes_inertia.campaign.hardware import RateSensor
+from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft
 from bayes_inertia.inference.objective import Point
 from bayes_inertia.maths.values import array_dataclass, equal

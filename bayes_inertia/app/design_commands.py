@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
-from bayes_inertia.campaign.records import Campaign
 from bayes_inertia.design.after_campaign import plan_after
 from bayes_inertia.design.comparison import NAMES, Contender, compare_plans
 from bayes_inertia.design.designer import Design, design_plan

@@ -6,7 +6,7 @@ from contextlib import suppress
 from typing import Any
 
 from bayes_inertia.app.diagnosis_json import to_json
-from bayes_inertia.campaign.records import Campaign
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.design.correction_slew import correction_forecast
 from bayes_inertia.design.separating_slew import Separation, separating_slew
 from bayes_inertia.diagnosis.blind_spots import undetected

@@ -8,7 +8,7 @@ from pathlib import Path
 from threading import Thread
 from time import perf_counter
 
-from bayes_inertia.campaign.records import Campaign
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.flexible_mode_search import with_ringing
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.posterior import Posterior, build

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
-from bayes_inertia.campaign.records import Campaign
 from bayes_inertia.errors import OutputError
 from bayes_inertia.files import check_folder, make_folder, write_atomically
 from bayes_inertia.inference.laplace import Estimate

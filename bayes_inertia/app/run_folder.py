@@ -17,8 +17,8 @@ from bayes_inertia import __version__
 from bayes_inertia.app.diagnose_campaign import investigated
 from bayes_inertia.app.diagnosis_json import alternatives_of, effects_of
 from bayes_inertia.app.fit_campaign import fit
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import campaign_sha256, copy_campaign, read_campaign
-from bayes_inertia.campaign.records import Campaign
 from bayes_inertia.diagnosis.model_averaging import averaged
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import check_folder, write_atomically

@@ -21,7 +21,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from bayes_inertia.campaign.records import Campaign
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.observability import result
 
 if TYPE_CHECKING:

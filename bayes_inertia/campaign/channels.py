@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bayes_inertia.campaign.records import bad_quaternion
 from bayes_inertia.campaign.schema import AttitudeColumns, ColumnsPart, TimeColumn
+from bayes_inertia.campaign.slew import bad_quaternion
 from bayes_inertia.campaign.table import Table
 from bayes_inertia.campaign.units import to_si
 from bayes_inertia.errors import CampaignError
@@ -15,7 +15,6 @@ from bayes_inertia.errors import CampaignError
 _ENVIRONMENT = {
     "magnetic_field": "magnetic_field_N",
     "position": "position_N",
-    "velocity": "velocity_N",
 }
 
 

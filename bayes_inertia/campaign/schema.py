@@ -36,7 +36,6 @@ SpeedUnit = Literal[tuple(UNITS["wheel_speed"])]
 RateUnit = Literal[tuple(UNITS["rate"])]
 FieldUnit = Literal[tuple(UNITS["magnetic_field"])]
 PositionUnit = Literal[tuple(UNITS["position"])]
-VelocityUnit = Literal[tuple(UNITS["velocity"])]
 
 
 class _Part(BaseModel):
@@ -159,14 +158,6 @@ class PositionColumns(_Part):
     frame: Literal["inertial"]
 
 
-class VelocityColumns(_Part):
-    """`velocity` of `[columns]`."""
-
-    names: Names3 = Field(description='names = ["...", "...", "..."], along the inertial axes')
-    unit: VelocityUnit
-    frame: Literal["inertial"]
-
-
 class ColumnsPart(_Part):
     """`[columns]`: which columns of the tables hold what, in which unit and sense."""
 
@@ -180,7 +171,6 @@ class ColumnsPart(_Part):
     attitude: AttitudeColumns | None = None
     magnetic_field: MagneticFieldColumns | None = None
     position: PositionColumns | None = None
-    velocity: VelocityColumns | None = None
 
     def given(self) -> dict[str, Any]:
         """The entries that the campaign has, by key."""

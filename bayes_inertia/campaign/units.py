@@ -23,7 +23,6 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "rate": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": _DEGREE, "deg/h": _DEGREE / 3600.0},
         "magnetic_field": {"T": 1.0, "mT": 1e-3, "uT": 1e-6, "nT": 1e-9, "G": 1e-4},
         "position": {"m": 1.0, "km": 1e3},
-        "velocity": {"m/s": 1.0, "km/s": 1e3},
     }
 )
 """For each quantity of `[columns]`, the factor from each accepted unit to SI."""

@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.campaign.records import Campaign, Slew
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.schema import FORMAT
+from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import OutputError
 from bayes_inertia.files import write_atomically
 
@@ -30,11 +31,6 @@ _CHANNELS = {
         ["Bx_N_T", "By_N_T", "Bz_N_T"],
     ),
     "position_N": ("position", {"unit": "m", "frame": "inertial"}, ["rx_N_m", "ry_N_m", "rz_N_m"]),
-    "velocity_N": (
-        "velocity",
-        {"unit": "m/s", "frame": "inertial"},
-        ["vx_N_mps", "vy_N_mps", "vz_N_mps"],
-    ),
 }
 
 

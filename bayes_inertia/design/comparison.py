@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import joblib
 import numpy as np
 
-from bayes_inertia.campaign.records import InertiaPrior
+from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.design.limits import Limits, Margin, margins
 from bayes_inertia.design.rehearsal import expected_sd, theta_of
 from bayes_inertia.errors import CampaignError

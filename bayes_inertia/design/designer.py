@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayes_inertia.campaign.records import InertiaPrior
+from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.design.after_campaign import plan_after
 from bayes_inertia.design.feasible_region import Region, region_of
 from bayes_inertia.design.goals import Goal

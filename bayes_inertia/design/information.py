@@ -18,7 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayes_inertia.campaign.records import Campaign, InertiaPrior
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.design.planned_motion import (
     Body,
     Origin,

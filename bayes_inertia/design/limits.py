@@ -15,13 +15,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayes_inertia.campaign.records import Vector
 from bayes_inertia.design.planned_motion import Motion, body_with, motion_of
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_flight import Flight
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.maths import quaternion
+from bayes_inertia.maths.values import Vector
 
 Quaternion = tuple[float, float, float, float]
 

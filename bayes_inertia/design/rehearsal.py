@@ -8,7 +8,7 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 
-from bayes_inertia.campaign.records import InertiaPrior
+from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_flight import Flight, fly, planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_spacecraft

@@ -17,7 +17,7 @@ import numpy as np
 from scipy import stats
 from scipy.special import logsumexp
 
-from bayes_inertia.campaign.records import Campaign
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.compilation import compile_ahead
 from bayes_inertia.diagnosis.driven_disturbances import NAMED
 from bayes_inertia.diagnosis.evidence import log_bayes_factor

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayes_inertia.campaign.records import Campaign
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.flight.plan import Plan, PlannedSlew
 from bayes_inertia.flight.spacecraft import Spacecraft, without_spin
 

@@ -18,8 +18,8 @@ import numpy as np
 from jax import Array
 from scipy.spatial.transform import Rotation
 
-from bayes_inertia.campaign.records import Vector
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.maths.values import Vector
 
 Profile = Literal["trapezoid", "smooth"]
 _EARTH_GM = 3.986004418e14  # [m^3/s^2]

@@ -18,7 +18,9 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bayes_inertia.campaign.records import Campaign, InertiaPrior, Slew, Vector
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.flight.closed_loop import (
     TOLERANCE,
@@ -33,7 +35,7 @@ from bayes_inertia.flight.closed_loop import (
 from bayes_inertia.flight.plan import Plan, angle_and_rate
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft, without_spin
 from bayes_inertia.maths import inertia_tensor
-from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.maths.values import Vector, array_dataclass
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.effect import Effect, Trajectory
 from bayes_inertia.physics.packing import pack

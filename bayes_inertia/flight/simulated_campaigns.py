@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.campaign.records import Campaign, InertiaPrior
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.errors import EffectError, OutputError
 from bayes_inertia.files import write_atomically

@@ -10,9 +10,10 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from bayes_inertia.campaign.records import InertiaPrior, RateSensor, StarTracker, Vector, Wheel
+from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
+from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.errors import CampaignError, EffectError
-from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.maths.values import Vector, array_dataclass
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.effect import Effect
 

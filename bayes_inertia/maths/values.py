@@ -16,6 +16,9 @@ from typing import Any, dataclass_transform
 import jax
 import numpy as np
 
+# Three numbers along body axes, as plain floats: such a field can be hashed and compared.
+Vector = tuple[float, float, float]
+
 
 @dataclass_transform(frozen_default=True)
 def array_dataclass[T](cls: type[T]) -> type[T]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 
-from bayes_inertia.campaign.records import Campaign
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.maths import inertia_tensor

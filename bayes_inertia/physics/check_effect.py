@@ -11,14 +11,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayes_inertia.campaign.records import (
-    Campaign,
-    InertiaPrior,
-    RateSensor,
-    Slew,
-    StarTracker,
-    Wheel,
-)
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
+from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import EffectError
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.effect import Effect

@@ -19,7 +19,7 @@ from bayes_inertia.physics.parameters import Parameter
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from bayes_inertia.campaign.records import Campaign
+    from bayes_inertia.campaign.campaign import Campaign
 
 
 class SlewContext(NamedTuple):

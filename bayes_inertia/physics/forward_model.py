@@ -15,7 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayes_inertia.campaign.records import Campaign
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.maths.physical_draws import draw_physical
@@ -104,7 +104,9 @@ class Model:
     CampaignError : the campaign lacks what the drive needs.
     EffectError : two effects of one name, or an effect that lacks environment columns.
 
-    >>> from bayes_inertia.campaign.records import InertiaPrior, RateSensor, Slew
+    >>> from bayes_inertia.campaign.hardware import RateSensor
+    >>> from bayes_inertia.campaign.inertia_prior import InertiaPrior
+    >>> from bayes_inertia.campaign.slew import Slew
     >>> slew = Slew("a", 0.0, np.arange(3.0), rate=np.zeros((3, 3)))
     >>> Model(Campaign("c", InertiaPrior(np.eye(3), 0.1, 0.1), (), RateSensor(sigma=1e-5), None, (slew,))).space.names[:2]
     ('Jxx', 'Jyy')

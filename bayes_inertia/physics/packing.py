@@ -12,7 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayes_inertia.campaign.records import Campaign, Slew
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.physics.effect import SlewContext
 from bayes_inertia.physics.simulator import SlewInput
@@ -91,7 +92,8 @@ def longest_step(campaign: Campaign) -> float:
     Measured: with 0.05 rad a step, 100 steps of a tumble at 1 rad/s are right to 3e-7 rad/s. The fastest rotation is
     taken from the 95th percentile of the readings, so that a few glitches do not refine the whole campaign.
 
-    >>> from bayes_inertia.campaign.records import InertiaPrior, RateSensor
+    >>> from bayes_inertia.campaign.hardware import RateSensor
+    >>> from bayes_inertia.campaign.inertia_prior import InertiaPrior
     >>> slew = Slew("a", 0.0, np.arange(3.0), rate=np.ones((3, 3)))
     >>> round(longest_step(Campaign("c", InertiaPrior(np.eye(3), 0.1, 0.1), (), RateSensor(sigma=1e-5), None, (slew,))), 3)
     0.008
@@ -111,7 +113,8 @@ def pack(campaign: Campaign, *, max_step: float | None = None, modes: int = 0) -
     max_step : longest integration step [s]; None for the telemetry's own.
     modes : number of slow tachometer-noise shapes per wheel (measured drive).
 
-    >>> from bayes_inertia.campaign.records import InertiaPrior, RateSensor
+    >>> from bayes_inertia.campaign.hardware import RateSensor
+    >>> from bayes_inertia.campaign.inertia_prior import InertiaPrior
     >>> slew = Slew("a", 0.0, np.arange(3.0), rate=np.zeros((3, 3)))
     >>> pack(Campaign("c", InertiaPrior(np.eye(3), 0.1, 0.1), (), RateSensor(sigma=1e-5), None, (slew,))).telemetry.rate.shape
     (1, 32, 3)

@@ -6,7 +6,7 @@ stop the observed motion within one slew: disturbances are stated as fractions o
 
 from __future__ import annotations
 
-from bayes_inertia.campaign.records import Campaign
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.physics.parameters import Parameter, Prior, vector
 
 
@@ -14,7 +14,9 @@ def torque_scale(campaign: Campaign) -> float:
     """J w / T [N m].
 
     >>> import numpy as np
-    >>> from bayes_inertia.campaign.records import InertiaPrior, RateSensor, Slew
+    >>> from bayes_inertia.campaign.hardware import RateSensor
+    >>> from bayes_inertia.campaign.inertia_prior import InertiaPrior
+    >>> from bayes_inertia.campaign.slew import Slew
     >>> slew = Slew("a", 0.0, np.array([0.0, 10.0]), rate=np.array([[0.1, 0.0, 0.0]] * 2))
     >>> round(torque_scale(Campaign("c", InertiaPrior(2.0 * np.eye(3), 0.1, 0.1), (), RateSensor(sigma=1e-5), None, (slew,))), 9)
     0.02

@@ -1,0 +1,156 @@
+"""The hardware that a campaign was flown with: wheels, rate sensor, star tracker."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from bayes_inertia.campaign.checks import require, require_positive, triple, unit_vector
+from bayes_inertia.maths.values import Vector, array_dataclass
+
+
+@dataclass(frozen=True)
+class Wheel:
+    """One reaction or momentum wheel.
+
+    Parameters
+    ----------
+    name : str
+        The wheel, as printed.
+    axis_B : (3,) array_like
+        Unit spin axis in body axes.
+    spin_inertia : float
+        Moment of inertia about that axis [kg m^2].
+    max_torque : float, optional
+        Largest motor torque [N m]; None where unknown.
+    max_momentum : float, optional
+        Largest momentum relative to the body [N m s]; None where unknown.
+    momentum_sigma : float, optional
+        Noise of the tachometer's momentum per sample [N m s]; None without tachometer.
+
+    Raises
+    ------
+    CampaignError
+        If the axis is no unit vector, or a number is not positive.
+
+    Examples
+    --------
+    >>> Wheel("x", (1., 0., 0.), 1e-3).axis_B
+    (1.0, 0.0, 0.0)
+    """
+
+    name: str
+    axis_B: Vector
+    spin_inertia: float
+    max_torque: float | None = None
+    max_momentum: float | None = None
+    momentum_sigma: float | None = None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "axis_B", unit_vector(self.axis_B, f"wheels.{self.name}.axis"))
+        require_positive(self.spin_inertia, f"wheels.{self.name}.spin_inertia")
+        for key in ("max_torque", "max_momentum", "momentum_sigma"):
+            require_positive(getattr(self, key), f"wheels.{self.name}.{key}", optional=True)
+
+
+@array_dataclass
+class RateSensor:
+    """Three-axis rate sensor: K w_meas = C_rate w + b, K = diag(K1, K2, K3) (paper eq 12).
+
+    Parameters
+    ----------
+    sigma : float or (3,) array_like
+        White noise per sample [rad/s].
+    axes : (3, 3) array, optional
+        C_rate: row i is the sensor axis i in body axes; the body axes by default.
+    range : float, optional
+        Largest reading of an axis [rad/s]; None if unlimited.
+    scale_factor : float or (3,) array_like, optional
+        Prior mean of K.
+    scale_factor_sigma : float or (3,) array_like, optional
+        Prior standard deviation of K.
+    bias : float or (3,) array_like, optional
+        Prior mean of b [rad/s].
+    bias_sigma : float or (3,) array_like, optional
+        Prior standard deviation of b [rad/s].
+
+    Raises
+    ------
+    CampaignError
+        If the axes are not three independent unit vectors, or a number is not positive.
+
+    Examples
+    --------
+    >>> RateSensor(sigma=2e-5).sigma
+    (2e-05, 2e-05, 2e-05)
+    """
+
+    sigma: Vector
+    axes: np.ndarray = field(default_factory=lambda: np.eye(3))
+    range: float | None = None
+    scale_factor: Vector = (1.0, 1.0, 1.0)
+    scale_factor_sigma: Vector = (0.03, 0.03, 0.03)
+    bias: Vector = (0.0, 0.0, 0.0)
+    bias_sigma: Vector = (1e-5, 1e-5, 1e-5)
+
+    def __post_init__(self) -> None:
+        axes = np.array(self.axes, dtype=float)
+        _require_independent_axes(axes)
+        object.__setattr__(self, "axes", axes)
+        for key in ("sigma", "scale_factor", "scale_factor_sigma", "bias", "bias_sigma"):
+            object.__setattr__(self, key, triple(getattr(self, key), f"rate_sensor.{key}"))
+            if key != "bias":
+                require_positive(getattr(self, key), f"rate_sensor.{key}")
+        require_positive(self.range, "rate_sensor.range", optional=True)
+
+
+def _require_independent_axes(axes: np.ndarray) -> None:
+    """Raise `CampaignError` unless the rows of a matrix are three independent unit vectors."""
+    key = "rate_sensor.axes"
+    shape = f"shape {axes.shape} is not (3, 3)"
+    require(axes.shape == (3, 3), key, shape, "give one row a sensor axis")
+    lengths = np.linalg.norm(axes, axis=1)
+    require(
+        bool(np.all(np.abs(lengths - 1.0) < 0.01)),
+        key,
+        f"rows have lengths {np.round(lengths, 4).tolist()}",
+        "give unit vectors",
+    )
+    independent = bool(abs(np.linalg.det(axes)) > 1e-3)
+    require(independent, key, "the axes lie in one plane", "give three independent axes")
+
+
+@dataclass(frozen=True)
+class StarTracker:
+    """Star tracker: q_meas = q * dq(e), e a small Gaussian rotation in body axes.
+
+    Parameters
+    ----------
+    boresight_B : (3,) array_like
+        Unit vector of the boresight in body axes.
+    sigma_cross : float
+        Noise across the boresight [rad].
+    sigma_roll : float
+        Noise about the boresight [rad].
+
+    Raises
+    ------
+    CampaignError
+        If the boresight is no unit vector, or a noise is not positive.
+
+    Examples
+    --------
+    >>> StarTracker((0., 0., 1.), 2e-5, 1e-4).sigma_roll
+    0.0001
+    """
+
+    boresight_B: Vector
+    sigma_cross: float
+    sigma_roll: float
+
+    def __post_init__(self) -> None:
+        boresight_B = unit_vector(self.boresight_B, "star_tracker.boresight")
+        object.__setattr__(self, "boresight_B", boresight_B)
+        require_positive(self.sigma_cross, "star_tracker.sigma_cross")
+        require_positive(self.sigma_roll, "star_tracker.sigma_roll")

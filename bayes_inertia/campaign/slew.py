@@ -1,0 +1,216 @@
+"""The telemetry of one slew."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from bayes_inertia.campaign.checks import require, unit_length, unit_vector
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.maths.values import Vector, array_dataclass
+
+# Columns of each channel; None: one a wheel.
+_WIDTHS = {
+    "wheel_torque": None,
+    "wheel_momentum": None,
+    "rate": 3,
+    "attitude": 4,
+    "magnetic_field_N": 3,
+    "position_N": 3,
+}
+# Rows with a reading of every axis are enough to tell the motion if they are this share of all.
+_ENOUGH_COMPLETE_ROWS = 0.1
+
+
+@array_dataclass
+class Slew:
+    """Telemetry of one slew: arrays of n rows.
+
+    A channel is None where its columns are absent; NaN stands where a cell is empty.
+
+    Parameters
+    ----------
+    name : str
+        The slew, as printed.
+    start : float
+        Time of the slew's first row on the campaign's clock [s].
+    time : (n,) array
+        Time from the slew's own zero [s], strictly increasing.
+    rate : (n, 3) array, optional
+        Output of the rate sensor [rad/s].
+    attitude : (n, 4) array, optional
+        Star-tracker quaternion, body from inertial, scalar last; four NaN where there is no fix.
+    wheel_torque : (n, wheels) array, optional
+        Motor torque ON THE WHEEL [N m], held from t_k to t_{k+1}.
+    wheel_momentum : (n, wheels) array, optional
+        Momentum relative to the body [N m s], sampled at t_k.
+    magnetic_field_N : (n, 3) array, optional
+        Magnetic field in inertial axes [T].
+    position_N : (n, 3) array, optional
+        Position in inertial axes [m].
+    axis_B : (3,) array_like, optional
+        Unit axis of the commanded rotation in body axes.
+    angle : float, optional
+        Angle of the commanded rotation [rad].
+
+    Raises
+    ------
+    CampaignError
+        If times do not increase, shapes do not fit, or a value is infinite or no unit quaternion.
+
+    Examples
+    --------
+    >>> Slew("a", 0.0, np.arange(3.0), rate=np.zeros((3, 3))).duration
+    2.0
+    """
+
+    name: str
+    start: float
+    time: np.ndarray
+    rate: np.ndarray | None = None
+    attitude: np.ndarray | None = None
+    wheel_torque: np.ndarray | None = None
+    wheel_momentum: np.ndarray | None = None
+    magnetic_field_N: np.ndarray | None = None
+    position_N: np.ndarray | None = None
+    axis_B: Vector | None = None
+    angle: float | None = None
+
+    def __post_init__(self) -> None:
+        where = f"slews.{self.name}"
+        time = np.asarray(self.time, dtype=float)
+        _require_increasing(time, f"{where}.time")
+        object.__setattr__(self, "time", time)
+        for key in ("start", "angle"):
+            value = getattr(self, key)
+            finite = value is None or bool(np.isfinite(value))
+            require(finite, f"{where}.{key}", f"{value!r} is not finite", "give a finite number")
+        for key, width in _WIDTHS.items():
+            if getattr(self, key) is not None:
+                array = _channel(getattr(self, key), len(time), width, f"{where}.{key}")
+                object.__setattr__(self, key, array)
+        if self.attitude is not None:
+            object.__setattr__(self, "attitude", _normalised(self.attitude, f"{where}.attitude"))
+        if self.axis_B is not None:
+            object.__setattr__(self, "axis_B", unit_vector(self.axis_B, f"{where}.axis"))
+
+    @property
+    def fixes(self) -> np.ndarray:
+        """Which rows (n,) hold a star-tracker fix."""
+        if self.attitude is None:
+            return np.zeros(len(self.time), dtype=bool)
+        return np.isfinite(self.attitude).all(axis=1)
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last row [s]."""
+        return float(self.time[-1] - self.time[0])
+
+    def complete_rates(self, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Rows at which the rates about all three axes are known, and the rates there.
+
+        These are the rows in which every reading is valid. Where such rows are rare, because the
+        axes are telemetered in turn, straight lines between the readings of each axis fill the
+        rows between its first and its last.
+
+        Parameters
+        ----------
+        valid : (n, 3) array of bool
+            Which readings count.
+
+        Returns
+        -------
+        rows : (m,) array of int
+            The rows, ascending; none if an axis has no valid reading.
+        rates : (m, 3) array
+            The sensor's readings there [rad/s].
+
+        Examples
+        --------
+        >>> x, y = [0., np.nan, 2.], [np.nan, 5., np.nan]
+        >>> slew = Slew("a", 0.0, np.arange(3.0), rate=np.array([x, y, x]).T)
+        >>> rows, rates = slew.complete_rates(np.isfinite(slew.rate))
+        >>> rows.tolist(), rates.tolist()
+        ([1], [[1.0, 5.0, 1.0]])
+        """
+        if self.rate is None:
+            return np.zeros(0, dtype=int), np.zeros((0, 3))
+        rows = np.flatnonzero(valid.all(axis=1))
+        if len(rows) > _ENOUGH_COMPLETE_ROWS * valid.any(axis=1).sum() or not valid.any(0).all():
+            return rows, self.rate[rows]
+        given = [np.flatnonzero(axis) for axis in valid.T]
+        rows = np.arange(max(k[0] for k in given), min(k[-1] for k in given) + 1)
+        bridged = [
+            np.interp(self.time[rows], self.time[k], readings[k])
+            for k, readings in zip(given, self.rate.T, strict=True)
+        ]
+        return rows, np.stack(bridged, axis=1)
+
+
+def bad_quaternion(attitude: np.ndarray) -> tuple[int, str] | None:
+    """The first row that is neither empty nor a unit quaternion.
+
+    Parameters
+    ----------
+    attitude : (n, 4) array
+        Quaternions; four NaN in a row that is empty.
+
+    Returns
+    -------
+    tuple of int and str, or None
+        The row and what is wrong with it; None if all rows are good.
+
+    Examples
+    --------
+    >>> bad_quaternion(np.array([[0., 0., 0., 1.], [0., 0., 0., 2.]]))
+    (1, 'the quaternion has length 2, not 1')
+    """
+    with np.errstate(over="ignore"):
+        norm = np.linalg.norm(attitude, axis=1)
+    given = np.isfinite(attitude).sum(axis=1)
+    bad = (given > 0) & ~(np.abs(norm - 1.0) <= 1e-3)
+    if not bad.any():
+        return None
+    row = int(np.argmax(bad))
+    if given[row] == 4:
+        return row, f"the quaternion has length {norm[row]:.6g}, not 1"
+    return row, "the quaternion is incomplete"
+
+
+def _require_increasing(time: np.ndarray, key: str) -> None:
+    """Raise `CampaignError` unless times (n,) increase strictly."""
+    enough = time.ndim == 1 and len(time) >= 2
+    require(enough, key, "fewer than two rows", "a slew needs telemetry over time")
+    finite = bool(np.all(np.isfinite(time)))
+    require(finite, key, "a time is not a number", "remove or repair the row")
+    increasing = bool(np.all(np.diff(time) > 0))
+    advice = "sort the rows and drop duplicates"
+    require(increasing, key, "times do not increase strictly", advice)
+
+
+def _channel(value: Any, rows: int, width: int | None, key: str) -> np.ndarray:
+    """A channel as floats (rows, width), or `CampaignError`."""
+    array = np.asarray(value, dtype=float)
+    require(
+        array.ndim == 2 and len(array) == rows and width in (None, array.shape[1]),
+        key,
+        f"shape {array.shape} does not fit {rows} rows",
+        f"give (rows, {width or 'wheels'})",
+    )
+    finite = not bool(np.isinf(array).any())
+    require(finite, key, "a value is infinite", "use NaN where there is no value")
+    return array
+
+
+def _normalised(attitude: np.ndarray, key: str) -> np.ndarray:
+    """Quaternions (n, 4) of length 1, or `CampaignError`."""
+    problem = bad_quaternion(attitude)
+    if problem is not None:
+        row, what = problem
+        raise CampaignError(
+            f"{what} (row {row + 1}: {attitude[row].tolist()})",
+            where=f"key {key}",
+            advice="repair the row or leave all four cells empty",
+        )
+    return unit_length(attitude)
