@@ -34,9 +34,10 @@ from scipy import linalg
 from bayes_inertia.design.comparison import NAMES, Achieved, Contender, achieve, compare_plans
 from bayes_inertia.design.designer import design_plan, problem_for
 from bayes_inertia.design.goals import goal
-from bayes_inertia.design.limits import Limits, flown_margins
+from bayes_inertia.design.limits import Limits
+from bayes_inertia.design.margins import flown_margins
 from bayes_inertia.design.plan_search import random_plans
-from bayes_inertia.design.planned_motion import slews_of
+from bayes_inertia.design.planned_motion import slew_arrays
 from bayes_inertia.design.rehearsal import expected_sd, rehearse
 from bayes_inertia.design.separating_slew import separating_slew
 from bayes_inertia.diagnosis.score_test import Fingerprints, fingerprints
@@ -115,8 +116,8 @@ def gains() -> dict:
             values += np.exp(logs[least >= 0.0]).tolist()
             tried, seed = tried + 2000, seed + 1
         number = {
-            "designed": problem.value(problem.numbers(slews_of(plan))),
-            "paper": problem.value(problem.numbers(slews_of(reference))),
+            "designed": problem.value(problem.variables(slew_arrays(plan))),
+            "paper": problem.value(problem.variables(slew_arrays(reference))),
         }
         exact = [rehearse(p, CRAFT, PRIOR).sd for p in (plan, reference)]
         out[wanted] = {
@@ -390,13 +391,13 @@ def times() -> dict:
     problem, _, reference, _ = problem_for(
         CRAFT, PRIOR, goal("cross_terms"), LIMITS, paper_like_plan(), 5, 0, 3
     )
-    x = problem.numbers(slews_of(reference))
+    x = problem.variables(slew_arrays(reference))
     began = time.perf_counter()
-    problem.slope(x, 3)
+    problem.log_value_and_gradient(x, 3)
     first = time.perf_counter() - began
     began = time.perf_counter()
     for _ in range(20):
-        problem.slope(x, 1)
+        problem.log_value_and_gradient(x, 1)
     gradient = (time.perf_counter() - began) / 20
     at = estimate(
         Model(

@@ -33,7 +33,7 @@ _PUBLIC = {
     "KeepOut": "design.limits",
     "LIBRARY": "physics.effects",
     "Limits": "design.limits",
-    "Margin": "design.limits",
+    "Margin": "design.margins",
     "Model": "physics.forward_model",
     "Posterior": "inference.posterior",
     "RateSensor": "campaign.hardware",

@@ -23,12 +23,13 @@ from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.design.comparison import achieve, compare_plans
 from bayes_inertia.design.designer import design_plan, next_slew, problem_for
-from bayes_inertia.design.feasible_region import region_of
+from bayes_inertia.design.feasible_region import region_within
 from bayes_inertia.design.goals import Goal, criterion, goal
 from bayes_inertia.design.information import covariance, forecast
-from bayes_inertia.design.limits import KeepOut, Limits, broken, flown_margins, hardware, margins
-from bayes_inertia.design.plan_search import Problem, random_plans
-from bayes_inertia.design.planned_motion import slews_of
+from bayes_inertia.design.limits import KeepOut, Limits, hardware_limits
+from bayes_inertia.design.margins import broken_limits, flown_margins, planned_margins
+from bayes_inertia.design.plan_search import PlanProblem, random_plans
+from bayes_inertia.design.planned_motion import slew_arrays
 from bayes_inertia.design.rehearsal import rehearse, theta_of
 from bayes_inertia.design.separating_slew import separating_slew
 from bayes_inertia.diagnosis.score_test import fingerprints
@@ -69,9 +70,11 @@ def designed(craft, prior):
 
 def problem_of(craft, prior, wanted="cross_terms", n=5, limits=None):
     ahead = forecast(paper_like_plan(), craft, prior, by_name(goal(wanted).effects))
-    region = region_of(limits or Limits(rate=1.1 * DEGREE, total_time=1855.0), hardware(craft))
+    region = region_within(
+        limits or Limits(rate=1.1 * DEGREE, total_time=1855.0), hardware_limits(craft)
+    )
     theta = np.concatenate([theta_of(craft, prior), np.zeros(len(ahead.shape.names) - 9)])
-    return Problem(goal(wanted), ahead, theta[None], region)
+    return PlanProblem(goal(wanted), ahead, theta[None], region)
 
 
 # --- margins against hand computation ---------------------------------------------------------------------------
@@ -101,7 +104,7 @@ def test_torque_and_momentum_are_those_of_a_rigid_body():
         (PlannedSlew((0.0, 1.0, 0.0), 1.0, rate, acceleration),),
         wheel_momentum=(0.0, 0.0, h),
     )
-    found = by_limit(margins(plan, simple_craft(), Limits(rate=0.02, total_time=200.0)))
+    found = by_limit(planned_margins(plan, simple_craft(), Limits(rate=0.02, total_time=200.0)))
     # The momentum about z, h, stays in inertial axes while the body turns about y: its part along x goes to the wheel on x.
     assert found["torque of y"].used == pytest.approx(2.0 * acceleration, rel=1e-9)
     assert found["momentum of y"].used == pytest.approx((2.0 + 1e-3) * rate, rel=1e-9)
@@ -124,13 +127,13 @@ def test_keep_out_is_the_angle_between_the_boresight_at_rest_and_the_cone():
         KeepOut("Moon", (0.0, 1.0, 0.0), 0.4),
         KeepOut("Earth", (0.0, 0.1, 1.0), 0.4),
     )
-    found = by_limit(margins(plan, simple_craft(), Limits(keep_out=cones)))
+    found = by_limit(planned_margins(plan, simple_craft(), Limits(keep_out=cones)))
     assert found["keep-out Sun"].used == pytest.approx(math.atan(0.2), rel=1e-9)
     assert found["keep-out Sun"].where == "after slew 1"
     assert found["keep-out Earth"].used == pytest.approx(math.atan(0.1), rel=1e-9)
     assert found["keep-out Earth"].where == "at the start"
     assert found["keep-out Moon"].used == pytest.approx(0.5 * math.pi, rel=1e-9)
-    assert [m.limit for m in broken(found.values())] == ["keep-out Earth", "keep-out Sun"]
+    assert [m.limit for m in broken_limits(found.values())] == ["keep-out Earth", "keep-out Sun"]
 
 
 def test_planned_margins_are_those_of_the_closed_loop(craft, prior):
@@ -143,7 +146,7 @@ def test_planned_margins_are_those_of_the_closed_loop(craft, prior):
         None,
     )
     for planned, flown in zip(
-        margins(paper_like_plan(), craft, limits), flown_margins(quiet, limits), strict=True
+        planned_margins(paper_like_plan(), craft, limits), flown_margins(quiet, limits), strict=True
     ):
         assert planned.limit == flown.limit
         assert flown.used == pytest.approx(planned.used, rel=0.03)
@@ -164,7 +167,7 @@ def test_forecast_agrees_with_the_full_model_flown_in_closed_loop(craft, prior, 
     foreseen = np.sqrt(
         np.diag(
             jax.jit(covariance, static_argnums=0)(
-                ahead.shape, ahead.given, theta, slews_of(paper_like_plan())
+                ahead.shape, ahead.given, theta, slew_arrays(paper_like_plan())
             )
         )
     )
@@ -175,12 +178,12 @@ def test_forecast_agrees_with_the_full_model_flown_in_closed_loop(craft, prior, 
 
 def test_gradient_of_the_criterion_is_that_of_finite_differences(craft, prior):
     problem = problem_of(craft, prior)
-    x = problem.numbers(slews_of(paper_like_plan()))
-    value, slope = problem.slope(x, 1)
+    x = problem.variables(slew_arrays(paper_like_plan()))
+    value, slope = problem.log_value_and_gradient(x, 1)
     rng = np.random.default_rng(3)
     for _ in range(4):
         along, step = rng.normal(size=x.shape), 1e-5
-        ends = [problem.slope(x + s * step * along, 1)[0] for s in (1.0, -1.0)]
+        ends = [problem.log_value_and_gradient(x + s * step * along, 1)[0] for s in (1.0, -1.0)]
         assert (ends[0] - ends[1]) / (2 * step) == pytest.approx(np.sum(slope * along), rel=1e-5)
     assert np.exp(value) == pytest.approx(
         problem.value(x), rel=0.06
@@ -189,10 +192,10 @@ def test_gradient_of_the_criterion_is_that_of_finite_differences(craft, prior):
 
 def test_the_end_attitude_is_reached_by_the_last_slew(craft, prior):
     end = np.array([0.5, -0.5, 0.5, 0.5])
-    problem = replace(problem_of(craft, prior), end=end)
+    problem = replace(problem_of(craft, prior), end_attitude=end)
     slews = problem.slews(random_plans(problem, 5, 10, 0)[0][0])
     attitude = jnp.asarray(paper_like_plan().start_attitude)
-    for turn in slews.turn_B:
+    for turn in slews.rotation_B:
         attitude = quaternion.multiply(attitude, quaternion.exp(turn))
     np.testing.assert_allclose(quaternion.error(attitude, end), 0.0, atol=1e-12)
 
@@ -282,11 +285,12 @@ def test_designed_plan_round_trips_and_flies_within_its_limits(designed, craft, 
         flight = fly(
             plan, craft, Controller.from_prior(prior, craft.rate_sensor, craft.wheels), prior, seed
         )
-        assert not broken(flown_margins(flight, designed.limits))
+        assert not broken_limits(flown_margins(flight, designed.limits))
     # The check can fail: a limit just below what was used is reported as broken.
     used = by_limit(flown_margins(flight, designed.limits))["rate"].used
     assert [
-        m.limit for m in broken(flown_margins(flight, replace(designed.limits, rate=0.999 * used)))
+        m.limit
+        for m in broken_limits(flown_margins(flight, replace(designed.limits, rate=0.999 * used)))
     ] == ["rate"]
 
 
@@ -392,7 +396,7 @@ def test_separating_slew_starts_from_what_the_fingerprints_say(craft, prior):
     assert found.correlation[0] > 0.99
     assert found.correlation[1] < 0.95
     assert all(after > 2.0 * before for before, after in found.noncentrality)
-    assert not broken(found.margins)
+    assert not broken_limits(found.margins)
 
 
 # --- compare -----------------------------------------------------------------------------------------------------

@@ -18,7 +18,8 @@ from bayes_inertia.design.after_campaign import plan_after
 from bayes_inertia.design.comparison import NAMES, Contender, compare_plans
 from bayes_inertia.design.designer import Design, design_plan
 from bayes_inertia.design.goals import goal as goal_of
-from bayes_inertia.design.limits import KeepOut, Limits, Margin
+from bayes_inertia.design.limits import KeepOut, Limits
+from bayes_inertia.design.margins import Margin
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import check_folder, make_folder, write_atomically
 from bayes_inertia.flight.follow_on import following_plan, spacecraft_at

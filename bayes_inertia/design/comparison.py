@@ -8,7 +8,8 @@ import joblib
 import numpy as np
 
 from bayes_inertia.campaign.inertia_prior import InertiaPrior
-from bayes_inertia.design.limits import Limits, Margin, margins
+from bayes_inertia.design.limits import Limits
+from bayes_inertia.design.margins import Margin, planned_margins
 from bayes_inertia.design.rehearsal import expected_sd, theta_of
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.plan import Plan
@@ -144,7 +145,7 @@ def _contender(
     seed: int,
     jobs: int,
 ) -> Contender:
-    found = margins(plan, mean, limits)
+    found = planned_margins(plan, mean, limits)
     peaks = {
         key: [m.used for m in found if m.limit.startswith(f"{key} of")]
         for key in ("torque", "momentum")

@@ -16,13 +16,14 @@ import numpy as np
 
 from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.design.after_campaign import plan_after
-from bayes_inertia.design.feasible_region import Region, region_of
+from bayes_inertia.design.feasible_region import FeasibleRegion, region_within
 from bayes_inertia.design.goals import Goal
 from bayes_inertia.design.goals import goal as goal_of
 from bayes_inertia.design.information import Forecast, forecast
-from bayes_inertia.design.limits import Limits, Margin, broken, flown_margins, hardware, margins
-from bayes_inertia.design.plan_search import Problem, random_plans, search
-from bayes_inertia.design.planned_motion import planned_slews, slews_of
+from bayes_inertia.design.limits import Limits, hardware_limits
+from bayes_inertia.design.margins import Margin, broken_limits, flown_margins, planned_margins
+from bayes_inertia.design.plan_search import PlanProblem, improved_plans, random_plans
+from bayes_inertia.design.planned_motion import planned_slews, slew_arrays
 from bayes_inertia.design.rehearsal import likely_truths, theta_of
 from bayes_inertia.errors import DesignError
 from bayes_inertia.flight.follow_on import spacecraft_at
@@ -82,7 +83,7 @@ class Design:
     @property
     def kept(self) -> bool:
         """Whether every limit was kept, planned and in every flight."""
-        return not broken((*self.margins, *self.flown))
+        return not broken_limits((*self.margins, *self.flown))
 
 
 def design_plan(
@@ -126,7 +127,7 @@ def design_plan(
         spacecraft, prior, wanted, limits, base, n_slews, seed, draws, after
     )
     x, values, left = random_plans(problem, n_slews, candidates, seed)
-    found, history = search(problem, x, values, left, starts)
+    found, history = improved_plans(problem, x, values, left, starts)
     plan = _best_plan(
         problem,
         found,
@@ -137,7 +138,7 @@ def design_plan(
     )
     controller = Controller.from_prior(prior, spacecraft.rate_sensor, spacecraft.wheels)
     flights = [fly(plan, truth, controller, prior, seed + i) for i, truth in enumerate(truths)]
-    numbers = [problem.numbers(slews_of(p)) for p in (plan, reference)]
+    numbers = [problem.variables(slew_arrays(p)) for p in (plan, reference)]
     feasible = values[left >= 0.0]
     return Design(
         plan=plan,
@@ -149,11 +150,13 @@ def design_plan(
         reference_value=problem.value(numbers[1]),
         best_random=float(np.exp(feasible.min())) if len(feasible) else math.nan,
         random_plans=len(feasible),
-        sd=problem.sd(numbers[0]),
-        reference_sd=problem.sd(numbers[1]),
-        margins=margins(plan, truths[0], limits),
+        sd=problem.parameter_sd(numbers[0]),
+        reference_sd=problem.parameter_sd(numbers[1]),
+        margins=planned_margins(plan, truths[0], limits),
         flown=_tightest([flown_margins(flight, limits) for flight in flights]),
-        active=tuple(name for name, left in problem.left(numbers[0]).items() if left < _ACTIVE),
+        active=tuple(
+            name for name, left in problem.least_slacks(numbers[0]).items() if left < _ACTIVE
+        ),
         history=history,
         seconds=time.perf_counter() - began,
     )
@@ -211,10 +214,12 @@ def problem_for(
     seed: int,
     draws: int,
     after: Estimate | None = None,
-) -> tuple[Problem, Limits, Plan, list[Spacecraft]]:
+) -> tuple[PlanProblem, Limits, Plan, list[Spacecraft]]:
     """What `design` searches for: the problem, the limits with their time, the reference plan, and the truths to expect; arguments as there."""
     known = np.array(spacecraft.rate_sensor.scale_factor_sigma) if after is None else after.sd[6:9]
-    region = region_of(limits, hardware(spacecraft), scale_factor_sigma=float(np.max(known)))
+    region = region_within(
+        limits, hardware_limits(spacecraft), scale_factor_sigma=float(np.max(known))
+    )
     if limits.total_time is None:
         like = _like_paper(base, region, n, math.inf)
         limits = replace(limits, total_time=like.starts[-1] + like.durations[-1])
@@ -231,10 +236,10 @@ def problem_for(
     nothing = np.zeros(len(ahead.shape.names) - 9)
     thetas = np.array([np.concatenate([theta_of(truth, prior), nothing]) for truth in truths])
     end = None if limits.end_attitude is None else np.array(limits.end_attitude)
-    return Problem(wanted, ahead, thetas, region, end), limits, reference, truths
+    return PlanProblem(wanted, ahead, thetas, region, end), limits, reference, truths
 
 
-def _like_paper(base: Plan, region: Region, n: int, total: float) -> Plan:
+def _like_paper(base: Plan, region: FeasibleRegion, n: int, total: float) -> Plan:
     """n slews about the paper's axes at the largest rate, with its gentle ramps, of angles that fit the time."""
     paper = [paper_like_plan().slews[i % 5] for i in range(n)]
     settings = {"rate": region.rate, "acceleration": min(math.radians(0.05), region.acceleration)}
@@ -251,7 +256,9 @@ def _like_paper(base: Plan, region: Region, n: int, total: float) -> Plan:
     return plan
 
 
-def _possible(spacecraft: Spacecraft, base: Plan, region: Region, limits: Limits, n: int) -> None:
+def _possible(
+    spacecraft: Spacecraft, base: Plan, region: FeasibleRegion, limits: Limits, n: int
+) -> None:
     """Raise for what no plan can keep, before any search."""
     axes = np.linalg.matrix_rank(spacecraft.wheel_axes_B, tol=1e-6) if spacecraft.wheels else 0
     if axes < 3:
@@ -268,12 +275,12 @@ def _possible(spacecraft: Spacecraft, base: Plan, region: Region, limits: Limits
         what = f"{n} slew{'s' if n > 1 else ''} need at least {math.ceil(needed)} s, {limits.total_time:.6g} s allowed ({math.ceil(short)} s too few)"
         raise DesignError(what, where="limit total time", advice="allow more time, or fewer slews")
     # Turning by nothing shows what the start alone demands.
-    still = margins(
+    still = planned_margins(
         replace(base, slews=(replace(least, angle=1e-6),)),
         spacecraft,
         replace(limits, end_attitude=None, start_attitude=None),
     )
-    for margin in broken([m for m in still if m.limit.startswith(("keep-out", "momentum"))]):
+    for margin in broken_limits([m for m in still if m.limit.startswith(("keep-out", "momentum"))]):
         raise DesignError(
             f"broken before the first slew: {margin.says}",
             where="start",
@@ -283,8 +290,8 @@ def _possible(spacecraft: Spacecraft, base: Plan, region: Region, limits: Limits
         there = replace(
             base, start_attitude=limits.end_attitude, slews=(replace(least, angle=1e-6),)
         )
-        ends = margins(there, spacecraft, Limits(keep_out=limits.keep_out))
-        for margin in broken([m for m in ends if m.limit.startswith("keep-out")]):
+        ends = planned_margins(there, spacecraft, Limits(keep_out=limits.keep_out))
+        for margin in broken_limits([m for m in ends if m.limit.startswith("keep-out")]):
             raise DesignError(
                 f"the end attitude itself breaks a limit: {margin.says}",
                 where="limit end attitude",
@@ -293,7 +300,7 @@ def _possible(spacecraft: Spacecraft, base: Plan, region: Region, limits: Limits
 
 
 def _best_plan(
-    problem: Problem,
+    problem: PlanProblem,
     found: Sequence[np.ndarray],
     base: Plan,
     spacecraft: Spacecraft,
@@ -309,13 +316,15 @@ def _best_plan(
         exact = planned_slews(problem.slews(x))
         for chosen in (_readable(exact, problem, limits), exact):
             plan = replace(base, name=name, slews=chosen)
-            left = problem.left(problem.numbers(slews_of(plan)))
+            left = problem.least_slacks(problem.variables(slew_arrays(plan)))
             binding = min(left, key=left.__getitem__)
-            if left[binding] >= -_SLACK and not broken(margins(plan, spacecraft, limits)):
+            if left[binding] >= -_SLACK and not broken_limits(
+                planned_margins(plan, spacecraft, limits)
+            ):
                 return plan
             nearest = max(nearest, (left[binding], binding, plan), key=lambda n: n[0])
     left, binding, plan = nearest
-    own = [m.says for m in margins(plan, spacecraft, limits) if _kind(m.limit) == binding]
+    own = [m.says for m in planned_margins(plan, spacecraft, limits) if _kind(m.limit) == binding]
     what = (
         f"no plan was found that keeps it; the nearest misses it, with its reserve, by {-100 * left:.2g} %"
         + (f" ({own[0]})" if own else "")
@@ -338,7 +347,7 @@ def _kind(limit: str) -> str:
 
 
 def _readable(
-    slews: Sequence[PlannedSlew], problem: Problem, limits: Limits
+    slews: Sequence[PlannedSlew], problem: PlanProblem, limits: Limits
 ) -> tuple[PlannedSlew, ...]:
     """The slews with axes to 3 digits, angles to 0.1 deg, rates and accelerations rounded down; the last one exact where the end is given."""
 
@@ -358,7 +367,7 @@ def _readable(
             )
         )
     if limits.end_attitude is not None:
-        x = problem.numbers(slews_of(replace(paper_like_plan(), slews=tuple(out))))
+        x = problem.variables(slew_arrays(replace(paper_like_plan(), slews=tuple(out))))
         out[-1] = planned_slews(problem.slews(x))[-1]
     return tuple(out)
 

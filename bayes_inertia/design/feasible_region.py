@@ -1,6 +1,7 @@
-"""The slews that may be flown: which rates, angles and accelerations, how to draw them, and what they violate.
+"""The slews that may be flown: which rates, angles and accelerations, and what they violate.
 
-A slew is five numbers: axis times angle [rad], and rate and acceleration as fractions of the largest.
+A slew is five design variables: its rotation vector [rad], and its rate and acceleration as
+fractions of the largest that the region allows.
 """
 
 from __future__ import annotations
@@ -12,26 +13,51 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayes_inertia.design.limits import Hardware, Limits, demands
-from bayes_inertia.design.planned_motion import Body, Motion, Slews, Times
+from bayes_inertia.design.limits import HardwareLimits, Limits
+from bayes_inertia.design.margins import demands
+from bayes_inertia.design.planned_motion import (
+    PlannedMotion,
+    PlanTimes,
+    RigidBody,
+    SlewArrays,
+)
 
-# Shortest ramp [s] and smallest angle [rad]: shorter ones are over before the controller has settled into them.
+# Shortest ramp [s] and smallest angle [rad]: shorter ones are over before the controller settles.
 _SHORTEST_RAMP = 4.0
-_LEAST_ANGLE = math.radians(5.0)
+_SMALLEST_ANGLE = math.radians(5.0)
+# Largest rate [rad/s] where nothing limits it.
 _DEFAULT_RATE = math.radians(1.0)
 # How many sds of the scale factors keep-out cones are widened by.
-_SIGMAS = 2.5
+_SCALE_FACTOR_SIGMAS = 2.5
 # Smallest fractions of rate and acceleration.
-LEAST = (0.15, 0.03)
+SMALLEST_FRACTIONS = (0.15, 0.03)
 
 
-class Region(NamedTuple):
+class FeasibleRegion(NamedTuple):
     """Where designs are searched; what is not limited is infinite.
 
-    `rate` [rad/s], `acceleration` [rad/s^2] : largest that a plan may ask for. `angles` : smallest and largest [rad].
-    `torque`, `momentum` (wheels,) : what it may ask of each wheel [N m], [N m s]. `time` : longest campaign [s].
-    `cones_N` (c, 3), `half_angles` (c,), `boresight_B` (3,) : what the star tracker must not see. `swing` : how far a slew may miss its
-    target, as a fraction of its angle, before it is corrected.
+    Parameters
+    ----------
+    rate : float
+        Largest rate that a plan may ask for [rad/s].
+    acceleration : float
+        Largest angular acceleration that it may ask for [rad/s^2].
+    angles : (2,) tuple of float
+        Smallest and largest angle of a slew [rad].
+    torque : (wheels,) array
+        What it may ask of each wheel [N m].
+    momentum : (wheels,) array
+        What it may ask of each wheel [N m s].
+    time : float
+        Longest campaign [s].
+    cones_N : (cones, 3) array
+        Unit vectors to what the star tracker must not see, inertial axes.
+    half_angles : (cones,) array
+        Half of each cone's opening angle [rad].
+    boresight_B : (3,) array
+        The star tracker's boresight.
+    pointing_error : float
+        How far a slew may miss its target before it is corrected, as a fraction of its angle.
     """
 
     rate: float
@@ -43,63 +69,148 @@ class Region(NamedTuple):
     cones_N: np.ndarray
     half_angles: np.ndarray
     boresight_B: np.ndarray
-    swing: float
+    pointing_error: float
 
 
-def region_of(
-    limits: Limits, own: Hardware, *, fastest: float | None = None, scale_factor_sigma: float = 0.0
-) -> Region:
+def region_within(
+    limits: Limits,
+    hardware: HardwareLimits,
+    *,
+    default_rate: float | None = None,
+    scale_factor_sigma: float = 0.0,
+) -> FeasibleRegion:
     """The region that limits leave, with their reserves.
 
     Parameters
     ----------
-    fastest : largest rate [rad/s] where the limits name none (1 deg/s by default).
-    scale_factor_sigma : largest sd of a scale factor that the controller does not know: a slew misses its target by that share of its angle.
+    limits : Limits
+        What must be respected.
+    hardware : HardwareLimits
+        The limits of wheels and sensors.
+    default_rate : float, optional
+        Largest rate [rad/s] where nothing limits it; None for 1 deg/s.
+    scale_factor_sigma : float, optional
+        Largest sd of a scale factor that the controller does not know. A slew misses its target by
+        that share of its angle.
+
+    Returns
+    -------
+    FeasibleRegion
+        The region.
+
+    Examples
+    --------
+    >>> from bayes_inertia.design.limits import hardware_limits
+    >>> from bayes_inertia.flight.spacecraft import most_like_spacecraft
+    >>> round(region_within(Limits(rate=0.02), hardware_limits(most_like_spacecraft())).rate, 6)
+    0.0184
     """
     rate = min(
         (1.0 - limits.rate_reserve) * (limits.rate or math.inf),
-        (1.0 - limits.rate_reserve) * own.range,
+        (1.0 - limits.rate_reserve) * hardware.sensor_range,
     )
-    rate = rate if math.isfinite(rate) else fastest or _DEFAULT_RATE
+    rate = rate if math.isfinite(rate) else default_rate or _DEFAULT_RATE
     acceleration = min(limits.acceleration or math.inf, rate / _SHORTEST_RAMP)
     keep = 1.0 - limits.wheel_reserve
-    return Region(
+    return FeasibleRegion(
         rate=rate,
         acceleration=acceleration,
         angles=(
-            min(_LEAST_ANGLE, 0.5 * (limits.angle or math.pi)),
+            min(_SMALLEST_ANGLE, 0.5 * (limits.angle or math.pi)),
             min(limits.angle or math.pi, math.pi),
         ),
-        torque=keep * own.torque,
-        momentum=keep * own.momentum,
+        torque=keep * hardware.wheel_torque,
+        momentum=keep * hardware.wheel_momentum,
         time=limits.total_time or math.inf,
         cones_N=np.array([c.direction_N for c in limits.keep_out]).reshape(-1, 3),
         half_angles=np.array([c.half_angle for c in limits.keep_out]),
-        boresight_B=own.boresight_B,
-        swing=_SIGMAS * scale_factor_sigma,
+        boresight_B=hardware.boresight_B,
+        pointing_error=_SCALE_FACTOR_SIGMAS * scale_factor_sigma,
     )
 
 
-def slews_at(x: Array, region: Region) -> Slews:
-    """Slews of a vector of numbers (n, 5); JAX can differentiate it."""
-    no = jnp.zeros(len(x))
-    return Slews(x[:, :3], x[:, 3] * region.rate, x[:, 4] * region.acceleration, no > 1.0, no)
+def slews_from_variables(x: Array | np.ndarray, region: FeasibleRegion) -> SlewArrays:
+    """Slews from their design variables; JAX can differentiate it.
+
+    Parameters
+    ----------
+    x : (n, 5) array
+        Rotation vectors [rad], fractions of the largest rate, fractions of the largest
+        acceleration.
+    region : FeasibleRegion
+        It holds the largest.
+
+    Returns
+    -------
+    SlewArrays
+        The n slews, with linear ramps.
+    """
+    zero = jnp.zeros(len(x))
+    return SlewArrays(
+        x[:, :3], x[:, 3] * region.rate, x[:, 4] * region.acceleration, zero > 1.0, zero
+    )
 
 
-def overhead(times: Times, n: int) -> float:
-    """Time [s] of n slews without their motion; each may last up to one telemetry period longer than its parts."""
+def time_without_motion(times: PlanTimes, n: int) -> float:
+    """Time of n slews without their motion.
+
+    Each may last up to one telemetry period longer than its parts.
+
+    Parameters
+    ----------
+    times : PlanTimes
+        The times that the slews share [s].
+    n : int
+        How many slews.
+
+    Returns
+    -------
+    float
+        The time [s].
+
+    Examples
+    --------
+    >>> time_without_motion(PlanTimes(20.0, 33.0, 12.0, 300.0, 8.0, 1.0, 1.0), 2)
+    432.0
+    """
     return (
         n * (times.rest_before + times.settle + times.rest_after + times.telemetry_period)
         + (n - 1) * times.pause
     )
 
 
-def draw(
-    rng: np.random.Generator, n: int, slews: int, region: Region, times: Times, body: Body
+def draw_variables(
+    rng: np.random.Generator,
+    n: int,
+    slews: int,
+    region: FeasibleRegion,
+    times: PlanTimes,
+    body: RigidBody,
 ) -> np.ndarray:
-    """Random plans (n, slews, 5): directions of all kinds, angles that use the time there is, hard and soft ramps.
+    """Random plans: directions of all kinds, angles that use the time there is, all kinds of ramps.
 
-    Wheel torques are within their limits by construction but for the gyroscopic part; momentum and keep-out are not.
+    Wheel torques are within their limits by construction, but for the gyroscopic part. Momentum and
+    keep-out cones are not.
+
+    Parameters
+    ----------
+    rng : numpy.random.Generator
+        Where chance comes from.
+    n : int
+        How many plans.
+    slews : int
+        How many slews in each.
+    region : FeasibleRegion
+        Where they may lie.
+    times : PlanTimes
+        The times that the slews share [s].
+    body : RigidBody
+        What moves.
+
+    Returns
+    -------
+    (n, slews, 5) array
+        Design variables, see `slews_from_variables`.
     """
     axis = rng.normal(size=(n, slews, 3))
     axis /= np.linalg.norm(axis, axis=-1, keepdims=True)
@@ -112,26 +223,40 @@ def draw(
     angle = low + (high - low) * rng.uniform(0.0, 1.0, (n, slews)) ** rng.choice(
         [1.0, 3.0, 6.0], (n, 1)
     )
-    spare = region.time - overhead(times, slews)
+    spare = region.time - time_without_motion(times, slews)
     if math.isfinite(spare):
         # The time of a slew is its angle over its rate and a ramp: share what there is among them.
         coasting = np.maximum(spare - (rate / acceleration).sum(1), 0.02 * spare)
         share = coasting / np.sum(angle / rate, axis=1)
         angle = np.clip(angle * share[:, None], low, high)
-    return np.concatenate(
-        [
-            axis * angle[..., None],
-            (rate / region.rate)[..., None],
-            (acceleration / region.acceleration)[..., None],
-        ],
-        -1,
-    )
+    fractions = [(rate / region.rate)[..., None], (acceleration / region.acceleration)[..., None]]
+    return np.concatenate([axis * angle[..., None], *fractions], -1)
 
 
-def room(motion: Motion, slews: Slews, region: Region, times: Times) -> dict[str, Array]:
-    """What is left of every limit, as a fraction of it; negative where violated. For search and gradients."""
-    used = demands(motion, slews.turn_B, slews.acceleration, region.boresight_B, region.cones_N)
-    missed = jnp.concatenate([jnp.zeros(1), region.swing * used["angle"]])[:, None]
+def constraint_slacks(
+    motion: PlannedMotion, slews: SlewArrays, region: FeasibleRegion, times: PlanTimes
+) -> dict[str, Array]:
+    """What is left of every limit, as a fraction of it; negative where violated.
+
+    Parameters
+    ----------
+    motion : PlannedMotion
+        n slews.
+    slews : SlewArrays
+        The same slews.
+    region : FeasibleRegion
+        What is allowed.
+    times : PlanTimes
+        The times that the slews share [s].
+
+    Returns
+    -------
+    dict of str to Array
+        `wheel torque` and `wheel momentum` (n, wheels), `rate`, `angle` and `least angle` (n,),
+        `total time` (), `keep-out` (n + 1, cones). JAX can differentiate all.
+    """
+    used = demands(motion, slews.rotation_B, slews.acceleration, region.boresight_B, region.cones_N)
+    missed = jnp.concatenate([jnp.zeros(1), region.pointing_error * used["angle"]])[:, None]
     return {
         "wheel torque": 1.0 - used["torque"] / region.torque,
         "wheel momentum": 1.0 - used["momentum"] / region.momentum,
@@ -144,10 +269,22 @@ def room(motion: Motion, slews: Slews, region: Region, times: Times) -> dict[str
     }
 
 
-def in_a_row(parts: dict[str, Array]) -> Array:
-    """All of `room` in one row (k,).
+def flattened(slacks: dict[str, Array]) -> Array:
+    """All constraint slacks in one row.
 
-    >>> in_a_row({"a": jnp.ones((2, 2)), "b": jnp.zeros(())}).shape
+    Parameters
+    ----------
+    slacks : dict of str to Array
+        See `constraint_slacks`.
+
+    Returns
+    -------
+    (k,) Array
+        Their elements, in the order of the dictionary.
+
+    Examples
+    --------
+    >>> flattened({"a": jnp.ones((2, 2)), "b": jnp.zeros(())}).shape
     (5,)
     """
-    return jnp.concatenate([jnp.ravel(part) for part in parts.values()])
+    return jnp.concatenate([jnp.ravel(part) for part in slacks.values()])

@@ -21,13 +21,13 @@ from jax import Array
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.design.planned_motion import (
-    Body,
-    Origin,
-    Slews,
-    Times,
-    motion,
-    origin_of,
-    times_of,
+    PlanStart,
+    PlanTimes,
+    RigidBody,
+    SlewArrays,
+    motion_of_slews,
+    plan_start,
+    plan_times,
 )
 from bayes_inertia.design.sensitivity import N_BIAS, Planned, Response, response
 from bayes_inertia.errors import CampaignError
@@ -81,7 +81,7 @@ class Given(NamedTuple):
     bias before the slews."""
 
     world: World
-    origin: Origin
+    origin: PlanStart
     prior_sd: Array
     prior: Array
 
@@ -92,7 +92,7 @@ class Shape:
 
     structure: Structure
     names: tuple[str, ...]
-    times: Times
+    times: PlanTimes
 
     def slice_of(self, effect: str) -> tuple[int, int]:
         """Where an effect's parameters stand (first, behind the last); equal if it has none."""
@@ -107,7 +107,7 @@ class Forecast:
     shape: Shape
     given: Given
 
-    def body(self, theta: Array) -> Body:
+    def body(self, theta: Array) -> RigidBody:
         """The body that parameters theta (d,) describe."""
         return body_of(self.shape.structure, theta, self.given.world)
 
@@ -140,9 +140,11 @@ def forecast(
     )
     world = world_of(model, around, first=0, count=len(plan.slews), begin=0.0, middle=0.5 * end)
     sd = model.space.sd
-    shape = Shape(replace(model.structure, refined=False), model.space.names, times_of(plan))
+    shape = Shape(replace(model.structure, refined=False), model.space.names, plan_times(plan))
     prior_precision = np.diag(np.concatenate([sd**-2.0, np.ones(N_BIAS)]))
-    return Forecast(shape, Given(world, origin_of(plan, len(campaign.wheels)), sd, prior_precision))
+    return Forecast(
+        shape, Given(world, plan_start(plan, len(campaign.wheels)), sd, prior_precision)
+    )
 
 
 def world_of(
@@ -187,15 +189,15 @@ def _whitener(campaign: Campaign) -> Whitener:
     return Whitener(1.0 / np.array(campaign.rate_sensor.sigma), attitude, momentum)
 
 
-def body_of(structure: Structure, theta: Array, world: World) -> Body:
+def body_of(structure: Structure, theta: Array, world: World) -> RigidBody:
     """The body that parameters theta (d,) describe, J without the wheels' spin."""
     J = inertia_tensor.tensor(theta[:6])
     if structure.includes_wheel_spin:
         J = J - inertia_tensor.wheel_spin_tensor(world.wheel_axes_B, world.spin_inertia)
-    return Body(J, world.wheel_axes_B, world.allocation, world.spin_inertia)
+    return RigidBody(J, world.wheel_axes_B, world.allocation, world.spin_inertia)
 
 
-def covariance(shape: Shape, given: Given, theta: Array, slews: Slews) -> Array:
+def covariance(shape: Shape, given: Given, theta: Array, slews: SlewArrays) -> Array:
     """Expected covariance (d, d) of the parameters after these slews, if theta (d,) is the truth; JAX can differentiate it."""
     return posterior(given, information(shape, given, theta, slews))
 
@@ -211,24 +213,24 @@ def posterior(given: Given, told: Array) -> Array:
     return (inverse * unit * unit[:, None])[:d, :d]
 
 
-def information(shape: Shape, given: Given, theta: Array, slews: Slews) -> Array:
+def information(shape: Shape, given: Given, theta: Array, slews: SlewArrays) -> Array:
     """Information (n, d + 3, d + 3) of each of n slews on (theta, whitened bias), its own start state integrated out."""
     structure, times, world = shape.structure, shape.times, given.world
-    flown = motion(slews, times, body_of(structure, theta, world), given.origin)
+    flown = motion_of_slews(slews, times, body_of(structure, theta, world), given.origin)
     index = jnp.arange(len(slews.rate))
     one = partial(_one_slew, structure, times, world, theta)
     return jax.vmap(one)(
         index,
         *(
             getattr(flown, key)
-            for key in ("time", "start", "attitude", "rate_B", "wheel", "torque")
+            for key in ("time", "start", "attitude", "rate_B", "wheel_momentum", "wheel_torque")
         ),
     )
 
 
 def _one_slew(
     structure: Structure,
-    times: Times,
+    times: PlanTimes,
     world: World,
     theta: Array,
     index,
@@ -292,7 +294,7 @@ def _samples(time: Array) -> Array:
     return jnp.append(half, 0.0) + jnp.concatenate([jnp.zeros(1), half])
 
 
-def _fixes_by_row(times: Times, time: Array) -> Array:
+def _fixes_by_row(times: PlanTimes, time: Array) -> Array:
     """How many star-tracker fixes each row stands for (n,): a fix between two rows is shared by them."""
     before = np.arange(times.first_fix, times.rest_before - 1e-9, times.fix_spacing)
     after = np.arange(0.0, times.rest_after + 1e-9, times.fix_spacing)

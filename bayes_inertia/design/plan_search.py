@@ -1,6 +1,7 @@
-"""The search for a plan: random plans scored in batches, then sequential quadratic programming with exact derivatives.
+"""The search for a plan: random plans scored in batches, then descents with exact derivatives.
 
-A plan is numbers (slews, 5) as in `region`; where the campaign must end in a given attitude, the last slew's rotation follows
+The descents are sequential quadratic programming. A plan is design variables (slews, 5) as in
+`feasible_region`. Where the campaign must end in a given attitude, the last slew's rotation follows
 from the others.
 """
 
@@ -14,213 +15,399 @@ import numpy as np
 from jax import Array
 from scipy import optimize
 
-from bayes_inertia.design.feasible_region import LEAST, Region, draw, in_a_row, room, slews_at
+from bayes_inertia.design.feasible_region import (
+    SMALLEST_FRACTIONS,
+    FeasibleRegion,
+    constraint_slacks,
+    draw_variables,
+    flattened,
+    slews_from_variables,
+)
 from bayes_inertia.design.goals import Goal, criterion
 from bayes_inertia.design.information import Forecast, Given, Shape, body_of, covariance
-from bayes_inertia.design.planned_motion import Slews, motion
+from bayes_inertia.design.planned_motion import SlewArrays, motion_of_slews
 from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.values import array_dataclass
 
+# Plans that one call of compiled code scores.
 _BATCH = 10
-# Limits are kept this far away [fraction] while searching, so that rounding to an operator's digits does not cross them.
-_CLEAR = 1e-3
-# Steps of each descent.
-_STEPS = 50
-_QUICKLY = {"xla_backend_optimization_level": 0}
+# Limits are kept this far away [fraction] in the search, so that rounding does not cross them.
+_CLEARANCE = 1e-3
+# Slack [fraction] that stands for a limit which does not exist: SLSQP cannot hold infinity.
+_UNLIMITED = 1e3
+# Most steps of each descent.
+_DESCENT_STEPS = 50
+# Half the time to compile, twice the 20 ms to run, some hundred times.
+_WITHOUT_OPTIMIZATION = {"xla_backend_optimization_level": 0}
 
 
 @array_dataclass
-class Problem:
-    """What is searched for: `goal` over the truths `thetas` (k, d), for slews as in `ahead`, inside `region`, ending in the attitude `end` (None: anywhere)."""
+class PlanProblem:
+    """What is searched for.
+
+    Parameters
+    ----------
+    goal : Goal
+        What the plan is to determine.
+    forecast : Forecast
+        How the telemetry of slews is foreseen.
+    thetas : (truths, d) array
+        Parameters that are expected; the goal's number is averaged over them.
+    region : FeasibleRegion
+        Where plans may lie.
+    end_attitude : (4,) array, optional
+        Where the campaign must end; None for anywhere.
+    """
 
     goal: Goal
-    ahead: Forecast
+    forecast: Forecast
     thetas: np.ndarray
-    region: Region
-    end: np.ndarray | None = None
+    region: FeasibleRegion
+    end_attitude: np.ndarray | None = None
 
     @property
-    def parts(self) -> tuple[tuple[int, int], ...]:
-        """Where the parameters of the goal's effects stand."""
-        return tuple(self.ahead.shape.slice_of(name) for name in self.goal.effects)
+    def groups(self) -> tuple[tuple[int, int], ...]:
+        """Where the parameters of the goal's effects stand: (first, behind the last) of each."""
+        return tuple(self.forecast.shape.slice_of(name) for name in self.goal.effects)
 
-    def slews(self, x: Array) -> Slews:
-        """The slews of numbers x (slews, 5)."""
-        return _slews(self.ahead.given, self.region, self.end, x)
+    def slews(self, x: Array | np.ndarray) -> SlewArrays:
+        """The slews of a plan.
 
-    def numbers(self, slews: Slews) -> np.ndarray:
-        """Slews as numbers x (slews, 5)."""
+        Parameters
+        ----------
+        x : (slews, 5) array
+            Design variables.
+
+        Returns
+        -------
+        SlewArrays
+            The last slew ends in `end_attitude` if there is one.
+        """
+        return _slews(self.forecast.given, self.region, self.end_attitude, x)
+
+    def variables(self, slews: SlewArrays) -> np.ndarray:
+        """The design variables of slews.
+
+        Parameters
+        ----------
+        slews : SlewArrays
+            The slews of a plan.
+
+        Returns
+        -------
+        (slews, 5) array
+            Design variables.
+        """
         fractions = [
             np.asarray(slews.rate) / self.region.rate,
             np.asarray(slews.acceleration) / self.region.acceleration,
         ]
-        return np.concatenate([np.asarray(slews.turn_B), np.stack(fractions, 1)], 1)
+        return np.concatenate([np.asarray(slews.rotation_B), np.stack(fractions, 1)], 1)
 
     def value(self, x: np.ndarray) -> float:
-        """The goal's number for a plan x (slews, 5), geometric mean over the truths."""
-        return float(
-            np.exp(np.mean([self.score(x[None], k)[0][0] for k in range(len(self.thetas))]))
-        )
+        """The goal's number for a plan.
 
-    def left(self, x: np.ndarray) -> dict[str, float]:
-        """The least that a plan x (slews, 5) leaves of each limit, beyond its reserve."""
+        Parameters
+        ----------
+        x : (slews, 5) array
+            Design variables.
+
+        Returns
+        -------
+        float
+            Geometric mean over the truths, in the goal's unit.
+        """
+        logs = [self.score(x[None], k)[0][0] for k in range(len(self.thetas))]
+        return float(np.exp(np.mean(logs)))
+
+    def least_slacks(self, x: np.ndarray) -> dict[str, float]:
+        """The least that a plan leaves of each limit, beyond its reserve.
+
+        Parameters
+        ----------
+        x : (slews, 5) array
+            Design variables.
+
+        Returns
+        -------
+        dict of str to float
+            {limit: fraction of it}; see `constraint_slacks`.
+        """
         return {
             name: float(values.min(initial=np.inf))
             for name, values in self.score(x[None])[1].items()
         }
 
-    def sd(self, x: np.ndarray) -> dict[str, float]:
-        """Expected sds of all parameters for a plan x (slews, 5), at the first truth."""
-        return dict(zip(self.ahead.shape.names, self.score(x[None])[2][0].tolist(), strict=True))
+    def parameter_sd(self, x: np.ndarray) -> dict[str, float]:
+        """Expected sds of all parameters for a plan, at the first truth.
+
+        Parameters
+        ----------
+        x : (slews, 5) array
+            Design variables.
+
+        Returns
+        -------
+        dict of str to float
+            {parameter: sd} in its unit.
+        """
+        sd = self.score(x[None])[2][0]
+        return dict(zip(self.forecast.shape.names, sd.tolist(), strict=True))
 
     def score(
         self, x: np.ndarray, truth: int = 0
     ) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]:
-        """For plans x (n, slews, 5) at one truth: log of the goal's number (n,), what is left of every limit {name: (n, ...)}, expected sds (n, d)."""
-        static = (self.goal, self.ahead.shape, self.parts)
+        """Goal, limits and sds of many plans at one truth.
+
+        Parameters
+        ----------
+        x : (n, slews, 5) array
+            Design variables of n plans.
+        truth : int, optional
+            Which of the truths.
+
+        Returns
+        -------
+        log_value : (n,) array
+            Logarithm of the goal's number.
+        slacks : dict of str to array
+            {limit: (n, ...)}, see `constraint_slacks`.
+        sd : (n, d) array
+            Expected sds of all parameters.
+        """
+        static = (self.goal, self.forecast.shape, self.groups)
+        arrays = (self.forecast.given, self.thetas[truth], self.region, self.end_attitude)
         batches = [
             np.resize(x[i : i + _BATCH], (_BATCH, *x.shape[1:])) for i in range(0, len(x), _BATCH)
         ]
-        parts = [
-            _scores(*static, self.ahead.given, self.thetas[truth], self.region, self.end, batch)
-            for batch in batches
-        ]
+        parts = [_scores(*static, *arrays, batch) for batch in batches]
         return jax.tree.map(lambda *pieces: np.concatenate(pieces)[: len(x)], *parts)
 
-    def slope(self, x: np.ndarray, truths: int) -> tuple[float, np.ndarray]:
-        """Log of the (smooth) number, mean over the first truths, and its exact gradient (slews, 5)."""
-        static = (self.goal, self.ahead.shape, self.parts)
-        found = [
-            _slope(*static, self.ahead.given, theta, self.region, self.end, x)
+    def log_value_and_gradient(self, x: np.ndarray, truths: int) -> tuple[float, np.ndarray]:
+        """Logarithm of the smooth goal, mean over the first truths, and its exact gradient.
+
+        Parameters
+        ----------
+        x : (slews, 5) array
+            Design variables.
+        truths : int
+            Over how many truths.
+
+        Returns
+        -------
+        log_value : float
+            See `criterion` with `smooth`.
+        gradient : (slews, 5) array
+            Its derivative with respect to the design variables.
+        """
+        static = (self.goal, self.forecast.shape, self.groups)
+        results = [
+            _log_value_and_gradient(
+                *static, self.forecast.given, theta, self.region, self.end_attitude, x
+            )
             for theta in self.thetas[:truths]
         ]
-        return float(np.mean([value for value, _ in found])), np.mean(
-            [np.asarray(slope) for _, slope in found], axis=0
+        gradient = np.mean([np.asarray(gradient) for _, gradient in results], axis=0)
+        return float(np.mean([value for value, _ in results])), gradient
+
+    def slacks_and_jacobian(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """All constraint slacks at the first truth, and their derivatives.
+
+        Parameters
+        ----------
+        x : (slews, 5) array
+            Design variables.
+
+        Returns
+        -------
+        slacks : (k,) array
+            Fractions of each limit; infinite where there is none.
+        jacobian : (k, slews, 5) array
+            Their derivatives with respect to the design variables.
+        """
+        shape, given = self.forecast.shape, self.forecast.given
+        slacks, jacobian = _slacks_and_jacobian(
+            shape, given, self.thetas[0], self.region, self.end_attitude, x
         )
-
-    def room(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """What is left of every limit (k,) for the first truth, and its derivative (k, slews, 5)."""
-        value, slope = _room_and_slope(
-            self.ahead.shape, self.ahead.given, self.thetas[0], self.region, self.end, x
-        )
-        return np.asarray(value), np.asarray(slope)
+        return np.asarray(slacks), np.asarray(jacobian)
 
 
-def _slews(given: Given, region: Region, end: Array | None, x: Array) -> Slews:
-    slews = slews_at(x, region)
+def _slews(
+    given: Given, region: FeasibleRegion, end: Array | np.ndarray | None, x: Array | np.ndarray
+) -> SlewArrays:
+    """The slews of design variables (slews, 5), the last one ending in an attitude (4,)."""
+    slews = slews_from_variables(x, region)
     if end is None:
         return slews
     attitude = jnp.asarray(given.origin.attitude)
-    for turn in quaternion.exp(slews.turn_B[:-1]):
+    for turn in quaternion.exp(slews.rotation_B[:-1]):
         attitude = quaternion.multiply(attitude, turn)
-    return slews._replace(
-        turn_B=jnp.asarray(slews.turn_B).at[-1].set(quaternion.error(attitude, end))
-    )
+    last = quaternion.error(attitude, jnp.asarray(end))
+    return slews._replace(rotation_B=jnp.asarray(slews.rotation_B).at[-1].set(last))
 
 
-def _rooms(
-    shape: Shape, given: Given, theta: Array, region: Region, slews: Slews
+def _slacks(
+    shape: Shape, given: Given, theta: Array, region: FeasibleRegion, slews: SlewArrays
 ) -> dict[str, Array]:
-    flown = motion(slews, shape.times, body_of(shape.structure, theta, given.world), given.origin)
-    return room(flown, slews, region, shape.times)
+    """Constraint slacks of slews flown by the body that theta (d,) describes."""
+    body = body_of(shape.structure, theta, given.world)
+    motion = motion_of_slews(slews, shape.times, body, given.origin)
+    return constraint_slacks(motion, slews, region, shape.times)
 
 
-@partial(jax.jit, static_argnames=("goal", "shape", "parts"))
-def _scores(goal, shape, parts, given, theta, region, end, x):
+@partial(jax.jit, static_argnames=("goal", "shape", "groups"))
+def _scores(goal, shape, groups, given, theta, region, end, x):
     def one(row: Array) -> tuple[Array, dict[str, Array], Array]:
         slews = _slews(given, region, end, row)
         expected = covariance(shape, given, theta, slews)
-        value = jnp.log(criterion(goal, expected, theta, given.prior_sd, parts))
-        return value, _rooms(shape, given, theta, region, slews), jnp.sqrt(jnp.diag(expected))
+        value = jnp.log(criterion(goal, expected, theta, given.prior_sd, groups))
+        return value, _slacks(shape, given, theta, region, slews), jnp.sqrt(jnp.diag(expected))
 
     return jax.lax.map(one, x)
 
 
-# Compiled without optimization: half the time to compile, twice the 20 ms to run, some hundred times.
-@partial(jax.jit, static_argnames=("goal", "shape", "parts"), compiler_options=_QUICKLY)
-def _slope(goal, shape, parts, given, theta, region, end, x):
+@partial(
+    jax.jit, static_argnames=("goal", "shape", "groups"), compiler_options=_WITHOUT_OPTIMIZATION
+)
+def _log_value_and_gradient(goal, shape, groups, given, theta, region, end, x):
     def one(x: Array) -> Array:
         expected = covariance(shape, given, theta, _slews(given, region, end, x))
-        return jnp.log(criterion(goal, expected, theta, given.prior_sd, parts, smooth=True))
+        return jnp.log(criterion(goal, expected, theta, given.prior_sd, groups, smooth=True))
 
     return jax.value_and_grad(one)(x)
 
 
-@partial(jax.jit, static_argnames=("shape",), compiler_options=_QUICKLY)
-def _room_and_slope(shape, given, theta, region, end, x):
-    def left(x: Array) -> Array:
-        return in_a_row(_rooms(shape, given, theta, region, _slews(given, region, end, x)))
+@partial(jax.jit, static_argnames=("shape",), compiler_options=_WITHOUT_OPTIMIZATION)
+def _slacks_and_jacobian(shape, given, theta, region, end, x):
+    def slacks(x: Array) -> Array:
+        return flattened(_slacks(shape, given, theta, region, _slews(given, region, end, x)))
 
-    return left(x), jax.jacfwd(left)(x)
+    return slacks(x), jax.jacfwd(slacks)(x)
 
 
 def random_plans(
-    problem: Problem, slews: int, n: int, seed: int
+    problem: PlanProblem, slews: int, n: int, seed: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """n random plans (n, slews, 5), the log of the goal's number of each (n,), and the least that is left of any limit (n,)."""
+    """Random plans with their scores.
+
+    Parameters
+    ----------
+    problem : PlanProblem
+        What is searched for.
+    slews : int
+        How many slews in each plan.
+    n : int
+        How many plans.
+    seed : int
+        Of the random numbers.
+
+    Returns
+    -------
+    x : (n, slews, 5) array
+        Design variables.
+    log_values : (n,) array
+        Logarithm of the goal's number of each; infinite where it is no number.
+    least : (n,) array
+        The least that each leaves of any limit.
+    """
     rng = np.random.default_rng([seed, 7])
-    x = draw(
-        rng,
-        n,
-        slews,
-        problem.region,
-        problem.ahead.shape.times,
-        problem.ahead.body(problem.thetas[0]),
-    )
-    values, left, _ = problem.score(x)
-    return x, np.where(np.isfinite(values), values, np.inf), _least(left, n)
+    body = problem.forecast.body(problem.thetas[0])
+    x = draw_variables(rng, n, slews, problem.region, problem.forecast.shape.times, body)
+    values, slacks, _ = problem.score(x)
+    return x, np.where(np.isfinite(values), values, np.inf), _least(slacks, n)
 
 
-def improve(
-    problem: Problem, x: np.ndarray, steps: int, truths: int
+def improved_plan(
+    problem: PlanProblem, x: np.ndarray, steps: int, truths: int
 ) -> tuple[np.ndarray, tuple[float, ...]]:
-    """A plan (slews, 5) improved by sequential quadratic programming (Kraft 1988) over the first truths, and the goal's number on the way."""
-    shape, path = x.shape, []
+    """A plan improved by sequential quadratic programming (Kraft 1988).
+
+    Parameters
+    ----------
+    problem : PlanProblem
+        What is searched for.
+    x : (slews, 5) array
+        Design variables to begin with.
+    steps : int
+        How many steps at most.
+    truths : int
+        Over how many of the first truths the goal is averaged.
+
+    Returns
+    -------
+    x : (slews, 5) array
+        Design variables of the improved plan.
+    history : tuple of float
+        The smooth goal's number at every evaluation.
+    """
+    shape, history = x.shape, []
 
     def value(flat: np.ndarray) -> tuple[float, np.ndarray]:
-        found, slope = problem.slope(flat.reshape(shape), truths)
-        path.append(float(np.exp(found)))
-        return found, slope.ravel()
+        log_value, gradient = problem.log_value_and_gradient(flat.reshape(shape), truths)
+        history.append(float(np.exp(log_value)))
+        return log_value, gradient.ravel()
 
-    def left(flat: np.ndarray) -> np.ndarray:
-        rooms = problem.room(flat.reshape(shape))[0]
-        # What has no limit has infinite room, which the programme cannot hold.
-        return np.minimum(rooms, 1e3) - _CLEAR
+    def slacks(flat: np.ndarray) -> np.ndarray:
+        values = problem.slacks_and_jacobian(flat.reshape(shape))[0]
+        return np.minimum(values, _UNLIMITED) - _CLEARANCE
 
-    def left_slope(flat: np.ndarray) -> np.ndarray:
-        return np.nan_to_num(problem.room(flat.reshape(shape))[1]).reshape(-1, flat.size)
+    def jacobian(flat: np.ndarray) -> np.ndarray:
+        slopes = problem.slacks_and_jacobian(flat.reshape(shape))[1]
+        return np.nan_to_num(slopes).reshape(-1, flat.size)
 
-    bounds = ([(-np.pi, np.pi)] * 3 + [(LEAST[0], 1.0), (LEAST[1], 1.0)]) * len(x)
-    found = optimize.minimize(
+    fractions = [(smallest, 1.0) for smallest in SMALLEST_FRACTIONS]
+    optimum = optimize.minimize(
         value,
         x.ravel(),
         jac=True,
         method="SLSQP",
-        bounds=bounds,
-        constraints={"type": "ineq", "fun": left, "jac": left_slope},
+        bounds=([(-np.pi, np.pi)] * 3 + fractions) * len(x),
+        constraints={"type": "ineq", "fun": slacks, "jac": jacobian},
         options={"maxiter": steps, "ftol": 1e-5},
     )
-    return found.x.reshape(shape), tuple(path)
+    return optimum.x.reshape(shape), tuple(history)
 
 
-def search(
-    problem: Problem, x: np.ndarray, values: np.ndarray, least: np.ndarray, starts: int
+def improved_plans(
+    problem: PlanProblem, x: np.ndarray, log_values: np.ndarray, least: np.ndarray, starts: int
 ) -> tuple[list[np.ndarray], tuple[tuple[float, ...], ...]]:
-    """Plans improved from the best of random ones, best first, and the goal's number on the way of each descent."""
-    order = np.lexsort((values, -np.minimum(least, 0.0)))[:starts]  # feasible ones first
-    found = [improve(problem, x[k], _STEPS, 1) for k in order]
-    best = [found[k][0] for k in _ranked(problem, [plan for plan, _ in found])]
-    final = improve(problem, best[0], _STEPS, len(problem.thetas))
-    return [final[0], *best], (*(path for _, path in found), final[1])
+    """Plans improved from the best of random ones.
+
+    Parameters
+    ----------
+    problem : PlanProblem
+        What is searched for.
+    x : (n, slews, 5) array
+        Random plans, as from `random_plans`.
+    log_values : (n,) array
+        Logarithm of the goal's number of each.
+    least : (n,) array
+        The least that each leaves of any limit.
+    starts : int
+        How many of the best are improved.
+
+    Returns
+    -------
+    plans : list of (slews, 5) arrays
+        Best first. The first is the best one, improved once more over all truths.
+    histories : tuple of tuple of float
+        The smooth goal's number during each descent.
+    """
+    order = np.lexsort((log_values, -np.minimum(least, 0.0)))[:starts]  # feasible ones first
+    descents = [improved_plan(problem, x[k], _DESCENT_STEPS, 1) for k in order]
+    best = [descents[k][0] for k in _ranked(problem, [plan for plan, _ in descents])]
+    final = improved_plan(problem, best[0], _DESCENT_STEPS, len(problem.thetas))
+    return [final[0], *best], (*(history for _, history in descents), final[1])
 
 
-def _ranked(problem: Problem, plans: list[np.ndarray]) -> np.ndarray:
-    values, left, _ = problem.score(np.array(plans))
-    return np.lexsort((values, -np.minimum(_least(left, len(plans)), 0.0)))
+def _ranked(problem: PlanProblem, plans: list[np.ndarray]) -> np.ndarray:
+    """Order of plans, best first: feasible ones by the goal's number, then the nearest misses."""
+    log_values, slacks, _ = problem.score(np.array(plans))
+    return np.lexsort((log_values, -np.minimum(_least(slacks, len(plans)), 0.0)))
 
 
-def _least(left: dict[str, np.ndarray], n: int) -> np.ndarray:
-    """The least that each of n plans leaves of any limit."""
+def _least(slacks: dict[str, np.ndarray], n: int) -> np.ndarray:
+    """The least (n,) that each of n plans leaves of any limit."""
     return np.min(
-        [rooms.reshape(n, -1).min(axis=1, initial=np.inf) for rooms in left.values()], axis=0
+        [values.reshape(n, -1).min(axis=1, initial=np.inf) for values in slacks.values()], axis=0
     )

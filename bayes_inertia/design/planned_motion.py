@@ -1,11 +1,12 @@
-"""The motion that a plan asks for, as a smooth function of its slews: attitude, rate, wheel momentum and torque.
+"""The motion that a plan asks for, as a smooth function of its slews.
 
-Flown as planned, a slew's wheels hold what is left of the conserved total momentum, G H = C(q) M_N - J w, and the motors
-give its rate of change: the integral of J a + w x (J w + G H) = -G u (Ferguson's eq 6). Nothing is integrated numerically,
-so that thousands of plans can be tried, and everything can be differentiated with respect to axes, angles and rates.
+Flown as planned, a slew's wheels hold what is left of the conserved total momentum,
+G H = C(q) M_N - J w. The motors give its rate of change: the integral of
+J a + w x (J w + G H) = -G u (Ferguson's equation 6). Nothing is integrated numerically. So thousands
+of plans can be tried, and everything can be differentiated with respect to axes, angles and rates.
 
-The time grid of a slew has a fixed number of rows in each of its phases (rest, ramp, coast, ramp, settling, rest) and
-stretches with them: no row jumps from one phase into another as a slew changes.
+The time grid of a slew has a fixed number of rows in each of its phases (rest, ramp, coast, ramp,
+settling, rest) and stretches with them. No row jumps from one phase into another as a slew changes.
 """
 
 from __future__ import annotations
@@ -23,25 +24,56 @@ from bayes_inertia.flight.plan import Plan, PlannedSlew, angle_and_rate
 from bayes_inertia.maths import quaternion
 
 # Rows in the rest before, each ramp, the coast, the settling and the rest after.
-_PHASES = (8, 14, 24, 14, 8, 8)
-ROWS = sum(_PHASES) + 1
+_ROWS_OF_PHASES = (8, 14, 24, 14, 8, 8)
+ROWS = sum(_ROWS_OF_PHASES) + 1
 # Shortest coast in the grid [s]: a slew without a coast keeps increasing times.
-_SHORTEST = 0.05
+_SHORTEST_COAST = 0.05
 
 
-class Slews(NamedTuple):
-    """Slews as arrays, leading axis slews: `turn_B` (n, 3) axis times angle [rad], `rate` (n,) [rad/s], `acceleration` (n,)
-    [rad/s^2], `smooth` (n,) bool profile, `extra` (n,) rest beyond what the plan's times ask for [s]."""
+class SlewArrays(NamedTuple):
+    """Slews as arrays, leading axis slews.
 
-    turn_B: Array
-    rate: Array
-    acceleration: Array
-    smooth: Array
-    extra: Array
+    Parameters
+    ----------
+    rotation_B : (n, 3) array
+        Rotation vectors: axis times angle [rad].
+    rate : (n,) array
+        Largest rates [rad/s].
+    acceleration : (n,) array
+        Angular accelerations of the ramps [rad/s^2].
+    smooth : (n,) bool array
+        Whether the ramps are versines.
+    extra_rest : (n,) array
+        Rest after the slew beyond what the plan's times ask for [s].
+    """
+
+    rotation_B: Array | np.ndarray
+    rate: Array | np.ndarray
+    acceleration: Array | np.ndarray
+    smooth: Array | np.ndarray
+    extra_rest: Array | np.ndarray
 
 
-class Times(NamedTuple):
-    """A plan's times [s]: before, between and after the motions, and of the star tracker's fixes."""
+class PlanTimes(NamedTuple):
+    """The times that all slews of a plan share; fields as in `Plan`.
+
+    Parameters
+    ----------
+    rest_before : float
+        Rest before the motion [s].
+    settle : float
+        Time between the motion and the fixes after it [s].
+    rest_after : float
+        Rest with fixes after settling [s].
+    pause : float
+        Time between two slews [s].
+    first_fix : float
+        Time of the first fix from the slew's first row [s].
+    fix_spacing : float
+        Time between two fixes [s].
+    telemetry_period : float
+        Time between two rows of telemetry [s].
+    """
 
     rest_before: float
     settle: float
@@ -52,56 +84,132 @@ class Times(NamedTuple):
     telemetry_period: float
 
 
-class Body(NamedTuple):
-    """What moves: `inertia_B` (3, 3) [kg m^2] without the wheels' spin, `wheel_axes_B` (3, wheels), `allocation` (wheels, 3) its
-    pseudo-inverse, `spin_inertia` (wheels,) [kg m^2]."""
+class RigidBody(NamedTuple):
+    """What moves: a rigid body with wheels.
 
-    inertia_B: Array
-    wheel_axes_B: Array
-    allocation: Array
-    spin_inertia: Array
-
-
-def body_with(inertia_B: Array, wheel_axes_B: np.ndarray, spin_inertia: np.ndarray) -> Body:
-    """A body with these wheels.
-
-    >>> body_with(np.eye(3), np.eye(3), np.full(3, 1e-3)).allocation.shape
-    (3, 3)
+    Parameters
+    ----------
+    inertia_B : (3, 3) array
+        J, without the wheels' spin inertia [kg m^2].
+    wheel_axes_B : (3, wheels) array
+        Unit spin axes as columns.
+    allocation : (wheels, 3) array
+        Pseudo-inverse of `wheel_axes_B`: shares a torque among the wheels.
+    spin_inertia : (wheels,) array
+        Spin inertia of each wheel [kg m^2].
     """
-    return Body(inertia_B, wheel_axes_B, np.linalg.pinv(wheel_axes_B), spin_inertia)
+
+    inertia_B: Array | np.ndarray
+    wheel_axes_B: Array | np.ndarray
+    allocation: Array | np.ndarray
+    spin_inertia: Array | np.ndarray
 
 
-class Origin(NamedTuple):
-    """Where a plan begins: `attitude` (4,), `wheel_momentum` (wheels,) relative to the body [N m s]."""
+class PlanStart(NamedTuple):
+    """Where a plan begins, at rest.
 
-    attitude: Array
-    wheel_momentum: Array
+    Parameters
+    ----------
+    attitude : (4,) array
+        Body from inertial, scalar last.
+    wheel_momentum : (wheels,) array
+        Relative to the body [N m s].
+    """
+
+    attitude: Array | np.ndarray
+    wheel_momentum: Array | np.ndarray
 
 
-class Motion(NamedTuple):
-    """Planned slews (n of them, rows each): `time` (n, rows) [s] from each slew's first row, `start` (n,) [s] of that row in the
-    campaign, `attitude` (n, rows, 4), `rate_B` (n, rows, 3) [rad/s], `wheel` (n, rows, wheels) momentum relative to the body
-    [N m s], `torque` (n, rows, wheels) on the wheels, held from each row to the next [N m], `rests` (n + 1, 4) attitudes at rest,
-    `total` time of the campaign [s]."""
+class PlannedMotion(NamedTuple):
+    """Planned slews: n of them, `ROWS` rows each.
+
+    Parameters
+    ----------
+    time : (n, rows) array
+        Time from each slew's first row [s].
+    start : (n,) array
+        Time of each slew's first row in the campaign [s].
+    attitude : (n, rows, 4) array
+        Body from inertial, scalar last.
+    rate_B : (n, rows, 3) array
+        Rate of the body [rad/s].
+    wheel_momentum : (n, rows, wheels) array
+        Relative to the body [N m s].
+    wheel_torque : (n, rows, wheels) array
+        On the wheels, held from each row to the next [N m].
+    rest_attitudes : (n + 1, 4) array
+        Attitudes before each slew and after the last.
+    total_time : () array
+        From the first row of the campaign to the last [s].
+    """
 
     time: Array
     start: Array
     attitude: Array
     rate_B: Array
-    wheel: Array
-    torque: Array
-    rests: Array
-    total: Array
+    wheel_momentum: Array
+    wheel_torque: Array
+    rest_attitudes: Array
+    total_time: Array
 
 
-def times_of(plan: Plan) -> Times:
-    """The times that all slews of a plan share."""
-    return Times(*(getattr(plan, key) for key in Times._fields))
+def rigid_body(
+    inertia_B: np.ndarray, wheel_axes_B: np.ndarray, spin_inertia: np.ndarray
+) -> RigidBody:
+    """A rigid body with these wheels, its allocation included.
+
+    Parameters
+    ----------
+    inertia_B : (3, 3) array
+        J, without the wheels' spin inertia [kg m^2].
+    wheel_axes_B : (3, wheels) array
+        Unit spin axes as columns.
+    spin_inertia : (wheels,) array
+        Spin inertia of each wheel [kg m^2].
+
+    Returns
+    -------
+    RigidBody
+        The body.
+
+    Examples
+    --------
+    >>> rigid_body(np.eye(3), np.eye(3), np.full(3, 1e-3)).allocation.shape
+    (3, 3)
+    """
+    return RigidBody(inertia_B, wheel_axes_B, np.linalg.pinv(wheel_axes_B), spin_inertia)
 
 
-def slews_of(plan: Plan) -> Slews:
-    """A plan's slews as arrays."""
-    turn = np.array([slew.angle * np.array(slew.axis_B) for slew in plan.slews])
+def plan_times(plan: Plan) -> PlanTimes:
+    """The times that all slews of a plan share.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is to be flown.
+
+    Returns
+    -------
+    PlanTimes
+        Its times [s].
+    """
+    return PlanTimes(*(getattr(plan, key) for key in PlanTimes._fields))
+
+
+def slew_arrays(plan: Plan) -> SlewArrays:
+    """A plan's slews as arrays.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is to be flown.
+
+    Returns
+    -------
+    SlewArrays
+        Its slews; where one lasts longer than it needs, the rest after it is longer.
+    """
+    rotation = np.array([slew.angle * np.array(slew.axis_B) for slew in plan.slews])
     needed = np.array(
         [plan.rest_before + slew.motion_time + plan.settle + plan.rest_after for slew in plan.slews]
     )
@@ -109,58 +217,119 @@ def slews_of(plan: Plan) -> Slews:
         np.array([getattr(slew, key) for slew in plan.slews]) for key in ("rate", "acceleration")
     )
     smooth = np.array([slew.profile == "smooth" for slew in plan.slews])
-    return Slews(
-        turn, rate, acceleration, smooth, np.maximum(np.array(plan.durations) - needed, 0.0)
-    )
+    extra_rest = np.maximum(np.array(plan.durations) - needed, 0.0)
+    return SlewArrays(rotation, rate, acceleration, smooth, extra_rest)
 
 
-def planned_slews(slews: Slews) -> tuple[PlannedSlew, ...]:
-    """Arrays as slews that can be flown (durations no longer than needed)."""
+def planned_slews(slews: SlewArrays) -> tuple[PlannedSlew, ...]:
+    """Arrays as slews that can be flown, with durations no longer than needed.
+
+    Parameters
+    ----------
+    slews : SlewArrays
+        n slews.
+
+    Returns
+    -------
+    tuple of PlannedSlew
+        The n slews.
+
+    Examples
+    --------
+    >>> from bayes_inertia.flight.plan import paper_like_plan
+    >>> planned_slews(slew_arrays(paper_like_plan()))[0].axis_B
+    (1.0, 0.0, 0.0)
+    """
     out = []
-    for turn, rate, acceleration, smooth in zip(*(np.asarray(x) for x in slews[:4]), strict=True):
-        angle = float(np.linalg.norm(turn))
-        out.append(
-            PlannedSlew(
-                tuple((turn / angle).tolist()),
-                angle,
-                float(rate),
-                float(acceleration),
-                "smooth" if smooth else "trapezoid",
-            )
-        )
+    rows = zip(*(np.asarray(column) for column in slews[:4]), strict=True)
+    for rotation, rate, acceleration, smooth in rows:
+        angle = float(np.linalg.norm(rotation))
+        axis = tuple((rotation / angle).tolist())
+        profile = "smooth" if smooth else "trapezoid"
+        out.append(PlannedSlew(axis, angle, float(rate), float(acceleration), profile))
     return tuple(out)
 
 
-def origin_of(plan: Plan, wheels: int) -> Origin:
-    """Start attitude and wheel momentum of a plan (wheels at rest where it names none)."""
-    return Origin(np.array(plan.start_attitude), np.array(plan.wheel_momentum or np.zeros(wheels)))
+def plan_start(plan: Plan, wheels: int) -> PlanStart:
+    """Where a plan begins.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is to be flown.
+    wheels : int
+        How many wheels there are; they are at rest where the plan names no momentum.
+
+    Returns
+    -------
+    PlanStart
+        Attitude and wheel momentum.
+    """
+    momentum = np.array(plan.wheel_momentum or np.zeros(wheels))
+    return PlanStart(np.array(plan.start_attitude), momentum)
 
 
-def motion_of(plan: Plan, body: Body) -> Motion:
-    """The motion of a plan.
+def motion_of_plan(plan: Plan, body: RigidBody) -> PlannedMotion:
+    """The motion of a plan, compiled.
 
+    Parameters
+    ----------
+    plan : Plan
+        What is to be flown.
+    body : RigidBody
+        What moves.
+
+    Returns
+    -------
+    PlannedMotion
+        The motion of all its slews.
+
+    Examples
+    --------
     >>> one = Plan("one", (PlannedSlew((1., 0., 0.), math.radians(30.0)),))
-    >>> body = body_with(np.eye(3), np.eye(3), np.full(3, 1e-3))
-    >>> round(float(motion_of(one, body).total), 9)
+    >>> body = rigid_body(np.eye(3), np.eye(3), np.full(3, 1e-3))
+    >>> round(float(motion_of_plan(one, body).total_time), 9)
     115.0
     """
-    return jax.jit(motion)(
-        slews_of(plan), times_of(plan), body, origin_of(plan, body.wheel_axes_B.shape[1])
-    )
+    start = plan_start(plan, body.wheel_axes_B.shape[1])
+    return jax.jit(motion_of_slews)(slew_arrays(plan), plan_times(plan), body, start)
 
 
-def motion(slews: Slews, times: Times, body: Body, origin: Origin) -> Motion:
-    """The motion of slews (n,) flown one after the other; a pure function that JAX can differentiate.
+def motion_of_slews(
+    slews: SlewArrays, times: PlanTimes, body: RigidBody, origin: PlanStart
+) -> PlannedMotion:
+    """The motion of slews flown one after the other; a pure function that JAX can differentiate.
 
-    >>> slews = Slews(jnp.array([[0.5, 0., 0.]]), jnp.array([0.01]), jnp.array([1e-3]), jnp.array([False]), jnp.zeros(1))
-    >>> times, body = Times(20., 33., 12., 300., 8., 1., .25), body_with(2.0 * jnp.eye(3), np.eye(3), np.full(3, 1e-3))
-    >>> round(float(motion(slews, times, body, Origin(jnp.array([0., 0., 0., 1.]), jnp.zeros(3))).torque.min()), 6)
+    Parameters
+    ----------
+    slews : SlewArrays
+        n slews.
+    times : PlanTimes
+        The times that they share [s].
+    body : RigidBody
+        What moves.
+    origin : PlanStart
+        Attitude and wheel momentum at the beginning.
+
+    Returns
+    -------
+    PlannedMotion
+        The motion of all n slews.
+
+    Examples
+    --------
+    >>> slews = SlewArrays(jnp.array([[0.5, 0., 0.]]), *(jnp.array([x]) for x in (0.01, 1e-3)),
+    ...                    jnp.array([False]), jnp.zeros(1))
+    >>> times = PlanTimes(20., 33., 12., 300., 8., 1., .25)
+    >>> body = rigid_body(2.0 * np.eye(3), np.eye(3), np.full(3, 1e-3))
+    >>> origin = PlanStart(jnp.array([0., 0., 0., 1.]), jnp.zeros(3))
+    >>> round(float(motion_of_slews(slews, times, body, origin).wheel_torque.min()), 6)
     -0.002
     """
-    angle = jnp.sqrt(jnp.sum(slews.turn_B**2, -1))
-    axis = slews.turn_B / angle[:, None]
-    rests = _rests(slews.turn_B, origin.attitude)
-    time, begin = _grid(slews, angle, times)
+    angle = jnp.sqrt(jnp.sum(slews.rotation_B**2, -1))
+    axis = slews.rotation_B / angle[:, None]
+    rests = _rest_attitudes(slews.rotation_B, origin.attitude)
+    time, begin = _time_grid(slews, angle, times)
     turned, rate = angle_and_rate(
         angle[:, None],
         slews.rate[:, None],
@@ -172,46 +341,38 @@ def motion(slews: Slews, times: Times, body: Body, origin: Origin) -> Motion:
         rests[:-1, None], quaternion.exp(turned[..., None] * axis[:, None])
     )
     rate_B = rate[..., None] * axis[:, None]
-    wheel = _wheels(body, origin, attitude, rate_B)
+    wheel = _wheel_momentum(body, origin, attitude, rate_B)
     total_wheel = wheel + body.spin_inertia * (rate_B @ body.wheel_axes_B)
     step = jnp.diff(time, axis=1)[..., None]
     torque = jnp.diff(total_wheel, axis=1) / step
     torque = jnp.concatenate([torque, jnp.zeros_like(torque[:, :1])], 1)
     lasting = time[:, -1] + times.pause
     start = np.tri(len(lasting), k=-1) @ lasting
-    return Motion(time, start, attitude, rate_B, wheel, torque, rests, start[-1] + time[-1, -1])
-
-
-def motion_time(angle: Array, rate: Array, acceleration: Array, smooth: Array) -> Array:
-    """Time of ramps and coast [s]; arguments broadcast. As `PlannedSlew.motion_time`, for JAX.
-
-    >>> float(motion_time(2.0, 2.0**-5, 2.0**-10, False))
-    96.0
-    """
-    peak, ramp = _peak_and_ramp(angle, rate, acceleration, smooth)
-    return angle / peak + ramp
+    total_time = start[-1] + time[-1, -1]
+    return PlannedMotion(time, start, attitude, rate_B, wheel, torque, rests, total_time)
 
 
 def _peak_and_ramp(
     angle: Array, rate: Array, acceleration: Array, smooth: Array
 ) -> tuple[Array, Array]:
+    """Largest rate [rad/s] that each slew reaches, and the time of each of its ramps [s]."""
     factor = jnp.where(smooth, math.pi / 2.0, 1.0)
     peak = jnp.minimum(rate, jnp.sqrt(acceleration * angle / factor))
     return peak, factor * peak / acceleration
 
 
-def _rests(turn_B: Array, attitude: Array) -> Array:
+def _rest_attitudes(rotation_B: Array, attitude: Array) -> Array:
     """Attitudes (n + 1, 4) before each slew and after the last."""
     out = [jnp.asarray(attitude)]
-    for turn in quaternion.exp(turn_B):
+    for turn in quaternion.exp(rotation_B):
         out.append(quaternion.multiply(out[-1], turn))
     return jnp.stack(out)
 
 
-def _grid(slews: Slews, angle: Array, times: Times) -> tuple[Array, Array]:
-    """Times (n, ROWS) of all rows, and when the motion begins."""
+def _time_grid(slews: SlewArrays, angle: Array, times: PlanTimes) -> tuple[Array, Array]:
+    """Times (n, ROWS) of all rows [s], and when the motion begins [s]."""
     peak, ramp = _peak_and_ramp(angle, slews.rate, slews.acceleration, slews.smooth)
-    coast = jnp.maximum(angle / peak - ramp, _SHORTEST)
+    coast = jnp.maximum(angle / peak - ramp, _SHORTEST_COAST)
     same = jnp.ones_like(ramp)
     lengths = (
         times.rest_before * same,
@@ -219,25 +380,25 @@ def _grid(slews: Slews, angle: Array, times: Times) -> tuple[Array, Array]:
         coast,
         ramp,
         times.settle * same,
-        times.rest_after + slews.extra,
+        times.rest_after + slews.extra_rest,
     )
     steps = [
         jnp.broadcast_to(length[:, None] / rows, (len(ramp), rows))
-        for length, rows in zip(lengths, _PHASES, strict=True)
+        for length, rows in zip(lengths, _ROWS_OF_PHASES, strict=True)
     ]
     # Sums as matrix products: they compile much faster than cumulative sums.
     return jnp.concatenate(steps, 1) @ np.tri(ROWS, ROWS - 1, -1).T, times.rest_before
 
 
-def _wheels(body: Body, origin: Origin, attitude: Array, rate_B: Array) -> Array:
-    """Wheel momentum relative to the body (n, rows, wheels) that the conserved total momentum leaves."""
+def _wheel_momentum(body: RigidBody, origin: PlanStart, attitude: Array, rate_B: Array) -> Array:
+    """Wheel momentum relative to the body (n, rows, wheels), from the conserved total momentum."""
     G, spin = body.wheel_axes_B, body.spin_inertia
     total_N = quaternion.to_inertial(origin.attitude, G @ origin.wheel_momentum)
-    spread = partial(jnp.einsum, "wi,...i->...w", body.allocation)
+    allocate = partial(jnp.einsum, "wi,...i->...w", body.allocation)
     # What has no influence on the body (more than three wheels) stays as it began.
     left = (
         quaternion.to_body(attitude, jnp.broadcast_to(total_N, rate_B.shape))
         - rate_B @ body.inertia_B
         - G @ origin.wheel_momentum
     )
-    return origin.wheel_momentum + spread(left) - spin * (rate_B @ G)
+    return origin.wheel_momentum + allocate(left) - spin * (rate_B @ G)

@@ -19,13 +19,13 @@ from jax import Array
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.design.after_campaign import plan_after
 from bayes_inertia.design.feasible_region import (
-    LEAST,
-    Region,
-    draw,
-    in_a_row,
-    region_of,
-    room,
-    slews_at,
+    SMALLEST_FRACTIONS,
+    FeasibleRegion,
+    constraint_slacks,
+    draw_variables,
+    flattened,
+    region_within,
+    slews_from_variables,
 )
 from bayes_inertia.design.goals import Goal, criterion
 from bayes_inertia.design.information import (
@@ -38,8 +38,14 @@ from bayes_inertia.design.information import (
     posterior,
     world_of,
 )
-from bayes_inertia.design.limits import Limits, Margin, broken, hardware, margins
-from bayes_inertia.design.planned_motion import Origin, motion, planned_slews, times_of
+from bayes_inertia.design.limits import Limits, hardware_limits
+from bayes_inertia.design.margins import Margin, broken_limits, planned_margins
+from bayes_inertia.design.planned_motion import (
+    PlanStart,
+    motion_of_slews,
+    plan_times,
+    planned_slews,
+)
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.flight.follow_on import spacecraft_at
 from bayes_inertia.flight.plan import Plan, PlannedSlew
@@ -101,10 +107,10 @@ def separating_slew(
     limits = limits or Limits(rate=1.1 * _fastest(campaign), total_time=2.0 * longest)
     ahead, theta, parts = _forecast(at, a, b)
     spacecraft = spacecraft_at(campaign, theta)
-    region = region_of(
+    region = region_within(
         limits,
-        hardware(spacecraft),
-        fastest=_fastest(campaign),
+        hardware_limits(spacecraft),
+        default_rate=_fastest(campaign),
         scale_factor_sigma=float(at.sd[6:9].max()),
     )
     wanted = Goal("separate", (a.name, b.name))
@@ -115,10 +121,10 @@ def separating_slew(
         region,
         seed,
     )
-    slew = planned_slews(slews_at(best[None], region))[0]
-    left = margins(replace(_plan(ahead), slews=(slew,)), spacecraft, limits)
-    if broken(left):
-        what = f"no slew that separates {a.name} from {b.name} was found within the limits: {broken(left)[0].says}"
+    slew = planned_slews(slews_from_variables(best[None], region))[0]
+    left = planned_margins(replace(_plan(ahead), slews=(slew,)), spacecraft, limits)
+    if broken_limits(left):
+        what = f"no slew that separates {a.name} from {b.name} was found within the limits: {broken_limits(left)[0].says}"
         raise CampaignError(what, where="limits", advice="loosen it")
     matrices = [_projected(ahead, parts, extra) for extra in (np.zeros_like(told), told)]
     first = parts[0][1] - parts[0][0]
@@ -196,8 +202,8 @@ def _forecast(
     for part in parts:
         # A prior that ends at the null has a slope there; beside the data it counts as wide as it is.
         prior[part, part] = np.diag(space.sd[part] ** -2.0)
-    origin = Origin(np.array(times.start_attitude), np.array(times.wheel_momentum))
-    shape = Shape(replace(commanded.structure, refined=False), space.names, times_of(times))
+    origin = PlanStart(np.array(times.start_attitude), np.array(times.wheel_momentum))
+    shape = Shape(replace(commanded.structure, refined=False), space.names, plan_times(times))
     ahead = Forecast(
         shape, Given(world._replace(scale=commanded.data.scale), origin, space.sd, told + prior)
     )
@@ -234,16 +240,18 @@ def _last_value(slew, key: str) -> np.ndarray:
 
 @partial(jax.jit, static_argnames=("goal", "shape", "parts"))
 def _score(
-    goal: Goal, shape: Shape, parts, given: Given, theta: Array, region: Region, x: Array
+    goal: Goal, shape: Shape, parts, given: Given, theta: Array, region: FeasibleRegion, x: Array
 ) -> tuple[Array, Array]:
     """Log criterion (n,) of slews x (n, 5), each flown alone, with a penalty for what is not allowed, and what each tells (n, d + 3, d + 3)."""
     body = body_of(shape.structure, theta, given.world)
 
     def one(row: Array) -> tuple[Array, Array]:
-        slews = slews_at(row[None], region)
+        slews = slews_from_variables(row[None], region)
         told = information(shape, given, theta, slews)
-        left = in_a_row(
-            room(motion(slews, shape.times, body, given.origin), slews, region, shape.times)
+        left = flattened(
+            constraint_slacks(
+                motion_of_slews(slews, shape.times, body, given.origin), slews, region, shape.times
+            )
         )
         missing = jnp.sum(jnp.maximum(0.0, -left))
         value = criterion(goal, posterior(given, told), theta, given.prior_sd, parts)
@@ -253,11 +261,11 @@ def _score(
 
 
 def _search(
-    score, ahead: Forecast, theta: np.ndarray, region: Region, seed: int
+    score, ahead: Forecast, theta: np.ndarray, region: FeasibleRegion, seed: int
 ) -> tuple[np.ndarray, np.ndarray]:
     """Random slews, then ever closer ones around the best: (5,), and what it tells."""
     rng = np.random.default_rng([seed, 11])
-    x = draw(rng, 4 * _BATCH, 1, region, ahead.shape.times, ahead.body(theta))[:, 0]
+    x = draw_variables(rng, 4 * _BATCH, 1, region, ahead.shape.times, ahead.body(theta))[:, 0]
     scored = [score(part) for part in np.split(x, 4)]
     values, told = (np.concatenate([np.asarray(s[i]) for s in scored]) for i in (0, 1))
     width = 0.3
@@ -266,7 +274,7 @@ def _search(
         children = x[order][rng.integers(0, _SURVIVORS, _BATCH)] * (
             1.0 + width * rng.normal(size=(_BATCH, 5))
         )
-        children[:, 3:] = np.clip(children[:, 3:], LEAST, 1.0)
+        children[:, 3:] = np.clip(children[:, 3:], SMALLEST_FRACTIONS, 1.0)
         x = np.concatenate([x[order], children])
         values, told = (
             np.concatenate([old[order], np.asarray(new)])

@@ -1,0 +1,309 @@
+"""What a plan leaves of every limit.
+
+`planned_margins` takes the planned motion of a rigid body. `flown_margins` takes a flight in the
+closed loop, with everything that control adds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from bayes_inertia.design.limits import Limits, hardware_limits
+from bayes_inertia.design.planned_motion import PlannedMotion, motion_of_plan, rigid_body
+from bayes_inertia.flight.plan import Plan
+from bayes_inertia.flight.plan_flight import Flight
+from bayes_inertia.flight.spacecraft import Spacecraft
+from bayes_inertia.maths import quaternion
+
+# A limit counts as kept when this fraction of it is missing: rounding.
+_ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class Margin:
+    """What is left of one limit where it is tightest.
+
+    Parameters
+    ----------
+    limit : str
+        The limit's name.
+    where : str
+        The slew or rest where it is tightest.
+    used : float
+        What the plan needs there, in `unit`; for a keep-out cone the boresight's distance from its
+        centre.
+    allowed : float
+        The limit, in `unit`.
+    unit : str
+        Unit of `used` and `allowed`.
+    left : float
+        (allowed - used) / allowed; for a keep-out cone (used - allowed) / allowed. Negative where
+        the limit is broken.
+    """
+
+    limit: str
+    where: str
+    used: float
+    allowed: float
+    unit: str
+    left: float
+
+    @property
+    def kept(self) -> bool:
+        """Whether the limit is respected (to rounding)."""
+        return self.left >= -_ROUNDING
+
+    @property
+    def says(self) -> str:
+        """The margin in words.
+
+        Examples
+        --------
+        >>> Margin("rate", "slew 2", 0.0209, 0.0174, "rad/s", -0.2).says
+        'rate: 1.197 deg/s in slew 2, 0.9969 deg/s allowed (20 % too much)'
+        """
+        degrees = self.unit.startswith("rad")
+        used, allowed = (
+            f"{math.degrees(x) if degrees else x:.4g} {self.unit.replace('rad', 'deg')}"
+            for x in (self.used, self.allowed)
+        )
+        if self.limit.startswith("keep-out"):
+            left = self._left_in_words("outside", "inside")
+            distance = f"boresight {used} from the centre {self.where}"
+            return f"{self.limit}: {distance}, {allowed} is the cone ({left})"
+        place = "" if self.where == "the campaign" else f" in {self.where}"
+        left = self._left_in_words("left", "too much")
+        return f"{self.limit}: {used}{place}, {allowed} allowed ({left})"
+
+    def _left_in_words(self, kept: str, broken: str) -> str:
+        return f"{100 * abs(self.left):.3g} % {kept if self.kept else broken}"
+
+
+def demands(
+    motion: PlannedMotion,
+    rotation_B: Array | np.ndarray,
+    acceleration: Array | np.ndarray,
+    boresight_B: np.ndarray,
+    cones_N: np.ndarray,
+) -> dict[str, Array]:
+    """What a motion demands of spacecraft and sky; JAX can differentiate it.
+
+    Parameters
+    ----------
+    motion : PlannedMotion
+        n slews.
+    rotation_B : (n, 3) array
+        Rotation vectors of the slews [rad].
+    acceleration : (n,) array
+        Their angular accelerations [rad/s^2].
+    boresight_B : (3,) array
+        The star tracker's boresight.
+    cones_N : (cones, 3) array
+        Unit vectors to the centres of keep-out cones, inertial axes.
+
+    Returns
+    -------
+    dict of str to Array
+        `torque` [N m] and `momentum` [N m s] (n, wheels), `rate` [rad/s], `angle` [rad] and
+        `acceleration` [rad/s^2] (n,), `time` () [s], and `distance` (n + 1, cones) [rad] of the
+        boresight at rest from each cone's centre.
+
+    Examples
+    --------
+    >>> from bayes_inertia.flight.plan import paper_like_plan
+    >>> from bayes_inertia.design.planned_motion import slew_arrays
+    >>> from bayes_inertia.flight.spacecraft import most_like_spacecraft
+    >>> craft, slews = most_like_spacecraft(), slew_arrays(paper_like_plan())
+    >>> body = rigid_body(craft.inertia_B, craft.wheel_axes_B, np.full(3, 1e-3))
+    >>> motion, cones = motion_of_plan(paper_like_plan(), body), np.zeros((0, 3))
+    >>> used = demands(motion, slews.rotation_B, slews.acceleration, np.eye(3)[2], cones)
+    >>> float(used["rate"].max().round(6))
+    0.017453
+    """
+    boresight_N = quaternion.to_inertial(
+        motion.rest_attitudes, jnp.broadcast_to(boresight_B, (len(motion.rest_attitudes), 3))
+    )
+    cosine = boresight_N @ jnp.asarray(cones_N).reshape(-1, 3).T
+    sine = jnp.linalg.norm(
+        jnp.cross(boresight_N[:, None], jnp.asarray(cones_N).reshape(1, -1, 3)) + 1e-15, axis=-1
+    )
+    return {
+        "torque": jnp.max(jnp.abs(motion.wheel_torque), axis=1),
+        "momentum": jnp.max(jnp.abs(motion.wheel_momentum), axis=1),
+        "rate": jnp.sqrt(jnp.max(jnp.sum(motion.rate_B**2, -1), axis=1)),
+        "angle": jnp.sqrt(jnp.sum(rotation_B**2, -1)),
+        "acceleration": jnp.asarray(acceleration),
+        "time": motion.total_time,
+        "distance": jnp.arctan2(sine, cosine),
+    }
+
+
+def planned_margins(plan: Plan, spacecraft: Spacecraft, limits: Limits) -> tuple[Margin, ...]:
+    """What a plan leaves of every limit, from the planned motion of a rigid body.
+
+    The wheels give J a + w x (J w + h).
+
+    Parameters
+    ----------
+    plan : Plan
+        What is to be flown.
+    spacecraft : Spacecraft
+        J, wheels and sensors.
+    limits : Limits
+        What must be respected beside the hardware's own limits.
+
+    Returns
+    -------
+    tuple of Margin
+        One for each limit that there is.
+
+    Examples
+    --------
+    >>> from bayes_inertia.flight.plan import paper_like_plan
+    >>> from bayes_inertia.flight.spacecraft import most_like_spacecraft
+    >>> found = planned_margins(paper_like_plan(), most_like_spacecraft(), Limits(rate=0.01))
+    >>> [margin.limit for margin in found if not margin.kept]
+    ['rate']
+    """
+    spin = np.array([wheel.spin_inertia for wheel in spacecraft.wheels])
+    body = rigid_body(spacecraft.inertia_B, spacecraft.wheel_axes_B, spin)
+    used = demands(
+        motion_of_plan(plan, body),
+        np.array([slew.angle * np.array(slew.axis_B) for slew in plan.slews]),
+        np.array([slew.acceleration for slew in plan.slews]),
+        hardware_limits(spacecraft).boresight_B,
+        np.array([cone.direction_N for cone in limits.keep_out]).reshape(-1, 3),
+    )
+    total = plan.starts[-1] + plan.durations[-1]
+    values = {k: np.asarray(v) for k, v in used.items()} | {"time": np.array(total)}
+    return _margins(values, plan.attitudes, spacecraft, limits)
+
+
+def flown_margins(flight: Flight, limits: Limits) -> tuple[Margin, ...]:
+    """What a flight left of every limit: peaks over all rows of its truth and its commands.
+
+    Parameters
+    ----------
+    flight : Flight
+        A plan that was flown in the closed loop.
+    limits : Limits
+        What had to be respected beside the hardware's own limits.
+
+    Returns
+    -------
+    tuple of Margin
+        One for each limit that there is. Start and end attitude are those of the plan: what a slew
+        misses is corrected afterwards.
+    """
+    campaign = flight.campaign
+    rests = np.stack([*(path.attitude[0] for path in flight.truth), flight.truth[-1].attitude[-1]])
+    cones = np.array([cone.direction_N for cone in limits.keep_out]).reshape(-1, 3)
+    boresight_N = np.asarray(
+        quaternion.to_inertial(
+            jnp.asarray(rests),
+            jnp.broadcast_to(hardware_limits(flight.spacecraft).boresight_B, (len(rests), 3)),
+        )
+    )
+    torques = [slew.wheel_torque for slew in campaign.slews if slew.wheel_torque is not None]
+    used = {
+        "torque": np.stack([np.abs(torque).max(0) for torque in torques]),
+        "momentum": np.stack([np.abs(path.wheel_momentum).max(0) for path in flight.truth]),
+        "rate": np.array([np.linalg.norm(path.rate_B, axis=1).max() for path in flight.truth]),
+        "angle": np.array([slew.angle for slew in flight.plan.slews]),
+        "acceleration": np.array([slew.acceleration for slew in flight.plan.slews]),
+        "time": np.array(campaign.slews[-1].start + campaign.slews[-1].duration),
+        "distance": np.arccos(np.clip(boresight_N @ cones.T, -1.0, 1.0)),
+    }
+    return _margins(used, flight.plan.attitudes, flight.spacecraft, limits)
+
+
+def broken_limits(margins: Sequence[Margin]) -> tuple[Margin, ...]:
+    """The margins of violated limits.
+
+    Parameters
+    ----------
+    margins : sequence of Margin
+        Of one plan or flight, or of several.
+
+    Returns
+    -------
+    tuple of Margin
+        Those that are not kept, worst first.
+
+    Examples
+    --------
+    >>> broken_limits([])
+    ()
+    """
+    return tuple(sorted((m for m in margins if not m.kept), key=lambda m: m.left))
+
+
+def _margins(
+    used: Mapping[str, np.ndarray], rests: np.ndarray, spacecraft: Spacecraft, limits: Limits
+) -> tuple[Margin, ...]:
+    """Margins from peaks named as in `demands`, and the attitudes at rest (slews + 1, 4)."""
+    hardware = hardware_limits(spacecraft)
+    upper: list[tuple[str, np.ndarray, float | None, str]] = []
+    for key, limit, unit in (
+        ("torque", hardware.wheel_torque, "N m"),
+        ("momentum", hardware.wheel_momentum, "N m s"),
+    ):
+        for i, wheel in enumerate(spacecraft.wheels):
+            upper.append((f"{key} of {wheel.name}", used[key][:, i], float(limit[i]), unit))
+    upper += [
+        ("rate", used["rate"], limits.rate, "rad/s"),
+        ("rate sensor range", used["rate"], hardware.sensor_range, "rad/s"),
+        ("angle", used["angle"], limits.angle, "rad"),
+        ("acceleration", used["acceleration"], limits.acceleration, "rad/s^2"),
+        ("total time", used["time"], limits.total_time, "s"),
+    ]
+    return (
+        *(
+            _upper_margin(name, values, allowed, unit)
+            for name, values, allowed, unit in upper
+            if allowed is not None and math.isfinite(allowed)
+        ),
+        *_attitude_margins(rests, limits),
+        *_keep_out_margins(used["distance"], limits),
+    )
+
+
+def _upper_margin(name: str, values: np.ndarray, allowed: float, unit: str) -> Margin:
+    """The margin of an upper limit on values by slew (n,), or on one of the whole campaign ()."""
+    k = int(np.argmax(values))
+    place = f"slew {k + 1}" if np.size(values) > 1 or name != "total time" else "the campaign"
+    left = float(1.0 - np.max(values) / allowed)
+    return Margin(name, place, float(np.max(values)), allowed, unit, left)
+
+
+def _attitude_margins(rests: np.ndarray, limits: Limits) -> list[Margin]:
+    """How far the attitudes (slews + 1, 4) begin and end from where they must."""
+    out = []
+    for name, wanted, k in (
+        ("start attitude", limits.start_attitude, 0),
+        ("end attitude", limits.end_attitude, -1),
+    ):
+        if wanted is not None:
+            error = quaternion.error(jnp.asarray(wanted), jnp.asarray(rests[k]))
+            off = float(np.linalg.norm(error))
+            left = 1.0 - off / limits.tolerance
+            out.append(Margin(name, "the campaign", off, limits.tolerance, "rad", left))
+    return out
+
+
+def _keep_out_margins(distance: np.ndarray, limits: Limits) -> list[Margin]:
+    """Margins of the cones from distances (slews + 1, cones) of the boresight at rest [rad]."""
+    out = []
+    for c, cone in enumerate(limits.keep_out):
+        k = int(np.argmin(distance[:, c]))
+        where = "at the start" if k == 0 else f"after slew {k}"
+        near = float(distance[k, c])
+        left = near / cone.half_angle - 1.0
+        out.append(Margin(f"keep-out {cone.name}", where, near, cone.half_angle, "rad", left))
+    return out
