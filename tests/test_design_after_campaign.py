@@ -50,8 +50,8 @@ def captured(monkeypatch):
     """The arguments of the one call of `design_plan`."""
     arguments = SimpleNamespace()
 
-    def design_plan(*_, **keywords):
-        vars(arguments).update(keywords)
+    def design_plan(spacecraft, prior, goal, limits, **keywords):
+        vars(arguments).update(keywords, limits=limits)
         raise Captured
 
     monkeypatch.setattr(designer, "design_plan", design_plan)
@@ -95,6 +95,43 @@ def test_design_after_a_campaign_begins_with_the_wheels_turning(flight, captured
     with pytest.raises(Captured):
         run_design(tmp_path / "campaign", tmp_path / "run", Request(after=False))
     assert captured.base.wheel_momentum == ()
+
+
+def in_alternate_rows(campaign):
+    """The campaign with the rate about x in even rows, those about y and z in odd ones."""
+    slews = []
+    for slew in campaign.slews:
+        rate = slew.rate.copy()
+        rate[1::2, 0] = rate[::2, 1:] = np.nan
+        slews.append(replace(slew, rate=rate))
+    return replace(campaign, slews=tuple(slews))
+
+
+def saturated(campaign):
+    """The campaign with one reading in ten at the end of the rate sensor's range, 0.1 rad/s."""
+    slews = []
+    for slew in campaign.slews:
+        rate = slew.rate.copy()
+        rate[::10, 2] = 0.1
+        slews.append(replace(slew, rate=rate))
+    sensor = replace(campaign.rate_sensor, range=0.1)
+    return replace(campaign, rate_sensor=sensor, slews=tuple(slews))
+
+
+@pytest.mark.parametrize("spoil", [in_alternate_rows, saturated])
+def test_the_largest_rate_of_a_campaign_is_that_of_its_motion(
+    flight, estimate, captured, tmp_path, spoil
+):
+    campaign = spoil(flight.campaign)
+    flown = max(np.linalg.norm(path.rate_B, axis=1).max() for path in flight.truth)
+    with pytest.raises(Captured):
+        next_slew(replace(estimate, model=Model(campaign)))
+    assert captured.limits.rate == pytest.approx(1.1 * flown, rel=0.05)
+    write_campaign(campaign, tmp_path / "campaign")
+    with pytest.raises(Captured):
+        run_design(tmp_path / "campaign", tmp_path / "run", Request())
+    reserve = captured.limits.rate_reserve
+    assert captured.limits.rate == pytest.approx(flown / (1.0 - reserve), rel=0.05)
 
 
 @pytest.mark.slow

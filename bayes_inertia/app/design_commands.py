@@ -186,10 +186,6 @@ def _cones_in(path: Path) -> list[KeepOut]:
 
 def _limits(campaign: Campaign, request: Request) -> Limits:
     reserve = Limits().rate_reserve
-    fastest = max(
-        float(np.quantile(np.linalg.norm(s.rate[np.isfinite(s.rate).all(1)], axis=1), 0.98))
-        for s in campaign.slews
-    )
     end = None
     if request.end_attitude is not None:
         try:
@@ -202,7 +198,7 @@ def _limits(campaign: Campaign, request: Request) -> Limits:
             ) from None
     degrees = {"angle": request.max_angle, "acceleration": request.max_acceleration}
     return Limits(
-        rate=fastest / (1.0 - reserve)
+        rate=campaign.largest_rate() / (1.0 - reserve)
         if request.max_rate is None
         else math.radians(request.max_rate),
         total_time=request.total_time,

@@ -183,12 +183,8 @@ def next_slew(
             where="goal separate",
             advice="use separating_slew",
         )
-    fastest = max(
-        float(np.quantile(np.linalg.norm(s.rate[np.isfinite(s.rate).all(1)], axis=1), 0.98))
-        for s in campaign.slews
-    )
     limits = limits or Limits(
-        rate=1.1 * fastest, total_time=2.0 * max(s.duration for s in campaign.slews)
+        rate=1.1 * campaign.largest_rate(), total_time=2.0 * max(s.duration for s in campaign.slews)
     )
     spacecraft = spacecraft_at(campaign, at.theta)
     return design_plan(

@@ -104,13 +104,13 @@ def separating_slew(
             advice="slews are designed for three",
         )
     longest = max(slew.duration for slew in campaign.slews)
-    limits = limits or Limits(rate=1.1 * _fastest(campaign), total_time=2.0 * longest)
+    limits = limits or Limits(rate=1.1 * campaign.largest_rate(), total_time=2.0 * longest)
     ahead, theta, parts = _forecast(at, a, b)
     spacecraft = spacecraft_at(campaign, theta)
     region = region_within(
         limits,
         hardware_limits(spacecraft),
-        default_rate=_fastest(campaign),
+        default_rate=campaign.largest_rate(),
         scale_factor_sigma=float(at.sd[6:9].max()),
     )
     wanted = Goal("separate", (a.name, b.name))
@@ -134,14 +134,6 @@ def separating_slew(
         tuple(noncentrality(matrix, sides[i], sides[1 - i]) for matrix in matrices) for i in (0, 1)
     )
     return Separation(slew, wanted.effects, correlation, power, left)
-
-
-def _fastest(campaign: Campaign) -> float:
-    """Largest rate [rad/s] of a campaign, without the readings' outliers."""
-    sizes = np.concatenate(
-        [np.linalg.norm(s.rate[campaign.valid_readings(s).all(1)], axis=1) for s in campaign.slews]
-    )
-    return float(np.quantile(sizes, 0.98))
 
 
 def _plan(ahead: Forecast) -> Plan:
