@@ -213,6 +213,14 @@ def test_the_next_slew_is_flown_with_the_tensor_after_its_change(flight):
     assert len({found.promised, found.expected, found.updated}) == 3
 
 
+def test_what_differs_from_slew_to_slew_is_drawn_from_its_prior_in_the_next_slew(clean):
+    """It was as in the first slew; what the next slew will have, only the prior tells."""
+    apart = EachSlew.of(ConstantTorque(sigma=1e-4), clean)
+    base, final = estimate(Model(clean)), estimate(Model(clean, (apart,)))
+    forecast = correction_forecast(base, final)
+    assert forecast.expected[1] > 2.0 * forecast.promised[1]
+
+
 def test_wheels_about_two_axes_turn_no_body_anywhere(lagging):
     campaign = lagging.final.model.campaign
     flat = replace(

@@ -755,5 +755,18 @@ def test_an_effect_of_its_own_in_each_slew_is_the_effect_where_all_slews_agree(c
     np.testing.assert_allclose(first_without.rate[1:], same.rate[1:], rtol=0, atol=1e-14)
 
 
+def test_of_a_slew_to_come_an_effect_of_each_slew_claims_nothing(campaign):
+    """It did as in the last slew, silently; and a change that stays was not there afterwards."""
+    apart = EachSlew.of(ConstantTorque(), campaign)
+    p = {"torque": jnp.arange(1.0, 1.0 + 3 * len(campaign.slews))}
+    context = idle_slew([0.0, 1.0]).context
+    last, next_one = (context._replace(index=jnp.asarray(len(campaign.slews) - k)) for k in (1, 0))
+    np.testing.assert_array_equal(apart.body_torque(p, last, 0.0, None), p["torque"][-3:])
+    np.testing.assert_array_equal(apart.body_torque(p, next_one, 0.0, None), np.zeros(3))
+    assert apart.afterwards() == ConstantTorque()
+    change = by_name(["inertia_change"])[0]
+    assert EachSlew.of(change, campaign).afterwards() == change.afterwards() != change
+
+
 def nothing(model: Model) -> tuple:
     return jnp.zeros((model.n_slews, model.structure.n_local)), jnp.zeros(3), model.data

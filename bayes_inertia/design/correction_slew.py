@@ -15,6 +15,8 @@ from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.parameters import ParameterSpace
 from bayes_inertia.physics.simulator import idle_slew
 
 _ANGLE = np.radians(60.0)
@@ -66,12 +68,14 @@ def correction_forecast(
         if not set(range(*final.model.space.slice_of(e.name).indices(final.model.space.size)))
         & held
     )
-    fitted = {e.name: dict(final.model.space.split(final.theta).get(e.name, {})) for e in named}
+    fitted = _parameters_afterwards(final.model, named, final.theta[None])
+    fitted = {name: {k: x[0] for k, x in p.items()} for name, p in fitted.items()}
     craft = replace(new, effects=tuple(e.afterwards() for e in named), values=fitted)
     new = replace(new, inertia_B=_inertia_afterwards(new.inertia_B, named, fitted))
     # The base model is flown with the effects at their null, so that all cases share compiled code.
     nothing = np.tile(final.model.space.nulls, (len(plain), 1))
-    disturbed, undisturbed = (_values(final, named, thetas) for thetas in (true, nothing))
+    disturbed = _parameters_afterwards(final.model, named, true, np.random.default_rng([seed, 8]))
+    undisturbed = _parameters_afterwards(final.model, named, nothing)
     plan = plan_after(final)
     plan = replace(plan, orbit=Orbit() if any(e.needs for e in named) else None)
     spin = final.model.structure.includes_wheel_spin
@@ -139,15 +143,28 @@ def _draws(at: Estimate, rng: np.random.Generator, n: int) -> np.ndarray:
     return thetas
 
 
-def _values(
-    at: Estimate, effects: tuple[Effect, ...], thetas: np.ndarray
+def _parameters_afterwards(
+    model: Model,
+    effects: tuple[Effect, ...],
+    thetas: np.ndarray,
+    rng: np.random.Generator | None = None,
 ) -> dict[str, dict[str, np.ndarray]]:
-    """Parameters of effects in each of n draws (n, d): {effect: {parameter: (n, ...)}}."""
-    drawn = [at.model.space.split(theta) for theta in thetas]
-    return {
-        e.name: {
-            key: np.stack([np.asarray(d[e.name][key]) for d in drawn])
-            for key in drawn[0].get(e.name, {})
+    """Parameters of effects in the next slew, for n draws (n, d): {effect: {parameter: (n, ...)}}.
+
+    What the campaign does not tell of the next slew is drawn from its prior, or null without `rng`.
+    """
+    parameters = {}
+    for effect in effects:
+        after = effect.afterwards().parameters(model.campaign)
+        space = ParameterSpace(tuple((effect.name, p) for p in after))
+        if after == effect.parameters(model.campaign):
+            rows = thetas[:, model.space.slice_of(effect.name)]
+        elif rng is None:
+            rows = np.tile(space.nulls, (len(thetas), 1))
+        else:
+            rows = space.draw(rng, len(thetas))
+        drawn = [space.split(row).get(effect.name, {}) for row in rows]
+        parameters[effect.name] = {
+            key: np.stack([np.asarray(d[key]) for d in drawn]) for key in drawn[0]
         }
-        for e in effects
-    }
+    return parameters

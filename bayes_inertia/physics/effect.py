@@ -95,8 +95,19 @@ class Effect:
         return None
 
     def afterwards(self) -> Effect:
-        """The effect as it is in slews flown after the campaign: itself, unless it changes from slew to slew.
+        """The effect as it is in slews flown after the campaign.
 
+        Itself, unless it changes from slew to slew. Where the parameters of what is returned are
+        those of the effect itself, their values are those that the campaign told; where they are
+        not, only their prior is known.
+
+        Returns
+        -------
+        Effect
+            An effect of the same name.
+
+        Examples
+        --------
         >>> Effect().afterwards() == Effect()
         True
         """

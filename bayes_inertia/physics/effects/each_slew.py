@@ -18,30 +18,58 @@ from bayes_inertia.physics.parameters import Parameter
 class EachSlew(Effect):
     """An effect that differs from slew to slew: a torque that depends on the weather, a sensor that was bumped in between.
 
-    Its parameters are those of `inner` once for every slew, each with inner's prior, so that one slew tells nothing of
-    the next. What is found to need this may be real, or may be a shared cause that the inner effect describes badly.
-    Make it with `EachSlew.of`.
+    Its parameters are those of `inner` once for every slew, each with inner's prior, so that one
+    slew tells nothing of the next. What is found to need this may be real, or may be a shared
+    cause that the inner effect describes badly. Make it with `EachSlew.of`.
+
+    Of a slew after the campaign only the prior is known. `afterwards` therefore is the inner
+    effect as it is then, with parameters to be drawn from its prior. The hooks themselves do
+    nothing in a slew whose number is not one of the campaign's.
 
     Parameters
     ----------
-    inner : the effect. slews : of the campaign. scalars : names of inner's parameters without components.
+    inner : Effect
+        The effect that differs from slew to slew.
+    slews : int
+        Number of slews of the campaign.
+    scalars : tuple of str, optional
+        Names of inner's parameters without components.
+    nulls : tuple of (str, float), optional
+        Name and null value of each of inner's parameters, in the parameter's unit.
     """
 
     inner: Effect
     slews: int
     scalars: tuple[str, ...] = ()
+    nulls: tuple[tuple[str, float], ...] = ()
 
     @classmethod
     def of(cls, inner: Effect, campaign: Campaign) -> EachSlew:
         """`inner`, different in each slew of a campaign.
 
+        Parameters
+        ----------
+        inner : Effect
+            The effect that differs from slew to slew.
+        campaign : Campaign
+            The campaign in which it does.
+
+        Returns
+        -------
+        EachSlew
+            The effect to give to a `Model` of this campaign.
+
+        Examples
+        --------
         >>> from bayes_inertia.physics.effects.wheel_command_lag import WheelCommandLag
         >>> from bayes_inertia.physics.check_effect import small_campaign
         >>> EachSlew.of(WheelCommandLag(), small_campaign()).parameters(small_campaign())[0].names[:2]
         ('tau_1', 'tau_2')
         """
-        scalars = tuple(p.name for p in inner.parameters(campaign) if not p.components)
-        return cls(inner, len(campaign.slews), scalars)
+        parameters = inner.parameters(campaign)
+        scalars = tuple(p.name for p in parameters if not p.components)
+        nulls = tuple((p.name, p.null) for p in parameters)
+        return cls(inner, len(campaign.slews), scalars, nulls)
 
     @property
     def name(self) -> str:
@@ -52,6 +80,16 @@ class EachSlew(Effect):
     def needs(self) -> tuple[str, ...]:
         """The inner effect's environment columns."""
         return self.inner.needs
+
+    def afterwards(self) -> Effect:
+        """The inner effect as it is after the campaign; only its prior says how strong it is then.
+
+        Returns
+        -------
+        Effect
+            `inner.afterwards()`, whose parameters are those of one slew.
+        """
+        return self.inner.afterwards()
 
     def acts(self, hook: str) -> bool:
         return self.inner.acts(hook)
@@ -72,9 +110,14 @@ class EachSlew(Effect):
 
     def _call(self, hook: str, p: Mapping[str, Array], slew: SlewContext, *rest: Any) -> Array:
         """The inner effect's hook with the parameters of this slew."""
-        own = {name: jnp.reshape(value, (self.slews, -1))[slew.index] for name, value in p.items()}
-        own = {name: value[0] if name in self.scalars else value for name, value in own.items()}
-        return getattr(self.inner, hook)(own, slew, *rest)
+        of_slew = {name: self._of_slew(name, value, slew) for name, value in p.items()}
+        return getattr(self.inner, hook)(of_slew, slew, *rest)
+
+    def _of_slew(self, name: str, values: Array, slew: SlewContext) -> Array:
+        """One parameter in this slew; its null in a slew that the campaign does not have."""
+        rows = jnp.reshape(values, (self.slews, -1))
+        row = rows.at[slew.index].get(mode="fill", fill_value=dict(self.nulls).get(name, 0.0))
+        return row[0] if name in self.scalars else row
 
     def inertia(self, p, slew, inertia_B):
         return self._call("inertia", p, slew, inertia_B)
