@@ -33,7 +33,7 @@ from scipy import linalg
 
 from bayes_inertia.design.comparison import NAMES, Achieved, Contender, achieve, compare_plans
 from bayes_inertia.design.designer import design_plan, problem_for
-from bayes_inertia.design.goals import goal
+from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.limits import Limits
 from bayes_inertia.design.margins import flown_margins
 from bayes_inertia.design.plan_search import random_plans
@@ -108,7 +108,7 @@ def gains() -> dict:
     for wanted in GOALS:
         plan = plan_for(wanted)
         problem, _, reference, _ = problem_for(
-            CRAFT, PRIOR, goal(wanted), LIMITS, paper_like_plan(), 5, 0, 1
+            CRAFT, PRIOR, parse_goal(wanted), LIMITS, paper_like_plan(), 5, 0, 1
         )
         values, tried, seed = [], 0, 1000
         while len(values) < RANDOM:
@@ -121,7 +121,7 @@ def gains() -> dict:
         }
         exact = [rehearse(p, CRAFT, PRIOR).sd for p in (plan, reference)]
         out[wanted] = {
-            "unit": goal(wanted).unit,
+            "unit": parse_goal(wanted).unit,
             **number,
             "gain": number["paper"] / number["designed"],
             "random": {
@@ -389,7 +389,7 @@ def times() -> dict:
         ).stdout.splitlines()[-1]
     )
     problem, _, reference, _ = problem_for(
-        CRAFT, PRIOR, goal("cross_terms"), LIMITS, paper_like_plan(), 5, 0, 3
+        CRAFT, PRIOR, parse_goal("cross_terms"), LIMITS, paper_like_plan(), 5, 0, 3
     )
     x = problem.variables(slew_arrays(reference))
     began = time.perf_counter()

@@ -24,7 +24,7 @@ from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.design.comparison import achieve, compare_plans
 from bayes_inertia.design.designer import design_plan, next_slew, problem_for
 from bayes_inertia.design.feasible_region import region_within
-from bayes_inertia.design.goals import Goal, criterion, goal
+from bayes_inertia.design.goals import Goal, correction_sensitivity, criterion, parse_goal
 from bayes_inertia.design.information import covariance, forecast
 from bayes_inertia.design.limits import KeepOut, Limits, hardware_limits
 from bayes_inertia.design.margins import broken_limits, flown_margins, planned_margins
@@ -69,12 +69,12 @@ def designed(craft, prior):
 
 
 def problem_of(craft, prior, wanted="cross_terms", n=5, limits=None):
-    ahead = forecast(paper_like_plan(), craft, prior, by_name(goal(wanted).effects))
+    ahead = forecast(paper_like_plan(), craft, prior, by_name(parse_goal(wanted).effects))
     region = region_within(
         limits or Limits(rate=1.1 * DEGREE, total_time=1855.0), hardware_limits(craft)
     )
     theta = np.concatenate([theta_of(craft, prior), np.zeros(len(ahead.shape.names) - 9)])
-    return PlanProblem(goal(wanted), ahead, theta[None], region)
+    return PlanProblem(parse_goal(wanted), ahead, theta[None], region)
 
 
 # --- margins against hand computation ---------------------------------------------------------------------------
@@ -215,15 +215,13 @@ def test_goals_are_what_they_say():
     assert of["scale_factors"] == pytest.approx(sd[8])
     assert of["inertia"] == pytest.approx(np.exp(np.mean(np.log(sd[:6]))))
     separate = float(
-        criterion(goal("separate:a,b"), covariance, theta, 2.0 * unit, ((9, 11), (11, 13)))
+        criterion(parse_goal("separate:a,b"), covariance, theta, 2.0 * unit, ((9, 11), (11, 13)))
     )
     assert separate == pytest.approx(np.exp(np.mean(np.log(sd[9:] / 2.0))))
 
 
 def test_correction_slew_is_that_of_the_closed_loop(craft):
     """60 deg about one axis by a controller whose scale factor is off, against the closed form for that axis."""
-    from bayes_inertia.design.goals import _corrections
-
     plan = Plan("one", (PlannedSlew((1.0, 1.0, 0.0), 60.0 * DEGREE),))
     theta, off = theta_of(craft, most_like_prior()), 1e-4 * np.array([1.0, -2.0, 1.5])
     drawn = theta.copy()
@@ -235,7 +233,7 @@ def test_correction_slew_is_that_of_the_closed_loop(craft):
         ),
         axis=0,
     )[0]
-    forms = [form @ off for form in _corrections()]
+    forms = [form @ off for form in correction_sensitivity()]
     assert min(
         min(np.linalg.norm(error - f), np.linalg.norm(error + f)) for f in forms
     ) < 0.02 * np.linalg.norm(error)
@@ -243,9 +241,9 @@ def test_correction_slew_is_that_of_the_closed_loop(craft):
 
 def test_unknown_goals_name_the_nearest():
     with pytest.raises(CampaignError, match="did you mean cross_terms"):
-        goal("cross_term")
+        parse_goal("cross_term")
     with pytest.raises(CampaignError, match="two different effects"):
-        goal("separate:wheel_friction")
+        parse_goal("separate:wheel_friction")
 
 
 # --- design ------------------------------------------------------------------------------------------------------
@@ -513,7 +511,7 @@ def test_a_plan_for_a_nearly_flat_body_is_judged_by_tensors_that_a_body_can_have
     one = replace(paper_like_plan(), slews=paper_like_plan().slews[:1])
     estimate = rehearse(one, plate, prior)
     problem, _, _, truths = problem_for(
-        plate, prior, goal("cross_terms"), Limits(rate=0.02), one, 1, 0, 12, estimate
+        plate, prior, parse_goal("cross_terms"), Limits(rate=0.02), one, 1, 0, 12, estimate
     )
     assert len(truths) == len(problem.thetas) == 12
     assert np.all(inertia_tensor.is_physical(problem.thetas[:, :6]))

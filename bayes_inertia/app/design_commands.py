@@ -17,7 +17,7 @@ from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.design.after_campaign import plan_after
 from bayes_inertia.design.comparison import NAMES, Contender, compare_plans
 from bayes_inertia.design.designer import Design, design_plan
-from bayes_inertia.design.goals import goal as goal_of
+from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.limits import KeepOut, Limits
 from bayes_inertia.design.margins import Margin
 from bayes_inertia.errors import CampaignError, OutputError
@@ -67,7 +67,7 @@ def run_design(campaign: Path, folder: Path, request: Request) -> Design:
     CampaignError, EffectError : bad input. DesignError : no plan keeps the limits. OutputError : the folder holds something else. Nothing is written then.
     """
     flown, digest = read_campaign(campaign), campaign_sha256(campaign)
-    goal_of(request.goal)
+    parse_goal(request.goal)
     _ours_or_error(folder, "design.json", DESIGN_FORMAT, digest, ("plan.toml", "design.png"))
     limits = _limits(flown, request)
     at = estimate(Model(flown), seed=request.seed) if request.after else None

@@ -17,8 +17,7 @@ import numpy as np
 from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.design.after_campaign import plan_after
 from bayes_inertia.design.feasible_region import FeasibleRegion, region_within
-from bayes_inertia.design.goals import Goal
-from bayes_inertia.design.goals import goal as goal_of
+from bayes_inertia.design.goals import Goal, parse_goal
 from bayes_inertia.design.information import Forecast, forecast
 from bayes_inertia.design.limits import Limits, hardware_limits
 from bayes_inertia.design.margins import Margin, broken_limits, flown_margins, planned_margins
@@ -119,7 +118,7 @@ def design_plan(
     Traceback (most recent call last):
     bayes_inertia.errors.DesignError: limit total time: 5 slews need at least 1570 s, 100 s allowed (1470 s too few); allow more time, or fewer slews
     """
-    began, wanted = time.perf_counter(), goal_of(goal)
+    began, wanted = time.perf_counter(), parse_goal(goal)
     limits = limits or Limits(rate=math.radians(1.0) / (1.0 - Limits().rate_reserve))
     base = base or paper_like_plan()
     base = replace(base, start_attitude=limits.start_attitude or base.start_attitude)
@@ -177,7 +176,7 @@ def next_slew(
     DesignError : no slew keeps the limits, or the goal is `separate`.
     """
     campaign = at.model.campaign
-    if goal_of(goal).kind == "separate":
+    if parse_goal(goal).kind == "separate":
         raise DesignError(
             "is another question for a single slew",
             where="goal separate",

@@ -1,4 +1,4 @@
-"""What a campaign is designed for: a goal, and the number that says how well a covariance reaches it (smaller is better)."""
+"""What a campaign is designed for, and the number that says how well a covariance reaches it."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from jax import Array
 
 from bayes_inertia.errors import CampaignError
 
+# What the number of each goal means, and its unit; smaller is better.
 GOALS = {
     "cross_terms": ("largest sd of a product of inertia", "kg m^2"),
     "inertia": ("typical sd of J: geometric mean over the axes of its error ellipsoid", "kg m^2"),
@@ -27,25 +28,38 @@ GOALS = {
         "prior sd",
     ),
 }
+# The slew [rad] whose correction counts.
 _REFERENCE_ANGLE = math.radians(60.0)
-# The largest of several sds, made smooth: a norm of this order is at most 5 % above the largest of three.
-_ORDER = 24
+# The largest of several sds, made smooth: a norm of this order is at most 5 % above that of three.
+_NORM_ORDER = 24
 
 
 @dataclass(frozen=True)
 class Goal:
-    """What to determine: `kind`, a key of `GOALS`, and the two effects that `separate` is to tell apart.
+    """What to determine.
 
-    Raises `CampaignError` for an unknown kind or not two effects.
+    Parameters
+    ----------
+    kind : str
+        A key of `GOALS`.
+    effects : tuple of str, optional
+        The two effects that `separate` is to tell apart; none for other goals.
 
-    >>> goal("separate:wheel_friction,constant_torque").effects
-    ('wheel_friction', 'constant_torque')
+    Raises
+    ------
+    CampaignError
+        If the kind is unknown, or the effects are not two.
+
+    Examples
+    --------
+    >>> Goal("scale_factors").says
+    'largest sd of a scale factor'
     """
 
     kind: str
     effects: tuple[str, ...] = ()
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.kind not in GOALS:
             near = difflib.get_close_matches(self.kind, GOALS, 1)
             advice = f"did you mean {near[0]}?" if near else f"choose {', '.join(GOALS)}"
@@ -68,14 +82,34 @@ class Goal:
         return GOALS[self.kind][1]
 
     def __str__(self) -> str:
-        """As `goal` reads it."""
+        """As `parse_goal` reads it."""
         return f"{self.kind}:{','.join(self.effects)}" if self.effects else self.kind
 
 
-def goal(text: str | Goal) -> Goal:
-    """A goal from its text: `cross_terms`, `inertia`, `scale_factors`, `correction_slew`, `separate:effect_a,effect_b`.
+def parse_goal(text: str | Goal) -> Goal:
+    """A goal from its text.
 
-    >>> goal("crossterms")
+    Parameters
+    ----------
+    text : str or Goal
+        `cross_terms`, `inertia`, `scale_factors`, `correction_slew`, or
+        `separate:effect_a,effect_b`. A goal is returned as it is.
+
+    Returns
+    -------
+    Goal
+        What the text names.
+
+    Raises
+    ------
+    CampaignError
+        If the text names no goal.
+
+    Examples
+    --------
+    >>> parse_goal("separate:wheel_friction,constant_torque").effects
+    ('wheel_friction', 'constant_torque')
+    >>> parse_goal("crossterms")
     Traceback (most recent call last):
     bayes_inertia.errors.CampaignError: goal: unknown goal 'crossterms'; did you mean cross_terms?
     """
@@ -86,7 +120,7 @@ def goal(text: str | Goal) -> Goal:
 
 
 def criterion(
-    wanted: Goal,
+    goal: Goal,
     covariance: Array,
     theta: Array,
     prior_sd: Array,
@@ -94,49 +128,79 @@ def criterion(
     *,
     smooth: bool = False,
 ) -> Array:
-    """The goal's number () for a covariance (d, d) of the parameters; JAX can differentiate it.
+    """The goal's number for a covariance of the parameters; JAX can differentiate it.
 
     Parameters
     ----------
-    theta : (d,) where the covariance holds. prior_sd : (d,). groups : where the parameters of the goal's two effects stand.
-    smooth : a norm that is close to the largest sd and has derivatives everywhere, instead of the largest.
+    goal : Goal
+        What to determine.
+    covariance : (d, d) array
+        Of the parameters, in their units.
+    theta : (d,) array
+        The parameters where the covariance holds.
+    prior_sd : (d,) array
+        Their prior sds.
+    groups : sequence of (int, int), optional
+        Where the parameters of the goal's two effects stand: (first, behind the last) of each.
+    smooth : bool, optional
+        Whether the largest sd is replaced by a norm close to it, which has derivatives everywhere.
 
-    >>> float(criterion(Goal("cross_terms"), jnp.diag(jnp.arange(9.0)), jnp.ones(9), jnp.ones(9)))**2
+    Returns
+    -------
+    () Array
+        In the goal's unit; smaller is better.
+
+    Examples
+    --------
+    >>> covariance = jnp.diag(jnp.arange(9.0))
+    >>> float(criterion(Goal("cross_terms"), covariance, jnp.ones(9), jnp.ones(9)))**2
     5.000...
     """
-    if wanted.kind in ("cross_terms", "scale_factors"):
-        first = 3 if wanted.kind == "cross_terms" else 6
+    if goal.kind in ("cross_terms", "scale_factors"):
+        first = 3 if goal.kind == "cross_terms" else 6
         variances = jnp.diag(covariance)[first : first + 3]
-        return jnp.sqrt(_largest(variances) if smooth else jnp.max(variances))
-    if wanted.kind == "inertia":
+        return jnp.sqrt(_smooth_largest(variances) if smooth else jnp.max(variances))
+    if goal.kind == "inertia":
         scale = prior_sd[:6]
         size = jnp.linalg.slogdet(covariance[:6, :6] / scale / scale[:, None])[1] + 2.0 * jnp.sum(
             jnp.log(scale)
         )
         return jnp.exp(size / 12.0)
-    if wanted.kind == "correction_slew":
+    if goal.kind == "correction_slew":
         relative = covariance[6:9, 6:9] / theta[6:9] / theta[6:9, None]
-        return jnp.sqrt(
-            jnp.einsum("aij,jk,aik->", _corrections(), relative, _corrections())
-            / len(_corrections())
-        )
+        slopes = correction_sensitivity()
+        return jnp.sqrt(jnp.einsum("aij,jk,aik->", slopes, relative, slopes) / len(slopes))
     size = 0.0
     for start, stop in groups:
-        own = covariance[start:stop, start:stop] / prior_sd[start:stop] / prior_sd[start:stop, None]
-        size = size + jnp.linalg.slogdet(own)[1] / (stop - start)
+        part = slice(start, stop)
+        scaled = covariance[part, part] / prior_sd[part] / prior_sd[part, None]
+        size = size + jnp.linalg.slogdet(scaled)[1] / (stop - start)
     return jnp.exp(0.25 * size)
 
 
-def _largest(variances: Array) -> Array:
+def _smooth_largest(variances: Array) -> Array:
+    """A norm close to the largest of variances (n,)."""
     top = jnp.max(variances)
-    return top * jnp.sum((variances / top) ** (_ORDER // 2)) ** (2.0 / _ORDER)
+    return top * jnp.sum((variances / top) ** (_NORM_ORDER // 2)) ** (2.0 / _NORM_ORDER)
 
 
-def _corrections() -> np.ndarray:
-    """Error of the final attitude (axes, 3, 3) [rad] for relative errors of the scale factors, after the reference slew about each of 13 axes.
+def correction_sensitivity() -> np.ndarray:
+    """How relative errors of the scale factors turn into the error of the final attitude.
 
-    A controller that believes a scale factor e too large turns too fast by e about that axis; what it adds is turned on with the body:
-    the integral of exp(-s [a]x) ds diag(a) over the slew.
+    A controller that believes a scale factor e too large turns too fast by e about that axis. What
+    it adds is turned on with the body: the integral of exp(-s [a]x) ds diag(a) over a slew of 60
+    degrees about the axis a.
+
+    Returns
+    -------
+    (13, 3, 3) array
+        Rotation vector [rad] for relative errors of (K1, K2, K3), for slews about 13 axes: the body
+        axes and the diagonals between them.
+
+    Examples
+    --------
+    >>> correction_sensitivity().shape
+    (13, 3, 3)
     """
     axes = np.array([a for a in product((-1.0, 0.0, 1.0), repeat=3) if a > (0.0, 0.0, 0.0)])
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)

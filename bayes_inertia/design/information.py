@@ -29,11 +29,16 @@ from bayes_inertia.design.planned_motion import (
     plan_start,
     plan_times,
 )
-from bayes_inertia.design.sensitivity import N_BIAS, Planned, Response, response
+from bayes_inertia.design.sensitivity import (
+    PlannedTrajectory,
+    TelemetrySensitivity,
+    telemetry_sensitivity,
+)
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_flight import planned_campaign
 from bayes_inertia.flight.spacecraft import Spacecraft
+from bayes_inertia.inference.objective import N_BIAS
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect, SlewContext, Trajectory
@@ -258,10 +263,10 @@ def _one_slew(
     field, position = (
         _on(world.surroundings, key, begin + time) for key in ("magnetic_field_N", "position_N")
     )
-    planned = Planned(
+    planned = PlannedTrajectory(
         Trajectory(time, attitude, rate_B, wheel, jnp.zeros((len(time), 0))), field, position
     )
-    moved = response(structure, theta, context, planned, world.sensors, world.scale)
+    moved = telemetry_sensitivity(structure, theta, context, planned, world.sensors, world.scale)
     samples = _samples(time) / times.telemetry_period
     columns = _columns(world.whitener, moved, samples, _fixes_by_row(times, time))
     return marginal_information(columns.T @ columns, len(theta) + N_BIAS)
@@ -278,7 +283,7 @@ def marginal_information(matrix: Array, shared: int) -> Array:
     return matrix[:shared, :shared] - across.T @ across
 
 
-def _columns(white: Whitener, moved: Response, samples: Array, fixes: Array) -> Array:
+def _columns(white: Whitener, moved: TelemetrySensitivity, samples: Array, fixes: Array) -> Array:
     """Whitened derivatives (numbers, p) of everything measured; a row counts as many times as it stands for samples or fixes."""
     rate = moved.rate * (white.rate[:, None] * jnp.sqrt(samples)[:, None, None])
     momentum = moved.momentum * (white.momentum[:, None] * jnp.sqrt(samples)[:, None, None])

@@ -1,19 +1,22 @@
-"""How the telemetry of a slew that is flown as planned would change with each unknown, to first order.
+"""How the telemetry of a slew that is flown as planned changes with each unknown, to first order.
 
-The planned motion is known (`motion`), so that only the linear equations of a small deviation are integrated. With the
-deviation psi of the attitude as a rotation vector in inertial axes, m the total momentum in body axes, and C, J, G, H as in
-`dynamics`,
+The planned motion is known (`planned_motion`), so that only the linear equations of a small
+deviation are integrated. With the deviation psi of the attitude as a rotation vector in inertial
+axes, m the total momentum in body axes, and C, J, G, H as in `simulator`,
 
-    psi' = C^T J^-1 ([m]x C psi + s),   s = C dM_N - G dH - dG H - dJ w,   dw = J^-1 ([m]x C psi + s),
+    psi' = C^T J^-1 ([m]x C psi + s),   s = C dM_N - G dH - dG H - dJ w,
+    dw = J^-1 ([m]x C psi + s),
 
-where dJ, dG, dM_N, dH are what an unknown does to inertia, wheel axes, total momentum and wheel momentum. All of that is
-asked of the effects' own hooks by differentiating them along the planned motion; how a deviation of the state would change
-an effect is left out (it vanishes at the effect's null). The same sensitivities out of the simulator take a minute to
-compile once they are to be differentiated again; these take seconds, and agree (`tests/test_design.py`).
+where dJ, dG, dM_N, dH are what an unknown does to inertia, wheel axes, total momentum and wheel
+momentum. All of that is asked of the effects' own hooks by differentiating them along the planned
+motion. How a deviation of the state would change an effect is left out: it vanishes at the effect's
+null. The same sensitivities out of the simulator take a minute to compile once they are to be
+differentiated again; these take seconds, and agree (`tests/test_design_forecast.py`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import partial
 from typing import NamedTuple
 
@@ -22,31 +25,51 @@ import jax.numpy as jnp
 from jax import Array
 
 from bayes_inertia.errors import EffectError
+from bayes_inertia.inference.objective import N_BIAS
 from bayes_inertia.maths import inertia_tensor, quaternion
-from bayes_inertia.physics.effect import SlewContext, State, Trajectory
+from bayes_inertia.physics.effect import Effect, SlewContext, State, Trajectory
 from bayes_inertia.physics.forward_model import NuisanceScale, Sensors, Structure
 
-N_BIAS = 3
 
+class PlannedTrajectory(NamedTuple):
+    """The planned motion of one slew and its environment.
 
-class Planned(NamedTuple):
-    """The planned motion of one slew and its environment: `path` (its `own` is empty), `magnetic_field_N` (n, 3), `position_N` (n, 3)."""
+    Parameters
+    ----------
+    path : Trajectory
+        The motion on n rows, without states of effects.
+    magnetic_field_N : (n, 3) array
+        Inertial axes [T].
+    position_N : (n, 3) array
+        Inertial axes [m].
+    """
 
     path: Trajectory
     magnetic_field_N: Array
     position_N: Array
 
 
-class Response(NamedTuple):
-    """Derivatives of the telemetry with respect to (theta, whitened bias, whitened start state), p in all: `rate` (n, 3, p) as read,
-    `attitude` (n, 3, p) as a rotation vector in body axes, `momentum` (n, wheels, p)."""
+class TelemetrySensitivity(NamedTuple):
+    """Derivatives of one slew's telemetry with respect to p unknowns.
+
+    The unknowns are theta, the whitened bias, and the whitened start state.
+
+    Parameters
+    ----------
+    rate : (n, 3, p) array
+        Of the rate sensor's readings [rad/s].
+    attitude : (n, 3, p) array
+        Of the attitude, as a rotation vector in body axes [rad].
+    momentum : (n, wheels, p) array
+        Of the tachometers' readings [N m s].
+    """
 
     rate: Array
     attitude: Array
     momentum: Array
 
 
-class _Parts(NamedTuple):
+class _Quantities(NamedTuple):
     """What the parameters decide along the planned motion."""
 
     inertia_B: Array
@@ -60,17 +83,52 @@ class _Parts(NamedTuple):
     scale_factor: Array
 
 
-def response(
+class _StateDeviation(NamedTuple):
+    """Derivatives of the state along the planned motion with respect to p unknowns.
+
+    `attitude` (n, 3, p) as a rotation vector in body axes, `rate_B` (n, 3, p), and `wheel`
+    (n, wheels, p) of the wheels' total momentum.
+    """
+
+    attitude: Array
+    rate_B: Array
+    wheel: Array
+
+
+def telemetry_sensitivity(
     structure: Structure,
     theta: Array,
     context: SlewContext,
-    planned: Planned,
+    planned: PlannedTrajectory,
     sensors: Sensors,
     scale: NuisanceScale,
-) -> Response:
-    """First-order response of one slew's telemetry at theta (d,); the slew begins at rest.
+) -> TelemetrySensitivity:
+    """First-order sensitivity of one slew's telemetry; the slew begins at rest.
 
-    Raises `EffectError` for an effect with states of its own (a flexible mode, slosh).
+    Parameters
+    ----------
+    structure : Structure
+        Of the model that will be fitted, with n_local nuisances a slew.
+    theta : (d,) array
+        The model's parameters.
+    context : SlewContext
+        The slew, as its effects may know it.
+    planned : PlannedTrajectory
+        Its motion.
+    sensors : Sensors
+        Axes and bias of the rate sensor.
+    scale : NuisanceScale
+        Prior sds of bias and start state.
+
+    Returns
+    -------
+    TelemetrySensitivity
+        With p = d + 3 + n_local.
+
+    Raises
+    ------
+    EffectError
+        If an effect has states of its own (a flexible mode, slosh).
     """
     for effect in structure.effects:
         if effect.acts("state_rate"):
@@ -79,20 +137,35 @@ def response(
                 where=effect.name,
                 advice="leave it out of the design",
             )
-    parts = partial(_parts, structure, context=context, planned=planned, sensors=sensors)
-    at, by_theta = parts(theta), jax.jacfwd(parts)(theta)
+    quantities = partial(_quantities, structure, context=context, planned=planned, sensors=sensors)
+    at, by_theta = quantities(theta), jax.jacfwd(quantities)(theta)
     d, p = len(theta), len(theta) + N_BIAS + structure.n_local
     moved = jax.tree.map(
         lambda x: jnp.concatenate([x, jnp.zeros((*x.shape[:-1], p - d))], -1), by_theta
     )
-    path, spin, G = planned.path, context.spin_inertia, at.axes_B
-    total, d_total, d_wheel = _start(at, moved, path, context, scale, d)
+    deviation = _state_deviation(at, moved, planned.path, context, scale, d)
+    return _of_sensors(at, moved, deviation, planned.path, context, sensors, scale, d)
+
+
+def _state_deviation(
+    at: _Quantities,
+    moved: _Quantities,
+    path: Trajectory,
+    context: SlewContext,
+    scale: NuisanceScale,
+    d: int,
+) -> _StateDeviation:
+    """How the state moves with the unknowns, of which the first d are parameters."""
+    spin, G = context.spin_inertia, at.axes_B
+    total, d_total, d_wheel = _start_deviation(at, moved, path, context, scale, d)
     wheel = path.wheel_momentum + spin * (path.rate_B @ G)
     step = jnp.diff(path.time)[:, None, None]
     d_wheel = (
-        d_wheel + _grown(step, moved.delivered[:-1]) + _grown(step, _middle(moved.wheel_torque))
+        d_wheel
+        + _integral(step, moved.delivered[:-1])
+        + _integral(step, _midpoints(moved.wheel_torque))
     )
-    d_total = d_total + _grown(step, _middle(_to_inertial(path.attitude, moved.body_torque)))
+    d_total = d_total + _integral(step, _midpoints(_to_inertial(path.attitude, moved.body_torque)))
     momentum_B = quaternion.to_body(path.attitude, jnp.broadcast_to(total, path.rate_B.shape))
     source = _to_body(path.attitude, d_total) - jnp.einsum("iw,nwp->nip", G, d_wheel)
     source = (
@@ -101,28 +174,49 @@ def response(
         - jnp.einsum("ijp,nj->nip", moved.inertia_B, path.rate_B)
     )
     inverse = _inverse(at.inertia_B)
-    turned, d_rate = _integrated(path, momentum_B, inverse, source, d + N_BIAS, scale)
-    rate_S = jnp.einsum("ij,njp->nip", sensors.axes, d_rate) + moved.rate_S
+    attitude, d_rate = _integrated(path, momentum_B, inverse, source, d + N_BIAS, scale)
+    return _StateDeviation(attitude, d_rate, d_wheel)
+
+
+def _of_sensors(
+    at: _Quantities,
+    moved: _Quantities,
+    deviation: _StateDeviation,
+    path: Trajectory,
+    context: SlewContext,
+    sensors: Sensors,
+    scale: NuisanceScale,
+    d: int,
+) -> TelemetrySensitivity:
+    """What the sensors make of the state's deviation and of their own."""
+    p, spin, G = deviation.rate_B.shape[-1], context.spin_inertia, at.axes_B
+    rate_S = jnp.einsum("ij,njp->nip", sensors.axes, deviation.rate_B) + moved.rate_S
     rate_S = rate_S + jnp.zeros((3, p)).at[jnp.arange(3), d + jnp.arange(N_BIAS)].set(scale.bias)
-    read = (
+    rate = (
         rate_S - (at.rate_S / at.scale_factor)[..., None] * moved.scale_factor
     ) / at.scale_factor[:, None]
-    seen = (
+    by_tracker = (
         2.0
         * quaternion.multiply(
             quaternion.conjugate(at.attitude)[:, None], jnp.swapaxes(moved.attitude, 1, 2)
         )[..., :3]
     )
-    h = d_wheel - spin[:, None] * (
-        jnp.einsum("iwp,ni->nwp", moved.axes_B, path.rate_B) + jnp.einsum("iw,nip->nwp", G, d_rate)
+    h = deviation.wheel - spin[:, None] * (
+        jnp.einsum("iwp,ni->nwp", moved.axes_B, path.rate_B)
+        + jnp.einsum("iw,nip->nwp", G, deviation.rate_B)
     )
-    return Response(read, turned + jnp.swapaxes(seen, 1, 2), h + moved.momentum)
+    attitude = deviation.attitude + jnp.swapaxes(by_tracker, 1, 2)
+    return TelemetrySensitivity(rate, attitude, h + moved.momentum)
 
 
-def _parts(
-    structure: Structure, theta: Array, context: SlewContext, planned: Planned, sensors: Sensors
-) -> _Parts:
-    """Inertia, wheels, torques and sensor signals that parameters theta (d,) give along the planned motion."""
+def _quantities(
+    structure: Structure,
+    theta: Array,
+    context: SlewContext,
+    planned: PlannedTrajectory,
+    sensors: Sensors,
+) -> _Quantities:
+    """Inertia, wheels, torques and sensor signals that theta (d,) gives along the motion."""
     active, path = structure.active_effects(theta), planned.path
     J, axes, torque = inertia_tensor.tensor(theta[:6]), context.wheel_axes_B, context.torque
     if structure.includes_wheel_spin:
@@ -135,40 +229,57 @@ def _parts(
         )
     locked = J + inertia_tensor.wheel_spin_tensor(axes, context.spin_inertia)
     friction, external = jnp.zeros_like(path.wheel_momentum), jnp.zeros_like(path.rate_B)
-    rate_S, attitude, momentum = (
-        path.rate_B @ sensors.axes.T + sensors.bias,
-        path.attitude,
-        path.wheel_momentum,
-    )
+    rate_S = path.rate_B @ sensors.axes.T + sensors.bias
+    attitude, momentum = path.attitude, path.wheel_momentum
     for effect, p in active:
-
-        def instant(t, q, w, h, field, position, effect=effect, p=p):
-            state = State(q, w, h, jnp.zeros(0), locked, field, position)
-            wheel_torque = effect.wheel_torque(p, context, t, state)
-            return wheel_torque, effect.body_torque(p, context, t, state)
-
-        rows = (
-            path.time,
-            path.attitude,
-            path.rate_B,
-            path.wheel_momentum,
-            planned.magnetic_field_N,
-            planned.position_N,
-        )
-        on_wheels, on_body = jax.vmap(instant)(*rows)
+        on_wheels, on_body = _torques_along(effect, p, context, planned, locked)
         friction, external = friction + on_wheels, external + on_body
         rate_S = effect.rate_output(p, context, path, rate_S)
         attitude = effect.attitude_output(p, context, path, attitude)
         momentum = effect.momentum_output(p, context, path, momentum)
-    return _Parts(J, axes, torque, friction, external, rate_S, attitude, momentum, theta[6:9])
+    return _Quantities(J, axes, torque, friction, external, rate_S, attitude, momentum, theta[6:9])
 
 
-def _start(
-    at: _Parts, moved: _Parts, path: Trajectory, context: SlewContext, scale: NuisanceScale, d: int
+def _torques_along(
+    effect: Effect,
+    p: Mapping[str, Array],
+    context: SlewContext,
+    planned: PlannedTrajectory,
+    locked_B: Array,
+) -> tuple[Array, Array]:
+    """Torques of an effect on the wheels (n, wheels) and on the body (n, 3) along the motion."""
+
+    def instant(
+        t: Array, q: Array, w: Array, h: Array, field: Array, position: Array
+    ) -> tuple[Array, Array]:
+        state = State(q, w, h, jnp.zeros(0), locked_B, field, position)
+        wheel_torque = effect.wheel_torque(p, context, t, state)
+        return wheel_torque, effect.body_torque(p, context, t, state)
+
+    path = planned.path
+    rows = (
+        path.time,
+        path.attitude,
+        path.rate_B,
+        path.wheel_momentum,
+        planned.magnetic_field_N,
+        planned.position_N,
+    )
+    return jax.vmap(instant)(*rows)
+
+
+def _start_deviation(
+    at: _Quantities,
+    moved: _Quantities,
+    path: Trajectory,
+    context: SlewContext,
+    scale: NuisanceScale,
+    d: int,
 ) -> tuple[Array, Array, Array]:
-    """Total momentum (3,) in inertial axes, and how it (3, p) and the wheels' momentum (wheels, p) change with the unknowns.
+    """Total momentum (3,) in inertial axes at the start, and how it and the wheels' momentum move.
 
-    The start state's columns are those of `model.start_of`: rate, attitude, wheel momentum; the planned rate is zero.
+    Their derivatives are (3, p) and (wheels, p). The start state's columns are those of the forward
+    model: rate, attitude, wheel momentum; the planned rate is zero.
     """
     p = moved.scale_factor.shape[-1]
     first, G, wheels = d + N_BIAS, at.axes_B, at.axes_B.shape[1]
@@ -227,6 +338,7 @@ def _inverse(matrix: Array) -> Array:
 
 
 def _cross(v: Array) -> Array:
+    """[v]x (3, 3), so that [v]x u is the cross product of v and u."""
     zero = jnp.zeros(())
     return jnp.stack(
         [
@@ -245,16 +357,18 @@ def _to_inertial(q: Array, columns_B: Array) -> Array:
 
 
 def _to_body(q: Array, columns_N: Array) -> Array:
+    """Columns (..., 3, p) of inertial vectors in body axes."""
     return jnp.swapaxes(
         quaternion.to_body(q[..., None, :], jnp.swapaxes(columns_N, -1, -2)), -1, -2
     )
 
 
-def _middle(rows: Array) -> Array:
+def _midpoints(rows: Array) -> Array:
+    """Means of neighbouring rows."""
     return 0.5 * (rows[1:] + rows[:-1])
 
 
-def _grown(step: Array, slope: Array) -> Array:
+def _integral(step: Array, slope: Array) -> Array:
     """Integral (n, k, p) of what is given for each step (n - 1, k, p), zero at the first row."""
     # As a matrix product, which compiles ten times as fast as a cumulative sum.
     n = len(slope)
