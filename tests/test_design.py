@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 import bayes_inertia
-from bayes_inertia.app import design_commands
+from bayes_inertia.app import design_folder
 from bayes_inertia.app.cli import main
-from bayes_inertia.app.design_commands import keep_outs
+from bayes_inertia.app.design_request import keep_outs
 from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
 from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.campaign.reader import read_campaign
@@ -438,7 +438,7 @@ def run(*arguments) -> int:
 @pytest.mark.slow
 def test_design_command_writes_a_plan_that_simulate_flies(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(
-        design_commands, "design_plan", partial(design_plan, candidates=100, starts=2, draws=1)
+        design_folder, "design_plan", partial(design_plan, candidates=100, starts=2, draws=1)
     )
     out = tmp_path / "run"
     assert run("design", EXAMPLE, "-o", out) == 0

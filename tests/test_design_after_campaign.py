@@ -10,9 +10,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayes_inertia.app import design_commands
-from bayes_inertia.app.design_commands import Request, run_design
-from bayes_inertia.app.terminal import show_design
+from bayes_inertia.app import design_folder
+from bayes_inertia.app.commands.design import show_design
+from bayes_inertia.app.design_folder import run_design
+from bayes_inertia.app.design_request import DesignRequest
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.design import designer
 from bayes_inertia.design.after_campaign import final_wheel_momentum, plan_after
@@ -55,7 +56,7 @@ def captured(monkeypatch):
         raise Captured
 
     monkeypatch.setattr(designer, "design_plan", design_plan)
-    monkeypatch.setattr(design_commands, "design_plan", design_plan)
+    monkeypatch.setattr(design_folder, "design_plan", design_plan)
     return arguments
 
 
@@ -89,11 +90,11 @@ def test_next_slew_without_tachometers_begins_with_the_wheels_turning(estimate, 
 def test_design_after_a_campaign_begins_with_the_wheels_turning(flight, captured, tmp_path):
     write_campaign(flight.campaign, tmp_path / "campaign")
     with pytest.raises(Captured):
-        run_design(tmp_path / "campaign", tmp_path / "run", Request(after=True))
+        run_design(tmp_path / "campaign", tmp_path / "run", DesignRequest(after=True))
     truth = flight.truth[-1].wheel_momentum[-1]
     assert np.linalg.norm(captured.base.wheel_momentum - truth) < 0.1 * np.linalg.norm(truth)
     with pytest.raises(Captured):
-        run_design(tmp_path / "campaign", tmp_path / "run", Request(after=False))
+        run_design(tmp_path / "campaign", tmp_path / "run", DesignRequest(after=False))
     assert captured.base.wheel_momentum == ()
 
 
@@ -139,10 +140,10 @@ def test_a_design_says_where_it_takes_the_wheels_to_be_at_rest(
     flight, monkeypatch, tmp_path, capsys
 ):
     small = partial(designer.design_plan, candidates=30, starts=1, draws=1)
-    monkeypatch.setattr(design_commands, "design_plan", small)
+    monkeypatch.setattr(design_folder, "design_plan", small)
     write_campaign(flight.campaign, tmp_path / "campaign")
     folder = tmp_path / "run"
-    show_design(run_design(tmp_path / "campaign", folder, Request(slews=1)), folder)
+    show_design(run_design(tmp_path / "campaign", folder, DesignRequest(slews=1)), folder)
     said = "The wheels are taken to be at rest at the start"
     assert said in " ".join(capsys.readouterr().out.split())
     assert said in (folder / "plan.toml").read_text()

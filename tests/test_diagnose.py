@@ -10,9 +10,11 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayes_inertia.app.diagnosis_json import alternatives_of, effects_of, fitted, to_json
+from bayes_inertia.app.diagnosed_fit import fitted_effects, next_fit
+from bayes_inertia.app.diagnosis_json import next_fit_from, to_json
 from bayes_inertia.app.fit_campaign import fit
-from bayes_inertia.app.run_folder import with_measured_noise
+from bayes_inertia.app.investigation import Investigation
+from bayes_inertia.app.measured_noise import with_measured_noise
 from bayes_inertia.design.correction_slew import correction_forecast
 from bayes_inertia.diagnosis.blind_spots import even_odds, furthest, undetected
 from bayes_inertia.diagnosis.model_averaging import Alternative, alternatives, averaged
@@ -105,7 +107,7 @@ def pumped(flight):
 def content_of(found, **more):
     changed = bool(found.steps) or any(f > 1.0 for f in found.noise.values())
     after = disagreement(found.final, stated=False) if changed else None
-    return to_json(found, disagreement(found.base), after, **more)
+    return to_json(Investigation(found, Rules(), disagreement(found.base), after, **more))
 
 
 def test_nothing_is_named_in_a_clean_campaign(clean):
@@ -138,7 +140,7 @@ def test_a_lag_is_named_and_measured(lagging):
     assert step["held_out_before"] > step["held_out_after"]
     assert {w["channel"] for w in content["disagreement"]} >= {"momentum"}
     assert content["disagreement_after"] == []
-    assert [e.name for e in effects_of(content)] == ["wheel_command_lag"]
+    assert [e.name for e in next_fit_from(content).effects] == ["wheel_command_lag"]
 
 
 def test_a_constant_torque_is_named(flight):
@@ -161,10 +163,10 @@ def test_loud_noise_is_measured_and_nothing_physical_is_named(clean):
             1.5, abs=4.0 * 0.5 * 1.5 * np.sqrt(1.4 * 3.9 / n)
         )
     content = content_of(
-        found, unknown=unknown_torque(found.base) if found.verdict == "unknown" else None
+        found, unexplained=unknown_torque(found.base) if found.verdict == "unknown" else None
     )
     check_contract(content)
-    assert effects_of(content) == ()
+    assert next_fit_from(content).effects == ()
     assert {w["kind"] for w in content["disagreement"]} == {"energy"}
     assert {w["channel"] for w in content["disagreement"]} == {"rate", "attitude", "momentum"}
 
@@ -176,11 +178,11 @@ def test_noise_is_worded_as_noise():
 
 def test_what_no_candidate_explains_is_unknown_and_described(pumped):
     assert (pumped.verdict, pumped.named) == ("unknown", ())
-    content = content_of(pumped, unknown=unknown_torque(pumped.base))
+    content = content_of(pumped, unexplained=unknown_torque(pumped.base))
     check_contract(content, RIGID)
     assert content["unknown"]["frequency_hz"] == pytest.approx(0.3, abs=0.01)
     assert abs(content["unknown"]["axis"][1]) > 0.97
-    assert fitted(pumped) == []
+    assert fitted_effects(pumped) == ()
     assert verdict(content).level == "bad"
     assert any("0.3 Hz ringing about y" in s for s in verdict(content).sentences)
 
@@ -251,7 +253,10 @@ def test_times_from_an_epoch_are_shown_from_each_slews_start(pumped):
         },
     )
     torque = replace(unknown, torque=replace(unknown.torque, time=unknown.torque.time + late))
-    now, then = to_json(pumped, where, None, unknown), to_json(pumped, shifted, None, torque)
+    now, then = (
+        to_json(Investigation(pumped, Rules(), seen, unexplained=signal))
+        for seen, signal in ((where, unknown), (shifted, torque))
+    )
     assert [w["t_start"] for w in then["disagreement"]] == [w.t_start for w in shifted.windows]
     for a, b in (
         (c["pictures"]["before"]["channels"]["rate"]["edges"], c["pictures"]["torque"]["time"])
@@ -267,7 +272,9 @@ def test_a_conspicuous_stretch_of_a_consistent_campaign_is_not_called_a_disagree
     found = diagnose(clean)
     where = disagreement(found.base)
     window = Window("rate", where.slews[0], "axis 1", 3.0, 9.0, "shift", 20.0, 0.04)
-    said = verdict(to_json(found, replace(where, windows=(window,)))).sentences[0]
+    said = verdict(
+        to_json(Investigation(found, Rules(), replace(where, windows=(window,))))
+    ).sentences[0]
     assert "one campaign of 25" in said
     assert "disagrees" not in said
 
@@ -283,7 +290,7 @@ def test_the_report_says_and_draws_it(lagging, pumped):
     ]
     assert sections[0].context["verdict"].title == "Found what is missing: wheel command lag."
     assert [len(s.pictures) for s in sections] == [0, 2, 1, 2]
-    last = diagnosis_sections(content_of(pumped, unknown=unknown_torque(pumped.base)))[-1]
+    last = diagnosis_sections(content_of(pumped, unexplained=unknown_torque(pumped.base)))[-1]
     assert last.title == "What nothing explains"
     assert len(last.pictures) >= 1
 
@@ -295,7 +302,9 @@ def test_effects_that_only_imitate_another_are_not_named(flight, lagging):
     assert found.nameless_lead == nameless_lead(found.steps, len(found.candidates)) > Rules().margin
     assert lagging.nameless_lead < -Rules().margin
     assert nameless_lead((), len(RIGID)) == -math.inf
-    content = content_of(found, unknown=unknown_torque(found.base)) | {"why_unknown": "imitation"}
+    content = content_of(found, unexplained=unknown_torque(found.base)) | {
+        "why_unknown": "imitation"
+    }
     check_contract(content, RIGID)
     assert any(
         "an imitation of something that is not among the candidates" in s
@@ -392,7 +401,13 @@ def test_each_member_of_an_ambiguous_set_has_its_own_J_and_K(torqued):
         np.testing.assert_allclose(other.sd, direct.sd[:9], rtol=0.01)
     content = content_of(torqued, alternatives=others)
     check_contract(content, RIGID)
-    for again, other in zip(alternatives_of(json.loads(json.dumps(content))), others, strict=True):
+    stored = next_fit_from(json.loads(json.dumps(content)), RIGID)
+    direct = next_fit(
+        Investigation(torqued, Rules(), disagreement(torqued.base), alternatives=others)
+    )
+    assert (stored.verdict, stored.effects) == (direct.verdict, direct.effects)
+    assert (stored.noise, stored.drive) == (direct.noise, direct.drive)
+    for again, other in zip(stored.alternatives, others, strict=True):
         assert (again.effect, again.probability, again.names) == (
             other.effect,
             other.probability,
@@ -547,7 +562,7 @@ def test_what_could_hide_moves_the_fit_as_far_as_it_says(flight, clean):
             abs(moved.theta[j] - found.base.theta[j]) < 1.02 * other.shift
             for j, other in enumerate(rows.values())
         )
-    content = content_of(found, hidden=tuple(rows.values()))
+    content = content_of(found, blind_spots=tuple(rows.values()))
     check_contract(content, RIGID)
     assert (
         verdict(content)

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayes_inertia.app.run_folder import with_measured_noise
+from bayes_inertia.app.measured_noise import with_measured_noise
 from bayes_inertia.diagnosis.noise_level import noise_factors, white_factor
 from bayes_inertia.physics.check_effect import small_campaign
 from bayes_inertia.physics.effects import RateSensorNonlinearity

@@ -11,7 +11,7 @@ from scipy import stats
 
 import bayes_inertia
 from bayes_inertia.app.cli import main
-from bayes_inertia.app.study import Study, run_study
+from bayes_inertia.app.study_folder import Study, run_study
 from bayes_inertia.design.comparison import NAMES, Achieved
 from bayes_inertia.errors import OutputError
 from bayes_inertia.flight.plan import paper_like_plan
@@ -73,17 +73,17 @@ def test_study_of_the_example_goes_on_where_it_was(tmp_path, capsys, monkeypatch
         raise AssertionError("a shard that is there was made again")
 
     (out / "study.json").unlink()
-    monkeypatch.setattr("bayes_inertia.app.study.achieve", never)
+    monkeypatch.setattr("bayes_inertia.app.study_folder.achieve", never)
     run_study(EXAMPLE, out, campaigns=6)
     assert (out / "study.json").read_bytes() == first
-    with pytest.raises(OutputError, match="another study"):
+    with pytest.raises(OutputError, match="other seed"):
         run_study(EXAMPLE, out, campaigns=6, seed=1)
     assert (out / "study.json").read_bytes() == first
 
 
 def test_sds_that_are_too_small_end_with_3(tmp_path, capsys, monkeypatch):
-    shrunk = made(25, 3, shrink=0.5).found
-    monkeypatch.setattr("bayes_inertia.app.study.achieve", lambda *_: shrunk)
+    shrunk = made(25, 3, shrink=0.5).achieved
+    monkeypatch.setattr("bayes_inertia.app.study_folder.achieve", lambda *_: shrunk)
     assert run("study", EXAMPLE, "-o", tmp_path / "run", "--campaigns", 25) == 3
     assert "TOO SMALL for Jxx" in capsys.readouterr().out
     assert "Jxx" in json.loads((tmp_path / "run" / "study.json").read_text())["too_small"]
@@ -101,7 +101,7 @@ def test_coverage_is_drawn_inside_its_band_or_not():
     """Sound uncertainties stay inside the drawn band; halved ones leave it."""
     for shrink, leaves in ((1.0, False), (0.5, True)):
         study = made(400, 2, shrink)
-        right = coverage_picture(NAMES, study.found, study.z).axes[1]
+        right = coverage_picture(NAMES, study.achieved, study.z).axes[1]
         band = right.collections[0].get_paths()[0].vertices[:, 1].max()
         assert (
             max(np.abs(line.get_ydata()).max() for line in right.lines[: len(NAMES)]) > band

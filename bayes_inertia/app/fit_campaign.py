@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
@@ -10,7 +12,7 @@ from time import perf_counter
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.flexible_mode_search import with_ringing
-from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.posterior import Posterior, build
 from bayes_inertia.inference.sampler import Progress, Settings, sample
 from bayes_inertia.physics.effect import Effect
@@ -23,7 +25,7 @@ def fit(
     *,
     effects: Sequence[Effect] = (),
     drive: Drive | None = None,
-    seed: int = 0,
+    seed: int | None = None,
     settings: Settings | None = None,
     chains: Path | None = None,
     about: dict | None = None,
@@ -33,32 +35,60 @@ def fit(
 
     Parameters
     ----------
-    effects : physical effects to fit along. drive : see `Model`. seed : fixes everything.
-    settings : of the sampler; its seed is replaced by `seed`.
-    chains : folder in which the chains are kept while they grow (a killed run goes on there).
-    about : further attributes of the result. progress : called with (what, done, of).
+    campaign : Campaign
+        What was flown.
+    effects : sequence of Effect
+        Physical effects to fit along.
+    drive : {"commanded", "measured"} or None
+        What drives the model; None for torque commands where the campaign has them.
+    seed : int or None
+        Fixes everything. None for the seed of `settings`.
+    settings : Settings or None
+        Of the sampler; None for the usual ones.
+    chains : Path or None
+        Folder in which the chains are kept while they grow. A killed fit goes on there.
+    about : dict
+        Further attributes of the result.
+    progress : callable or None
+        Called with (what, done, of).
+
+    Returns
+    -------
+    Posterior
+        Samples, prior, predictions, and whether they can be trusted.
 
     Raises
     ------
-    CampaignError, EffectError, EstimateError : see `Model` and `estimate`.
+    CampaignError, EffectError
+        As `Model`.
+    EstimateError
+        If the optimizer finds no usable estimate.
+
+    Examples
+    --------
+    >>> posterior = fit(read_campaign("my_campaign"), seed=1)           # doctest: +SKIP
+    >>> posterior.summary()["parameters"]["Jxy"]["sd"]                  # doctest: +SKIP
+    0.00021
     """
     began = perf_counter()
-    # ArviZ takes seconds to import; it can do so while the compiler, which needs no interpreter lock, works.
+    # ArviZ takes seconds to import; it can do so while the compiler, which needs no interpreter
+    # lock, works.
     Thread(target=import_module, args=("arviz",), daemon=True).start()
-    settings = Settings(**{**(settings or Settings()).__dict__, "seed": seed})
+    settings = settings or Settings()
+    if seed is not None:
+        settings = replace(settings, seed=seed)
     if progress:
         progress("optimizing", 0, 1)
     model = Model(campaign, tuple(effects), drive)
-    at = with_ringing(estimate(model, seed=seed))
-    found = sample(at, settings, folder=chains, progress=progress)
-    about = {"campaign": campaign.name, "seed": seed, "campaign_sha256": None} | (about or {})
-    posterior = build(at, found, about, seed)
+    # A flexible mode explains nothing near its null value: it begins at the ringing that is there.
+    estimate = with_ringing(optimizer.estimate(model, seed=settings.seed))
+    samples = sample(estimate, settings, folder=chains, progress=progress)
+    attributes = {"campaign": campaign.name, "seed": settings.seed, "campaign_sha256": None}
+    posterior = build(estimate, samples, {**attributes, **(about or {})}, settings.seed)
     return _with_seconds(posterior, perf_counter() - began)
 
 
 def _with_seconds(posterior: Posterior, seconds: float) -> Posterior:
-    import json
-
     attributes = posterior.attributes
     attributes["diagnostics"]["seconds"] = seconds
     posterior.tree.attrs["bayes_inertia"] = json.dumps(attributes)

@@ -1,0 +1,20 @@
+"""`demo`: simulate a campaign and fit it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bayes_inertia.app.commands.options import OutputFolder, Seed
+
+
+def demo_command(out: OutputFolder = Path("demo_run"), seed: Seed = 1) -> None:
+    """Simulate a campaign of five slews, fit it, write the report."""
+    from bayes_inertia.app import run_folder
+    from bayes_inertia.app.commands.run_result import finish_and_show
+    from bayes_inertia.flight.plan import paper_like_plan
+    from bayes_inertia.flight.simulated_campaigns import simulate_most
+    from bayes_inertia.inference.sampler import Settings
+
+    simulate_most(paper_like_plan(), out / "campaign", seed, ())
+    run_folder.start(out / "campaign", out / "fit", settings=Settings(seed=seed))
+    finish_and_show(out / "fit", report=True)

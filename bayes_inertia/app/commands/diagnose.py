@@ -1,0 +1,33 @@
+"""`diagnose`: find which physical effect is missing."""
+
+from __future__ import annotations
+
+from bayes_inertia.app.commands.options import (
+    CampaignFolder,
+    DriveName,
+    OutputFolder,
+    Seed,
+    WithReport,
+)
+
+
+def diagnose_command(
+    campaign: CampaignFolder,
+    out: OutputFolder,
+    drive: DriveName = None,
+    seed: Seed = 0,
+    report: WithReport = True,
+) -> None:
+    """Find which physical effect is missing, and fit it along.
+
+    Writes diagnosis.json, then what `fit` writes.
+    """
+    from dataclasses import replace
+
+    from bayes_inertia.app import run_folder
+    from bayes_inertia.app.commands.run_result import finish_and_show
+    from bayes_inertia.app.diagnosed_fit import DIAGNOSED_SETTINGS
+
+    settings = replace(DIAGNOSED_SETTINGS, seed=seed)
+    run_folder.start(campaign, out, drive=drive, settings=settings, kind="diagnose")
+    finish_and_show(out, report)

@@ -1,0 +1,46 @@
+"""Arguments and options that several commands share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+CampaignFolder = Annotated[Path, typer.Argument(help="Campaign folder (with campaign.toml).")]
+OutputFolder = Annotated[Path, typer.Option("-o", "--out", help="Folder for the results.")]
+Seed = Annotated[int, typer.Option(help="One integer that reproduces everything.", min=0)]
+EffectNames = Annotated[
+    str,
+    typer.Option(help="Effects to fit along, separated by commas; `doctor` lists their names."),
+]
+DriveName = Annotated[
+    Literal["commanded", "measured"] | None,
+    typer.Option(help="Drive the model with torque commands or with tachometers."),
+]
+WithReport = Annotated[bool, typer.Option(help="Also write report.html.")]
+Jobs = Annotated[int, typer.Option(help="Processes.", min=1)]
+
+# The word that stands for a plan of the paper's five slews.
+PAPER_HELP = "or the word paper for five slews like the paper's"
+
+
+def names_in(text: str) -> list[str]:
+    """Names in a list separated by commas.
+
+    Parameters
+    ----------
+    text : str
+        What was given on the command line.
+
+    Returns
+    -------
+    list of str
+        The names, without spaces around them.
+
+    Examples
+    --------
+    >>> names_in("wheel_friction, rate_bias_drift,")
+    ['wheel_friction', 'rate_bias_drift']
+    """
+    return [name.strip() for name in text.split(",") if name.strip()]

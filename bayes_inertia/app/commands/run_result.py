@@ -1,0 +1,157 @@
+"""What `fit`, `diagnose`, `resume` and `demo` end with: the run finished, its result printed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import typer
+from rich.box import SIMPLE
+from rich.table import Table
+from rich.text import Text
+
+from bayes_inertia.app.terminal import headed, plain_console, progress_bar
+
+_COLUMNS = ("estimate", "± sd", "unit", "prior sd", "contraction", "determined")
+_DETERMINED = {"determined": "yes", "partly determined": "partly", "not determined": "no"}
+_COLORS = {"good": "green", "caution": "yellow", "bad": "red"}
+_CANDIDATES_SHOWN = 6
+
+
+def finish_and_show(folder: Path, report: bool) -> None:
+    """Bring a run to its end, print its result, and exit with 3 where it must not be trusted.
+
+    Parameters
+    ----------
+    folder : Path
+        The run.
+    report : bool
+        Whether to write report.html.
+
+    Raises
+    ------
+    typer.Exit
+        With code 3, if a gate failed or the diagnosis found no name for what is missing.
+    """
+    from bayes_inertia.app import run_folder
+
+    with progress_bar() as progress:
+        posterior = run_folder.finish(folder, report=report, progress=progress)
+    content = run_folder.read_diagnosis(folder)
+    if content is not None:
+        show_diagnosis(content)
+    show_summary(posterior.summary(), folder, report)
+    if not posterior.trusted or (content is not None and content["verdict"] == "unknown"):
+        raise typer.Exit(3)
+
+
+def show_summary(summary: dict[str, Any], folder: Path, report: bool = True) -> None:
+    """Print a fit's verdict first, then its numbers.
+
+    Parameters
+    ----------
+    summary : dict
+        The content of summary.json.
+    folder : Path
+        The run.
+    report : bool
+        Whether a report was written.
+    """
+    from bayes_inertia.report import wording
+
+    console = plain_console()
+    if summary["trusted"]:
+        console.print(headed("The result can be used.", style="bold green"))
+    else:
+        console.print(headed("Do not use this result as it stands.", style="bold red"))
+    for gate in summary["gates"]:
+        console.print(_gate_line(gate))
+    console.print(_parameter_table(summary))
+    console.print("sd: the larger of the model's and of what the scatter between slews supports")
+    if causes := wording.averaged_over(summary):
+        console.print(f"J and K: averaged over what may be true ({causes})")
+    chi2 = ", ".join(
+        f"{key} {value:.3f}"
+        for key, value in summary["fit"]["reduced_chi2"].items()
+        if value is not None
+    )
+    console.print(f"reduced chi^2: {chi2}")
+    diagnostics = summary["diagnostics"]
+    console.print(
+        f"{diagnostics['ess_bulk_min']:.0f} effective samples "
+        f"from {diagnostics['evaluations']} evaluations in {diagnostics['seconds']:.1f} s"
+    )
+    files = ", summary.json and report.html" if report else " and summary.json"
+    console.print(f"wrote posterior.nc{files} in {folder}")
+
+
+def _gate_line(gate: dict[str, Any]) -> Text:
+    word = ("passed", "green") if gate["passed"] else ("FAILED", "red")
+    return Text.assemble("  ", word, f" {gate['name']}: {gate['says']}")
+
+
+def _parameter_table(summary: dict[str, Any]) -> Table:
+    from bayes_inertia.report import wording
+
+    # A long name gives way, between its words; a number never does.
+    table = Table(box=SIMPLE, pad_edge=False, collapse_padding=True)
+    table.add_column("name", overflow="fold")
+    for heading in _COLUMNS:
+        table.add_column(heading, no_wrap=True)
+    for name, p in summary["parameters"].items():
+        sd = wording.quoted(p["sd"], p["robust_sd"]).sd
+        power = wording.exponent(p["mean"], sd)
+        contraction = wording.contraction(sd, p["prior_sd"])
+        table.add_row(
+            name.replace("_", " ").replace(".", ": "),
+            wording.number(p["mean"], sd, power),
+            wording.number(sd, sd, power),
+            wording.unit_text(p["unit"], power),
+            f"{p['prior_sd'] / 10.0**power:.2g}",
+            wording.contraction_text(contraction),
+            _DETERMINED[wording.determined(contraction)],
+        )
+    return table
+
+
+def show_diagnosis(content: dict[str, Any]) -> None:
+    """Print a diagnosis' verdict first, then why, and the best candidates.
+
+    Parameters
+    ----------
+    content : dict
+        The content of diagnosis.json.
+    """
+    from bayes_inertia.report import diagnosis_wording
+
+    console, verdict = plain_console(), diagnosis_wording.verdict(content)
+    console.print(headed(verdict.title, style=f"bold {_COLORS[verdict.level]}"))
+    for sentence in verdict.sentences:
+        console.print(f"  {sentence}")
+    table = Table(box=SIMPLE)
+    table.add_column("candidate")
+    for heading in ("score", "dof", "p", "log Bayes"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("", no_wrap=True)
+    scored = [c for c in content["candidates"] if c["p_value"] is not None]
+    for candidate in scored[:_CANDIDATES_SHOWN]:
+        table.add_row(*_candidate_cells(candidate, content))
+    console.print(table)
+    console.print("wrote diagnosis.json")
+
+
+def _candidate_cells(candidate: dict[str, Any], content: dict[str, Any]) -> tuple[str, ...]:
+    from bayes_inertia.report.diagnosis_wording import plain, probability
+    from bayes_inertia.report.pictures.style import tenths
+
+    word = "significant" if candidate["p_value"] < content["threshold"] else ""
+    if candidate["effect"] in content["named"]:
+        word = "named"
+    return (
+        plain(candidate["effect"]),
+        tenths(candidate["score"]),
+        str(candidate["dof"]),
+        probability(candidate["p_value"]).removeprefix("p ").removeprefix("= "),
+        tenths(candidate["log_bayes_factor"]),
+        word,
+    )

@@ -1,0 +1,36 @@
+"""`simulate`: fly a plan with a simulated spacecraft."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bayes_inertia.app.commands.options import OutputFolder, Seed
+
+
+def simulate_command(
+    out: OutputFolder,
+    plan: Annotated[
+        Path | None,
+        typer.Option(help="Plan to fly (TOML); without one, five slews like the paper's."),
+    ] = None,
+    hide: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Hidden effect, as name or name.parameter=value[,value...]; may be repeated."
+        ),
+    ] = None,
+    seed: Seed = 0,
+) -> None:
+    """Fly a plan with a simulated MOST-like spacecraft.
+
+    Writes a campaign folder, with its truth beside it.
+    """
+    from bayes_inertia.flight.plan import paper_like_plan
+    from bayes_inertia.flight.plan_file import read_plan
+    from bayes_inertia.flight.simulated_campaigns import simulate_most
+
+    flight = simulate_most(read_plan(plan) if plan else paper_like_plan(), out, seed, hide or ())
+    typer.echo(f"wrote {len(flight.campaign.slews)} slews and truth.json in {out}")

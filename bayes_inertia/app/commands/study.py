@@ -1,0 +1,79 @@
+"""`study`: do the uncertainties hold that fits of a plan's campaigns state?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.box import SIMPLE
+from rich.table import Table
+
+from bayes_inertia.app.commands.options import (
+    PAPER_HELP,
+    CampaignFolder,
+    Jobs,
+    OutputFolder,
+    Seed,
+)
+from bayes_inertia.app.terminal import plain_console, progress_bar
+
+if TYPE_CHECKING:
+    from bayes_inertia.app.study_folder import Study
+
+
+def study_command(
+    campaign: CampaignFolder,
+    out: OutputFolder,
+    plan: Annotated[str, typer.Option(help=f"Plan file, {PAPER_HELP}.")] = "paper",
+    campaigns: Annotated[int, typer.Option(help="Campaigns to simulate and fit.", min=2)] = 200,
+    jobs: Jobs = 1,
+    seed: Seed = 0,
+) -> None:
+    """Do stated uncertainties hold in simulated campaigns?
+
+    Flies a plan many times, each time with another J, K and bias, and fits each flight. Writes study.json and study.png. A study that was killed goes on with the same command.
+    """
+    from bayes_inertia.app.study_folder import run_study
+
+    with progress_bar() as progress:
+        study = run_study(
+            campaign, out, plan, campaigns=campaigns, seed=seed, jobs=jobs, progress=progress
+        )
+    show_study(study, out)
+    if study.too_small:
+        raise typer.Exit(3)
+
+
+def show_study(study: Study, folder: Path) -> None:
+    """Print achieved beside stated sds, and how often intervals held the truth.
+
+    Parameters
+    ----------
+    study : Study
+        The study.
+    folder : Path
+        Where its files are.
+    """
+    from bayes_inertia.design.comparison import NAMES
+
+    console, achieved = plain_console(), study.achieved
+    table = Table(box=SIMPLE)
+    table.add_column("", no_wrap=True)
+    for heading in ("achieved sd", "stated sd", "in 68 %", "in 95 %"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    stated_sd = (achieved.stated**2).mean(0) ** 0.5
+    coverages = zip(study.coverage(0.68), study.coverage(0.95), strict=True)
+    for i, (name, coverage) in enumerate(zip(NAMES, coverages, strict=True)):
+        shares = [
+            f"{100 * share:.1f} % ({100 * low:.0f} to {100 * high:.0f})"
+            for share, low, high in coverage
+        ]
+        achieved_sd = f"{achieved.sd[i]:.3g} ± {achieved.sd_error[i]:.1g}"
+        table.add_row(name, achieved_sd, f"{stated_sd[i]:.3g}", *shares)
+    console.print(table)
+    verdict = "Stated sds hold."
+    if study.too_small:
+        verdict = f"Stated sds are TOO SMALL for {', '.join(study.too_small)}."
+    console.print(f"{len(achieved.errors)} campaigns of {study.plan.name}. {verdict}")
+    console.print(f"wrote study.json and study.png in {folder}")

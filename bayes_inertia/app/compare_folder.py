@@ -1,0 +1,79 @@
+"""`compare` on a folder: compare plans of a campaign's spacecraft, and write what was found."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from bayes_inertia.app.named_plans import plan_sha256, plans_named, prior_spacecraft
+from bayes_inertia.app.plan_json import contender_json
+from bayes_inertia.app.result_folder import ResultFolder, write_picture
+from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
+from bayes_inertia.design.comparison import Contender, compare_plans
+from bayes_inertia.report.pictures.design import comparison as comparison_picture
+
+FORMAT = "bayes-inertia-compare/1"
+
+
+def run_compare(
+    campaign: Path,
+    plans: Sequence[str],
+    folder: Path,
+    *,
+    simulated: int = 0,
+    seed: int = 0,
+    jobs: int = 1,
+) -> tuple[Contender, ...]:
+    """Compare plans and write compare.json and compare.png.
+
+    Parameters
+    ----------
+    campaign : Path
+        Folder of the campaign whose spacecraft flies.
+    plans : sequence of str
+        Plan files, or the word `paper` for five slews like the paper's.
+    folder : Path
+        Where to write.
+    simulated : int
+        Campaigns to fly and fit for each plan.
+    seed : int
+        Of those.
+    jobs : int
+        Processes.
+
+    Returns
+    -------
+    tuple of Contender
+        One a plan.
+
+    Raises
+    ------
+    CampaignError
+        If campaign or a plan is no good.
+    OutputError
+        If the folder holds something else.
+    """
+    flown, digest = read_campaign(campaign), campaign_sha256(campaign)
+    named = plans_named(plans, flown)
+    options = {
+        "plans": {name: plan_sha256(plan) for name, plan in named.items()},
+        "simulated": simulated,
+        "seed": seed,
+    }
+    owner = ResultFolder(
+        folder, "comparison", "compare.json", FORMAT, digest, options, ("compare.png",)
+    )
+    owner.holds_this_work()
+    contenders = compare_plans(
+        named, prior_spacecraft(flown), flown.inertia, simulated=simulated, seed=seed, jobs=jobs
+    )
+    owner.claim(
+        {
+            "campaign": flown.name,
+            "simulated": simulated,
+            "seed": seed,
+            "plans": {c.name: contender_json(c) for c in contenders},
+        }
+    )
+    write_picture(comparison_picture(contenders), folder / "compare.png")
+    return contenders

@@ -1,0 +1,130 @@
+"""`design` on a folder: read a campaign's hardware and prior, design a plan, write what was
+found."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+from bayes_inertia.app.design_request import DesignRequest
+from bayes_inertia.app.named_plans import prior_spacecraft
+from bayes_inertia.app.plan_json import design_json, slew_rows
+from bayes_inertia.app.result_folder import ResultFolder, write_picture
+from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.design.after_campaign import plan_after
+from bayes_inertia.design.comparison import compare_plans
+from bayes_inertia.design.designer import Design, design_plan
+from bayes_inertia.design.goals import parse_goal
+from bayes_inertia.files import write_atomically
+from bayes_inertia.flight.follow_on import following_plan
+from bayes_inertia.flight.plan_file import write_plan
+from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.report.pictures.design import comparison as comparison_picture
+
+FORMAT = "bayes-inertia-design/1"
+WHEELS_AT_REST = (
+    "The wheels are taken to be at rest at the start: no tachometer of the last slew tells more. "
+    "With --after the fit tells their momentum."
+)
+_MARGINS_SHOWN = 6
+
+
+def run_design(campaign: Path, folder: Path, request: DesignRequest) -> Design:
+    """Design a campaign that follows another one, and write design.json, plan.toml and design.png.
+
+    It begins where the campaign ended, with its telemetry period and, unless one is given, its
+    largest rate. The wheel momentum at the start is that of the tachometers; without them that of
+    the fit (`after`), or zero where nothing was fitted, which the results then say.
+
+    Parameters
+    ----------
+    campaign : Path
+        Folder of the campaign that was flown.
+    folder : Path
+        Where to write.
+    request : DesignRequest
+        Goal, limits, seed.
+
+    Returns
+    -------
+    Design
+        The plan and what to expect of it.
+
+    Raises
+    ------
+    CampaignError, EffectError
+        If campaign or request is no good. Nothing is written then.
+    DesignError
+        If no plan keeps the limits. Nothing is written then.
+    OutputError
+        If the folder holds something else.
+    """
+    flown, digest = read_campaign(campaign), campaign_sha256(campaign)
+    parse_goal(request.goal)
+    results = ("plan.toml", "design.png")
+    owner = ResultFolder(folder, "design", "design.json", FORMAT, digest, asdict(request), results)
+    owner.holds_this_work()
+    limits = request.limits(flown)
+    after = estimate(Model(flown), seed=request.seed) if request.after else None
+    spacecraft = prior_spacecraft(flown)
+    design = design_plan(
+        spacecraft,
+        flown.inertia,
+        request.goal,
+        limits,
+        base=following_plan(flown) if after is None else plan_after(after),
+        n_slews=request.slews,
+        seed=request.seed,
+        after=after,
+    )
+    contenders = compare_plans(
+        [design.plan, design.reference], spacecraft, flown.inertia, limits=design.limits
+    )
+    start = {
+        "after": request.after,
+        "start_wheel_momentum_Nms": list(design.plan.wheel_momentum) or [0.0] * len(flown.wheels),
+        "start_wheel_momentum_from": _momentum_source(flown, request),
+    }
+    owner.claim(design_json(design, contenders, flown) | start)
+    _write_flyable_plan(design, folder / "plan.toml")
+    write_picture(comparison_picture(contenders), folder / "design.png")
+    return design
+
+
+def _momentum_source(campaign: Campaign, request: DesignRequest) -> str:
+    """What tells the wheel momentum that the plan begins with."""
+    if following_plan(campaign).wheel_momentum:
+        return "tachometers"
+    return "fit" if request.after else "unknown, taken to be zero"
+
+
+def _write_flyable_plan(design: Design, path: Path) -> None:
+    write_plan(design.plan, path, overwrite=True)
+    write_atomically(path, _comments(design) + path.read_text())
+
+
+def _comments(design: Design) -> str:
+    """For operators: the plan's slews and margins, as comments of its file."""
+    goal = f"{design.goal.says}, {design.value:.3g} {design.goal.unit} expected".rstrip()
+    lines = [
+        f"# {design.plan.name}: {goal}",
+        "#",
+        "# slew   starts [s]   lasts [s]   angle [deg]   rate [deg/s]   about body axes x, y, z",
+    ]
+    for i, row in enumerate(slew_rows(design.plan)):
+        axis = ", ".join(f"{x:+.3f}" for x in row["axis_B"])
+        times = f"{row['start_s']:12.2f} {row['duration_s']:11.2f}"
+        motion = f"{row['angle_deg']:13.1f} {row['rate_deg_s']:14.3f}"
+        lines.append(f"# {i + 1:4d} {times} {motion}   {axis}")
+    lines += [
+        "#",
+        "# tightest margins when flown in closed loop, "
+        "with noise and J, K drawn from what is known:",
+    ]
+    tightest = sorted(design.flown, key=lambda m: m.left)[:_MARGINS_SHOWN]
+    lines += [f"#   {m.says}" for m in tightest]
+    if not design.plan.wheel_momentum:
+        lines += ["#", f"# {WHEELS_AT_REST}"]
+    return "\n".join([*lines, "", ""])

@@ -1,0 +1,240 @@
+"""From a campaign to a posterior in which what was missing is fitted: the one pipeline of a
+diagnosis.
+
+It writes nothing. A run folder (`run_folder`) stores the diagnosis between its two halves, so
+that a killed run goes on from `diagnosis.json`: `NextFit` is all that the second half needs of
+the first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+from bayes_inertia.app.fit_campaign import fit
+from bayes_inertia.app.investigation import Investigation, investigate
+from bayes_inertia.app.measured_noise import with_measured_noise
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.diagnosis.model_averaging import Alternative, averaged
+from bayes_inertia.diagnosis.result import Diagnosis
+from bayes_inertia.diagnosis.search import Rules
+from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.inference.sampler import Progress, Settings
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effects import LIBRARY
+from bayes_inertia.physics.simulator import Drive
+
+# Enough for limits of 95 %: samples of an effect with states of its own take minutes.
+DIAGNOSED_SETTINGS = Settings(target_ess=2_000.0)
+
+
+@dataclass(frozen=True)
+class NextFit:
+    """What a diagnosis wants fitted in full.
+
+    Parameters
+    ----------
+    verdict : {"consistent", "named", "ambiguous", "unknown"}
+        Of the diagnosis.
+    effects : tuple of Effect
+        To fit along, with the settings that they were found with; none where the verdict is
+        "unknown".
+    noise : dict
+        {channel: factor by which its noise exceeds what is stated}.
+    drive : {"commanded", "measured"}
+        What drove the model in the diagnosis.
+    alternatives : tuple of Alternative
+        J and K with another effect of an ambiguous set, to be averaged over.
+    """
+
+    verdict: str
+    effects: tuple[Effect, ...] = ()
+    noise: Mapping[str, float] = field(default_factory=dict)
+    drive: Drive = "commanded"
+    alternatives: tuple[Alternative, ...] = ()
+
+
+@dataclass(frozen=True)
+class DiagnosedFit:
+    """A campaign's diagnosis and the posterior with what it named.
+
+    Parameters
+    ----------
+    investigation : Investigation
+        The diagnosis and what follows from it.
+    posterior : Posterior
+        Of J, K and the effects named, at the noise that was measured.
+    """
+
+    investigation: Investigation
+    posterior: Posterior
+
+    @property
+    def diagnosis(self) -> Diagnosis:
+        """The diagnosis: verdict, effects named, candidates, steps."""
+        return self.investigation.diagnosis
+
+    @property
+    def trusted(self) -> bool:
+        """Whether every gate of the fit is passed and nothing without a name is missing."""
+        return self.posterior.trusted and self.diagnosis.verdict != "unknown"
+
+
+def diagnose_and_fit(
+    campaign: Campaign,
+    *,
+    drive: Drive | None = None,
+    seed: int | None = None,
+    settings: Settings | None = None,
+    library: Sequence[Effect] = LIBRARY,
+    rules: Rules | None = None,
+    chains: Path | None = None,
+    progress: Progress | None = None,
+) -> DiagnosedFit:
+    """Find which effect is missing, then estimate J, K and that effect, and sample their posterior.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What was flown.
+    drive : {"commanded", "measured"} or None
+        What drives the model; None for the campaign's best.
+    seed : int or None
+        Fixes everything; None for the seed of `settings`.
+    settings : Settings or None
+        Of the sampler; None for 2,000 effective samples.
+    library : sequence of Effect
+        Candidates; instances of your own may be among them.
+    rules : Rules or None
+        Thresholds of the search; None for the usual ones.
+    chains : Path or None
+        Folder in which the chains are kept while they grow.
+    progress : callable or None
+        Called with (what, done, of).
+
+    Returns
+    -------
+    DiagnosedFit
+        The diagnosis and the posterior.
+
+    Raises
+    ------
+    CampaignError, EffectError, EstimateError
+        As `diagnose` and `fit`.
+
+    Examples
+    --------
+    >>> result = diagnose_and_fit(campaign)  # doctest: +SKIP
+    >>> result.diagnosis.verdict, result.posterior.summary()["effects"]  # doctest: +SKIP
+    ('named', ['wheel_command_lag'])
+    """
+    settings = settings or DIAGNOSED_SETTINGS
+    if seed is not None:
+        settings = replace(settings, seed=seed)
+    if progress:
+        progress("diagnosing", 0, 1)
+    investigation = investigate(
+        campaign, drive=drive, seed=settings.seed, library=library, rules=rules
+    )
+    posterior = fit_what_was_found(
+        campaign,
+        next_fit(investigation),
+        drive=drive,
+        settings=settings,
+        chains=chains,
+        progress=progress,
+    )
+    return DiagnosedFit(investigation, posterior)
+
+
+def next_fit(investigation: Investigation) -> NextFit:
+    """What an investigation wants fitted in full.
+
+    Parameters
+    ----------
+    investigation : Investigation
+        The diagnosis and its alternatives.
+
+    Returns
+    -------
+    NextFit
+        The same that `diagnosis_json.next_fit_from` reads from its JSON.
+    """
+    diagnosis = investigation.diagnosis
+    return NextFit(
+        diagnosis.verdict,
+        fitted_effects(diagnosis),
+        dict(diagnosis.noise),
+        diagnosis.base.model.structure.drive,
+        investigation.alternatives,
+    )
+
+
+def fitted_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
+    """The effects that a diagnosis added, with the settings that they were found with.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        With its steps and its final model.
+
+    Returns
+    -------
+    tuple of Effect
+        In the order in which they were added; empty where the verdict is "unknown".
+    """
+    if diagnosis.verdict == "unknown":
+        return ()
+    instances = {e.name: e for e in diagnosis.final.model.effects}
+    return tuple(instances[step.added] for step in diagnosis.steps)
+
+
+def fit_what_was_found(
+    campaign: Campaign,
+    wanted: NextFit,
+    *,
+    drive: Drive | None,
+    settings: Settings,
+    chains: Path | None = None,
+    campaign_sha256: str | None = None,
+    progress: Progress | None = None,
+) -> Posterior:
+    """The posterior with what a diagnosis named, averaged over what it could not tell apart.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What was flown, with the noise as stated.
+    wanted : NextFit
+        What the diagnosis wants fitted.
+    drive : {"commanded", "measured"} or None
+        What drives the model; None for the campaign's best.
+    settings : Settings
+        Of the sampler; its seed fixes everything.
+    chains : Path or None
+        Folder in which the chains are kept while they grow.
+    campaign_sha256 : str or None
+        Digest of the campaign's files, kept with the result.
+    progress : callable or None
+        Called with (what, done, of).
+
+    Returns
+    -------
+    Posterior
+        With a group `averaged` more where the diagnosis is ambiguous.
+    """
+    about = {"campaign_sha256": campaign_sha256, "verdict": wanted.verdict}
+    if wanted.verdict != "unknown":
+        campaign = with_measured_noise(campaign, wanted.noise, wanted.drive)
+        about["noise"] = dict(wanted.noise)
+    posterior = fit(
+        campaign,
+        effects=wanted.effects,
+        drive=drive,
+        settings=settings,
+        chains=chains,
+        about=about,
+        progress=progress,
+    )
+    return averaged(posterior, wanted.alternatives, settings.seed)

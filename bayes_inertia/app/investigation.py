@@ -1,0 +1,144 @@
+"""Everything that a diagnosis has to say of a campaign.
+
+Where the model disagrees with the data, which effect explains it, how much that changes, what to
+fly next, and what stays unknown. It is the search itself (`diagnosis.search.diagnose`) with all
+that is asked of its answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.design.correction_slew import CorrectionForecast, correction_forecast
+from bayes_inertia.design.separating_slew import Separation, separating_slew
+from bayes_inertia.diagnosis.blind_spots import Undetected, undetected
+from bayes_inertia.diagnosis.model_averaging import Alternative, alternatives
+from bayes_inertia.diagnosis.residual_scan import Disagreement, disagreement
+from bayes_inertia.diagnosis.result import Diagnosis
+from bayes_inertia.diagnosis.search import Rules, diagnose
+from bayes_inertia.diagnosis.unexplained import Unknown, unknown_torque
+from bayes_inertia.errors import CampaignError, EffectError
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effects import LIBRARY
+from bayes_inertia.physics.simulator import Drive
+
+
+@dataclass(frozen=True)
+class Investigation:
+    """A diagnosis and what follows from it.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        Verdict, effects named, and the fits before and after.
+    rules : Rules
+        The thresholds that were used.
+    disagreement_before : Disagreement
+        Where residuals of the base model are not noise.
+    disagreement_after : Disagreement or None
+        The same after what was named; None where nothing changed.
+    unexplained : Unknown or None
+        The equivalent disturbance torque; None unless the verdict is "unknown".
+    correction : CorrectionForecast or None
+        The next correction slew, before and after; None unless effects were named.
+    separating_slews : tuple of Separation
+        For each ambiguous set the slew that best tells its first two apart, where there is one.
+    alternatives : tuple of Alternative
+        J and K with another effect of an ambiguous set.
+    blind_spots : tuple of Undetected
+        How far what is too weak to be found could have moved J and K.
+    """
+
+    diagnosis: Diagnosis
+    rules: Rules
+    disagreement_before: Disagreement
+    disagreement_after: Disagreement | None = None
+    unexplained: Unknown | None = None
+    correction: CorrectionForecast | None = None
+    separating_slews: tuple[Separation, ...] = ()
+    alternatives: tuple[Alternative, ...] = ()
+    blind_spots: tuple[Undetected, ...] = ()
+
+
+def investigate(
+    campaign: Campaign,
+    *,
+    drive: Drive | None = None,
+    seed: int = 0,
+    library: Sequence[Effect] = LIBRARY,
+    rules: Rules | None = None,
+) -> Investigation:
+    """Diagnose a campaign and ask everything of the answer.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What was flown.
+    drive : {"commanded", "measured"} or None
+        What drives the model; None for the campaign's best.
+    seed : int
+        Fixes everything.
+    library : sequence of Effect
+        Candidates.
+    rules : Rules or None
+        Thresholds of the search; None for the usual ones.
+
+    Returns
+    -------
+    Investigation
+        The diagnosis and what follows from it.
+
+    Raises
+    ------
+    CampaignError, EffectError, EstimateError
+        As `diagnose`.
+    """
+    rules = rules or Rules()
+    diagnosis = diagnose(campaign, library=library, drive=drive, rules=rules, seed=seed)
+    base, final = diagnosis.base, diagnosis.final
+    unknown = diagnosis.verdict == "unknown"
+    changed = diagnosis.steps or any(factor > 1.0 for factor in diagnosis.noise.values())
+    corrected = diagnosis.steps and not unknown
+    return Investigation(
+        diagnosis=diagnosis,
+        rules=rules,
+        disagreement_before=disagreement(base, seed=seed),
+        disagreement_after=disagreement(final, seed=seed, stated=False) if changed else None,
+        unexplained=unknown_torque(base) if unknown else None,
+        correction=correction_forecast(base, final, seed=seed) if corrected else None,
+        separating_slews=separating_slews(diagnosis, library=library, seed=seed),
+        alternatives=alternatives(diagnosis),
+        blind_spots=undetected(diagnosis),
+    )
+
+
+def separating_slews(
+    diagnosis: Diagnosis, *, library: Sequence[Effect] = LIBRARY, seed: int = 0
+) -> tuple[Separation, ...]:
+    """For every ambiguous set the slew that best tells its first two apart, where there is one.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        With its ambiguous sets.
+    library : sequence of Effect
+        Where effects are looked up that the final model does not hold.
+    seed : int
+        Of the searches.
+
+    Returns
+    -------
+    tuple of Separation
+        None for a set without a feasible slew, or whose effects have states of their own.
+    """
+    instances = {e.name: e for e in (*library, *diagnosis.final.model.effects)}
+    slews = []
+    for first, second, *_ in diagnosis.ambiguous_with:
+        with suppress(CampaignError, EffectError):
+            slews.append(
+                separating_slew(diagnosis.final, instances[first], instances[second], seed=seed)
+            )
+    return tuple(slews)

@@ -1,0 +1,126 @@
+"""`observe` on a folder: estimate a campaign and write what it tells about each parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from bayes_inertia.app.result_folder import ResultFolder, write_picture
+from bayes_inertia.app.run_folder import FORMAT as RUN_FORMAT
+from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
+from bayes_inertia.inference import optimizer
+from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.observability.against_posterior import (
+    Comparison,
+    as_json,
+    compare_with_posterior,
+)
+from bayes_inertia.observability.analysis import observe
+from bayes_inertia.observability.result import FORMAT, Observability
+from bayes_inertia.physics.effects import by_name
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.simulator import Drive
+from bayes_inertia.report.pictures.observability import observability as observability_picture
+
+FILE, PICTURE = "observability.json", "observability.png"
+
+
+@dataclass(frozen=True)
+class ObservedCampaign:
+    """What `observe` found in a folder.
+
+    Parameters
+    ----------
+    observability : Observability
+        What the campaign tells about each parameter.
+    comparison : tuple of Comparison or None
+        With the posterior of the same fit; None where the folder has none.
+    """
+
+    observability: Observability
+    comparison: tuple[Comparison, ...] | None
+
+
+def run_observe(
+    campaign: Path,
+    folder: Path,
+    *,
+    effects: Sequence[str] = (),
+    drive: Drive | None = None,
+    seed: int = 0,
+    both_drives: bool = True,
+) -> ObservedCampaign:
+    """Estimate, ask what is observable, and write observability.json and observability.png.
+
+    Parameters
+    ----------
+    campaign : Path
+        The campaign's folder.
+    folder : Path
+        Where to write. A posterior.nc of the same data, effects and drive there is compared.
+    effects : sequence of str
+        Names of effects to fit along.
+    drive : {"commanded", "measured"} or None
+        What drives the model; None for the campaign's best.
+    seed : int
+        Of the optimizer's starts.
+    both_drives : bool
+        Whether to estimate in the other drive too, where the campaign allows it: what are the
+        commands worth?
+
+    Returns
+    -------
+    ObservedCampaign
+        What was found.
+
+    Raises
+    ------
+    CampaignError, EffectError
+        If the input is no good. Nothing is written then.
+    OutputError
+        If the folder holds results of another campaign.
+    """
+    flown, instances = read_campaign(campaign), by_name(effects)
+    digest = campaign_sha256(campaign)
+    options = {"effects": effects, "drive": drive, "seed": seed, "both_drives": both_drives}
+    owner = ResultFolder(folder, "result", FILE, FORMAT, digest, options, (PICTURE,))
+    owner.holds_this_work()
+    if (folder / "run.json").exists():
+        ResultFolder(folder, "run", "run.json", RUN_FORMAT, digest, flat=True).holds_this_work()
+    estimate = optimizer.estimate(Model(flown, instances, drive), seed=seed)
+    other_drive = _in_other_drive(estimate, seed) if both_drives else None
+    observability = observe(estimate, other_drive)
+    comparison = _comparison(observability, folder, digest)
+    rows = None if comparison is None else as_json(comparison)
+    owner.claim(observability.to_json() | {"seed": seed, "posterior": rows})
+    write_picture(observability_picture(observability), folder / PICTURE)
+    return ObservedCampaign(observability, comparison)
+
+
+def _in_other_drive(estimate: Estimate, seed: int) -> Estimate | None:
+    """The same estimated in the other drive; None where the campaign has not both."""
+    model = estimate.model
+    if not (model.campaign.has_commands and model.campaign.has_tachometers):
+        return None
+    drive: Drive = "measured" if model.structure.drive == "commanded" else "commanded"
+    return optimizer.estimate(
+        Model(model.campaign, model.effects, drive), seed=seed, start=estimate.theta
+    )
+
+
+def _comparison(
+    observability: Observability, folder: Path, digest: str
+) -> tuple[Comparison, ...] | None:
+    path = folder / "posterior.nc"
+    if not path.is_file():
+        return None
+    posterior = Posterior.load(path)
+    attributes = posterior.attributes
+    same = (
+        attributes.get("campaign_sha256") == digest
+        and attributes["drive"] == observability.drive
+        and posterior.names == list(observability.names)
+    )
+    return compare_with_posterior(observability, posterior) if same else None

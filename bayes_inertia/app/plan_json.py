@@ -1,0 +1,126 @@
+"""Plans, limits and contenders as plain numbers: what design.json and compare.json hold of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.design.comparison import NAMES, Contender
+from bayes_inertia.design.designer import Design
+from bayes_inertia.design.margins import Margin
+from bayes_inertia.flight.plan import Plan
+
+_MARGIN_KEYS = ("limit", "where", "used", "allowed", "unit", "left", "kept", "says")
+
+
+def slew_rows(plan: Plan) -> list[dict[str, Any]]:
+    """The slews of a plan in degrees and seconds.
+
+    Parameters
+    ----------
+    plan : Plan
+        The plan.
+
+    Returns
+    -------
+    list of dict
+        {axis_B, angle_deg, rate_deg_s, acceleration_deg_s2, start_s, duration_s} of each.
+    """
+    return [
+        {
+            "axis_B": list(slew.axis_B),
+            "angle_deg": math.degrees(slew.angle),
+            "rate_deg_s": math.degrees(slew.rate),
+            "acceleration_deg_s2": math.degrees(slew.acceleration),
+            "start_s": start,
+            "duration_s": duration,
+        }
+        for slew, start, duration in zip(plan.slews, plan.starts, plan.durations, strict=True)
+    ]
+
+
+def contender_json(contender: Contender) -> dict[str, Any]:
+    """A plan in a comparison: expected and achieved sds, costs, margins, slews.
+
+    Parameters
+    ----------
+    contender : Contender
+        The plan.
+
+    Returns
+    -------
+    dict
+        An entry of `plans` in compare.json.
+    """
+    content = {
+        "expected_sd": dict(zip(NAMES, contender.expected.tolist(), strict=True)),
+        "total_time_s": contender.total_time,
+        "motion_time_s": contender.motion_time,
+        "peak_momentum_Nms": _finite(contender.peak_momentum),
+        "peak_torque_Nm": _finite(contender.peak_torque),
+        "margins": [_margin_row(m) for m in contender.margins],
+        "slews": slew_rows(contender.plan),
+    }
+    achieved = contender.achieved
+    if achieved is None:
+        return content
+    return content | {
+        "achieved_sd": dict(zip(NAMES, achieved.sd.tolist(), strict=True)),
+        "achieved_sd_standard_error": dict(zip(NAMES, achieved.sd_error.tolist(), strict=True)),
+        "stated_sd": dict(zip(NAMES, achieved.stated.mean(0).tolist(), strict=True)),
+        "reduced_chi2": float(achieved.chi2.mean()),
+        "campaigns": len(achieved.errors),
+    }
+
+
+def design_json(
+    design: Design, contenders: Sequence[Contender], campaign: Campaign
+) -> dict[str, Any]:
+    """A design: what it is expected to give, beside slews like the paper's.
+
+    Parameters
+    ----------
+    design : Design
+        The design.
+    contenders : (Contender, Contender)
+        The designed plan and the reference.
+    campaign : Campaign
+        That it follows.
+
+    Returns
+    -------
+    dict
+        The content of design.json.
+    """
+    designed, reference = contenders
+    return {
+        "campaign": campaign.name,
+        "goal": {"name": str(design.goal), "says": design.goal.says, "unit": design.goal.unit},
+        "value": design.value,
+        "reference_value": design.reference_value,
+        "gain": design.gain,
+        "best_of_random_plans": _finite(design.best_random),
+        "random_plans": design.random_plans,
+        "expected_sd": design.sd,
+        "reference_sd": design.reference_sd,
+        "plan": contender_json(designed),
+        "reference": contender_json(reference),
+        "margins": [_margin_row(m) for m in design.margins],
+        "flown_margins": [_margin_row(m) for m in design.flown],
+        "kept": design.kept,
+        "active_limits": list(design.active),
+        "limits": design.limits.to_json(),
+        "history": [list(path) for path in design.history],
+        "seed": design.seed,
+        "seconds": design.seconds,
+    }
+
+
+def _margin_row(margin: Margin) -> dict[str, Any]:
+    return {key: getattr(margin, key) for key in _MARGIN_KEYS}
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None

@@ -1,0 +1,177 @@
+"""Who owns a folder of results: one command, one campaign, one set of options.
+
+Every command that writes a folder claims it first. The claim is a JSON file of the command's own
+(`run.json`, `design.json`, ...), written before anything else: whoever finds a half-written
+folder after a kill can tell whose it is. The same work may go on there. Other work is refused,
+and nothing is overwritten.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bayes_inertia.errors import OutputError
+from bayes_inertia.files import check_folder, make_folder, write_atomically
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_ADVICE = "choose another folder; nothing was overwritten"
+
+
+@dataclass(frozen=True)
+class ResultFolder:
+    """A folder, and the work that wants to write in it.
+
+    Parameters
+    ----------
+    path : Path
+        The folder; need not exist.
+    work : str
+        What the folder would hold, as messages call it ("design").
+    claim_file : str
+        Name of the JSON file that says whose the folder is.
+    format : str
+        Value of the key `format` in that file.
+    campaign_sha256 : str
+        Digest of the campaign.
+    options : dict
+        What else makes it this work and no other, as JSON values.
+    results : tuple of str
+        Names of other files that the command writes. Without a claim they are somebody else's.
+        Empty: everything in the folder is.
+    flat : bool
+        Whether the claim states its options at the top, not under the key `options`.
+    defaults : dict
+        Options that older versions left out of the claim. Any other that is left out counts as
+        equal.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as path:
+    ...     folder = ResultFolder(Path(path), "design", "design.json", "format/1", "ab")
+    ...     before = folder.holds_this_work()
+    ...     folder.claim()
+    ...     before, folder.holds_this_work()
+    (False, True)
+    """
+
+    path: Path
+    work: str
+    claim_file: str
+    format: str
+    campaign_sha256: str
+    options: Mapping[str, Any] = field(default_factory=dict)
+    results: tuple[str, ...] = ()
+    flat: bool = False
+    defaults: Mapping[str, Any] = field(default_factory=dict)
+
+    def holds_this_work(self) -> bool:
+        """Whether the folder holds this very work; False if it is free. Writes nothing.
+
+        Returns
+        -------
+        bool
+            True: the work goes on, or is done again, there.
+
+        Raises
+        ------
+        OutputError
+            If the folder cannot be written, holds other work (the error says what differs), or
+            holds files that the work would overwrite.
+        """
+        check_folder(self.path)
+        if not (self.path / self.claim_file).exists():
+            self._free_or_error()
+            return False
+        claim = self._read_claim()
+        if claim["campaign_sha256"] != self.campaign_sha256:
+            raise self._refused(f"holds a {self.work} of other data")
+        stated = {**self.defaults, **(claim if self.flat else claim.get("options", {}))}
+        wanted = json.loads(json.dumps(self.options))
+        differs = [
+            key for key, value in wanted.items() if not _agrees(stated.get(key, value), value)
+        ]
+        if differs:
+            raise self._refused(f"holds a {self.work} with other {', '.join(differs)}")
+        return True
+
+    def claim(self, content: Mapping[str, Any] | None = None) -> None:
+        """Make the folder if need be, and say in it whose it is.
+
+        Parameters
+        ----------
+        content : dict or None
+            What else the claim's file holds, such as the results of a command that writes them
+            there.
+
+        Raises
+        ------
+        OutputError
+            As `holds_this_work`.
+        """
+        self.holds_this_work()
+        make_folder(self.path)
+        options = self.options if self.flat else {"options": self.options}
+        owner = {"format": self.format, "campaign_sha256": self.campaign_sha256}
+        text = json.dumps({**owner, **(content or {}), **options}, indent=1, allow_nan=False)
+        write_atomically(self.path / self.claim_file, text + "\n")
+
+    def _free_or_error(self) -> None:
+        names = self.results
+        if not names and self.path.is_dir():
+            # What a kill left of an unfinished claim is nobody's.
+            unfinished = f".{self.claim_file}."
+            names = sorted(p.name for p in self.path.iterdir() if not p.name.startswith(unfinished))
+        for name in names:
+            if (self.path / name).exists():
+                raise self._refused(f"{name} is there already, without {self.claim_file}")
+
+    def _read_claim(self) -> dict[str, Any]:
+        try:
+            claim = json.loads((self.path / self.claim_file).read_text(encoding="utf-8"))
+            if claim["format"] != self.format or "campaign_sha256" not in claim:
+                raise ValueError("another format")
+            return claim
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise self._refused(
+                f"{self.claim_file} there was not written by this command"
+            ) from error
+
+    def _refused(self, what: str) -> OutputError:
+        return OutputError(what, where=str(self.path), advice=_ADVICE)
+
+
+def _agrees(stated: Any, wanted: Any) -> bool:
+    """Whether two JSON values are equal in every key that both have."""
+    if isinstance(stated, dict) and isinstance(wanted, dict):
+        return all(_agrees(stated.get(key, value), value) for key, value in wanted.items())
+    return stated == wanted
+
+
+def write_picture(figure: Figure, path: Path) -> Path:
+    """Write a figure as PNG, all or nothing.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        The figure.
+    path : Path
+        The file.
+
+    Returns
+    -------
+    Path
+        The file.
+    """
+    return write_atomically(
+        path,
+        lambda temporary: figure.savefig(
+            temporary, format="png", dpi=130, metadata={"Software": None}
+        ),
+    )
