@@ -45,6 +45,7 @@ _PUBLIC = {
     "compare_plans": "design.comparison",
     "design_plan": "design.designer",
     "diagnose": "diagnosis.search",
+    "diagnose_and_fit": "app.diagnosed_fit",
     "estimate": "inference.optimizer",
     "fit": "app.fit_campaign",
     "next_slew": "design.designer",

@@ -11,7 +11,7 @@ import bayes_inertia as bi
 PUBLIC = {
     "Campaign", "Contender", "Design", "Effect", "InertiaPrior", "KeepOut", "LIBRARY", "Limits", "Margin", "Model", "Posterior", "RateSensor", "Settings",
     "Slew", "StarTracker", "Wheel",
-    "check_effect", "compare_plans", "design_plan", "diagnose", "estimate", "fit", "next_slew", "observe", "read_campaign",
+    "check_effect", "compare_plans", "design_plan", "diagnose", "diagnose_and_fit", "estimate", "fit", "next_slew", "observe", "read_campaign",
     "separating_slew", "write_campaign", "write_report",
 }  # fmt: skip
 

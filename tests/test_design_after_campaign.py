@@ -130,7 +130,7 @@ def test_the_largest_rate_of_a_campaign_is_that_of_its_motion(
     assert captured.limits.rate == pytest.approx(1.1 * flown, rel=0.05)
     write_campaign(campaign, tmp_path / "campaign")
     with pytest.raises(Captured):
-        run_design(tmp_path / "campaign", tmp_path / "run", Request())
+        run_design(tmp_path / "campaign", tmp_path / "run", DesignRequest())
     reserve = captured.limits.rate_reserve
     assert captured.limits.rate == pytest.approx(flown / (1.0 - reserve), rel=0.05)
 

@@ -114,7 +114,7 @@ def test_a_run_folder_of_version_0_1_is_read_and_goes_on(tmp_path):
     run = run_folder.start(EXAMPLE, tmp_path / "run", settings=Settings(seed=3))
     path = tmp_path / "run" / "run.json"
     content = json.loads(path.read_text())
-    assert list(content)[0] == "format"
+    assert content["format"] == run_folder.FORMAT
     del content["kind"]
     path.write_text(json.dumps(content))
     assert run_folder.read_run(tmp_path / "run") == run
@@ -130,7 +130,22 @@ def contender(name: str) -> Contender:
 def designed(*_, **__) -> Design:
     plan = paper_like_plan()
     return Design(
-        plan, goal("cross_terms"), Limits(), 0, plan, 1.0, 2.0, 3.0, 4, {}, {}, (), (), (), (), 1.0
+        plan,
+        parse_goal("cross_terms"),
+        Limits(),
+        0,
+        plan,
+        1.0,
+        2.0,
+        3.0,
+        4,
+        {},
+        {},
+        (),
+        (),
+        (),
+        (),
+        1.0,
     )
 
 

@@ -76,7 +76,7 @@ def test_the_command_check_with_hostile_names(tmp_path, printed):
 
 def test_a_design_with_its_units_and_hostile_margins(printed):
     design = SimpleNamespace(
-        goal=goal("cross_terms"),
+        goal=parse_goal("cross_terms"),
         value=1e-3,
         reference_value=2e-3,
         gain=2.0,

@@ -10,8 +10,8 @@ from bayes_inertia.app.design_request import DesignRequest
 from bayes_inertia.app.named_plans import prior_spacecraft
 from bayes_inertia.app.plan_json import design_json, slew_rows
 from bayes_inertia.app.result_folder import ResultFolder, write_picture
-from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.design.after_campaign import plan_after
 from bayes_inertia.design.comparison import compare_plans
 from bayes_inertia.design.designer import Design, design_plan

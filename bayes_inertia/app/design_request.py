@@ -13,7 +13,6 @@ from bayes_inertia.design.limits import KeepOut, Limits
 from bayes_inertia.errors import CampaignError
 
 
-
 @dataclass(frozen=True)
 class DesignRequest:
     """What `design` is asked for; None where nothing was asked.

@@ -19,8 +19,8 @@ from bayes_inertia.app.diagnosis_json import next_fit_from, to_json
 from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.app.investigation import investigate
 from bayes_inertia.app.result_folder import ResultFolder
-from bayes_inertia.campaign.reader import campaign_sha256, copy_campaign, read_campaign
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.reader import campaign_sha256, copy_campaign, read_campaign
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.posterior import Posterior

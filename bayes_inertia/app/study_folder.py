@@ -20,8 +20,8 @@ from scipy import stats
 
 from bayes_inertia.app.named_plans import PAPER, plan_sha256, plans_named, prior_spacecraft
 from bayes_inertia.app.result_folder import ResultFolder, write_picture
-from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.design.comparison import NAMES, Achieved, achieve
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import write_atomically

@@ -32,7 +32,8 @@ def study_command(
 ) -> None:
     """Do stated uncertainties hold in simulated campaigns?
 
-    Flies a plan many times, each time with another J, K and bias, and fits each flight. Writes study.json and study.png. A study that was killed goes on with the same command.
+    Flies a plan many times, each time with another J, K and bias, and fits each flight. Writes
+    study.json and study.png. A study that was killed goes on with the same command.
     """
     from bayes_inertia.app.study_folder import run_study
 
