@@ -47,10 +47,10 @@ from by_hand import ByHand
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.files import write_atomically
+from bayes_inertia.flight.mission import most_like_mission
 from bayes_inertia.flight.plan import paper_like_plan
-from bayes_inertia.flight.plan_flight import planned_campaign
+from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
-from bayes_inertia.flight.spacecraft import most_like_prior, most_like_spacecraft
 from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.likelihood import log_posterior_of
 from bayes_inertia.inference.moves import IndependenceMove
@@ -133,9 +133,7 @@ def the_campaign(effort: Effort, seed: int) -> tuple[Campaign, np.ndarray]:
     """The campaign and its true (J, K)."""
     plan = paper_like_plan()
     plan = replace(plan, slews=plan.slews[: effort.slews], telemetry_period=effort.period)
-    flight = draw_flight(
-        planned_campaign(plan, most_like_spacecraft(), most_like_prior()), plan, seed, vary=False
-    )
+    flight = draw_flight(planned_campaign(plan, most_like_mission()), plan, seed, vary=False)
     J = flight.spacecraft.inertia_B
     return flight.campaign, np.array(
         [J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2], *flight.spacecraft.scale_factor]

@@ -33,10 +33,10 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from bayes_inertia.files import write_atomically
+from bayes_inertia.flight.mission import most_like_mission
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
-from bayes_inertia.flight.plan_flight import planned_campaign
+from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
-from bayes_inertia.flight.spacecraft import most_like_prior, most_like_spacecraft
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.sampler import Settings, sample
@@ -88,7 +88,7 @@ def studies() -> tuple[Study, ...]:
 def fit_one(study: Study, seed: int, i: int) -> pd.DataFrame:
     """Campaign i of a study, a row a parameter: truth, mean, sd, quantiles, ranks, gates."""
     flight = draw_flight(
-        planned_campaign(study.plan, most_like_spacecraft(), most_like_prior()),
+        planned_campaign(study.plan, most_like_mission()),
         study.plan,
         np.random.SeedSequence(seed, spawn_key=(study.number, i)),
     )

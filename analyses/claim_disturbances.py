@@ -27,6 +27,7 @@ from common import (
 )
 from matplotlib.figure import Figure
 
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Orbit, Plan, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
 from bayes_inertia.inference.optimizer import estimate
@@ -110,10 +111,9 @@ def refitted(pause: float, arguments: np.ndarray) -> np.ndarray:
         )
         flight = fly(
             plan_of(pause, argument),
-            craft,
-            controller_of(SIMULATION.initial),
-            prior_of(SIMULATION.initial),
+            Mission(craft, prior_of(SIMULATION.initial)),
             None,
+            controller=controller_of(SIMULATION.initial),
         )
         errors.append(estimate(Model(flight.campaign), starts=1, discount=False).theta - TRUTH)
     return np.array(errors)

@@ -26,6 +26,7 @@ from common import (
 )
 from matplotlib.figure import Figure
 
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
 from bayes_inertia.inference.optimizer import estimate
@@ -49,7 +50,9 @@ def by_angle(angles: np.ndarray, seeds: int) -> np.ndarray:
         craft = spacecraft_of(
             TRUTH, effects=(effect,), values={effect.name: {"angle": np.array([0.0, TURN, 0.0])}}
         )
-        found.append(fly(plan, craft, controller_of(TRUTH), prior_of(TRUTH), seed).final_error_B)
+        mission = Mission(craft, prior_of(TRUTH))
+        flight = fly(plan, mission, seed, controller=controller_of(TRUTH))
+        found.append(flight.final_error_B)
     return np.array(found)
 
 

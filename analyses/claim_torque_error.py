@@ -26,6 +26,7 @@ from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import Flight, fly
 from bayes_inertia.inference.laplace import Estimate
@@ -45,10 +46,9 @@ def flight_with(effect, values: dict, seed: int, plan=None, believed=None) -> Fl
     plan = plan or paper_like_plan()
     return fly(
         plan,
-        craft,
-        controller_of(SIMULATION.initial if believed is None else believed),
-        prior_of(SIMULATION.initial),
+        Mission(craft, prior_of(SIMULATION.initial)),
         seed,
+        controller=controller_of(SIMULATION.initial if believed is None else believed),
     )
 
 

@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
-from bayes_inertia.flight.spacecraft import Controller
 
 
 def independent_campaign() -> Campaign | None:
@@ -54,14 +54,8 @@ def closed_loop_check(truth: np.ndarray, seed: int) -> tuple[Table, float] | Non
     other = independent_campaign()
     if other is None:
         return None
-    craft = spacecraft_of(truth)
-    ours = fly(
-        paper_like_plan(),
-        craft,
-        Controller.from_prior(other.inertia, craft.rate_sensor, craft.wheels),
-        other.inertia,
-        seed,
-    ).campaign
+    mission = Mission(spacecraft_of(truth), other.inertia)
+    ours = fly(paper_like_plan(), mission, seed).campaign
     a, b = measures(other), measures(ours)
     rows = [
         [

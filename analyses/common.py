@@ -26,6 +26,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
 from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.files import write_atomically
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_flight import Flight, fly
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft, most_like_spacecraft
@@ -128,7 +129,8 @@ def flown(
     """A plan flown by a controller that believes an initial estimate, which is also the campaign's
     prior.
     """
-    return fly(plan, craft, controller_of(initial), prior_of(initial, **prior), seed)
+    mission = Mission(craft, prior_of(initial, **prior))
+    return fly(plan, mission, seed, controller=controller_of(initial))
 
 
 def with_wheels(campaign: Campaign, **changes) -> Campaign:

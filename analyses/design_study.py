@@ -43,9 +43,11 @@ from bayes_inertia.design.separating_slew import separating_slew
 from bayes_inertia.diagnosis.score_test import Fingerprints, fingerprints
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.files import write_atomically
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan, paper_like_plan
 from bayes_inertia.flight.plan_file import read_plan, write_plan
-from bayes_inertia.flight.plan_flight import fly, planned_campaign
+from bayes_inertia.flight.plan_flight import fly
+from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
 from bayes_inertia.flight.spacecraft import (
     Controller,
@@ -65,6 +67,7 @@ ROOT = Path(__file__).resolve().parent.parent
 RESULTS, FIGURES = ROOT / "analyses" / "results", ROOT / "figures"
 PRIOR = most_like_prior()
 CRAFT = replace(most_like_spacecraft(), inertia_B=PRIOR.tensor, scale_factor=(1.0, 1.0, 1.0))
+MISSION = Mission(CRAFT, PRIOR)
 # The planned rate is the paper-like slews' 1 deg/s, the time that of the five of them.
 LIMITS = Limits(rate=math.radians(1.0) / (1.0 - Limits().rate_reserve), total_time=1855.0)
 GOALS = ("cross_terms", "inertia", "scale_factors", "correction_slew")
@@ -92,7 +95,7 @@ def plan_for(
     """The plan designed for a goal, from its file or designed now."""
     path = RESULTS / f"plan_{wanted.replace(':', '_').replace(',', '_')}{tag}.toml"
     if not path.exists():
-        write_plan(design_plan(craft, PRIOR, wanted, limits).plan, path)
+        write_plan(design_plan(Mission(craft, PRIOR), wanted, limits).plan, path)
     return read_plan(path)
 
 
@@ -108,7 +111,7 @@ def gains() -> dict:
     for wanted in GOALS:
         plan = plan_for(wanted)
         problem, _, reference, _ = problem_for(
-            CRAFT, PRIOR, parse_goal(wanted), LIMITS, paper_like_plan(), 5, 0, 1
+            MISSION, parse_goal(wanted), LIMITS, paper_like_plan(), 5, 0, 1
         )
         values, tried, seed = [], 0, 1000
         while len(values) < RANDOM:
@@ -119,7 +122,7 @@ def gains() -> dict:
             "designed": problem.value(problem.variables(slew_arrays(plan))),
             "paper": problem.value(problem.variables(slew_arrays(reference))),
         }
-        exact = [rehearse(p, CRAFT, PRIOR).sd for p in (plan, reference)]
+        exact = [rehearse(p, MISSION).sd for p in (plan, reference)]
         out[wanted] = {
             "unit": parse_goal(wanted).unit,
             **number,
@@ -133,7 +136,7 @@ def gains() -> dict:
             "values": np.quantile(values[:RANDOM], np.linspace(0.0, 1.0, 201)).tolist(),
             "sd": dict(zip(NAMES, exact[0].tolist(), strict=True)),
             "sd_paper": dict(zip(NAMES, exact[1].tolist(), strict=True)),
-            "seeds": [design_plan(CRAFT, PRIOR, wanted, LIMITS, seed=seed).gain for seed in (1, 2)]
+            "seeds": [design_plan(MISSION, wanted, LIMITS, seed=seed).gain for seed in (1, 2)]
             if wanted == "cross_terms"
             else [],
         }
@@ -151,7 +154,7 @@ def flown() -> dict:
     out = {}
     for wanted in GOALS:
         plan = plan_for(wanted)
-        template = planned_campaign(plan, CRAFT, PRIOR)
+        template = planned_campaign(plan, MISSION)
         found: dict[str, list[float]] = {}
         for i in range(FLIGHTS):
             flight = draw_flight(
@@ -184,7 +187,7 @@ def plans() -> dict[str, Plan]:
 
 
 def _do_shard(path: Path, plan: Plan, seed: int, n: int) -> None:
-    found = achieve(plan, CRAFT, PRIOR, n, seed)
+    found = achieve(plan, MISSION, n, seed)
     write_atomically(
         path,
         json.dumps({key: getattr(found, key).tolist() for key in Achieved.__dataclass_fields__})
@@ -227,7 +230,7 @@ def against_achieved(campaigns: int, jobs: int) -> dict:
     found = achieved(campaigns, jobs)
     out = {}
     for name, plan in plans().items():
-        expected, got = expected_sd(plan, CRAFT, PRIOR, truths=200, seed=9), found[name]
+        expected, got = expected_sd(plan, MISSION, truths=200, seed=9), found[name]
         out[name] = {
             "campaigns": len(got.errors),
             "expected": expected.tolist(),
@@ -276,7 +279,7 @@ def _hidden(effect: Effect, marks: Fingerprints, seed: int) -> dict:
         tuple(
             (effect.name, p)
             for p in effect.parameters(
-                planned_campaign(replace(paper_like_plan(), telemetry_period=0.5), CRAFT, PRIOR)
+                planned_campaign(replace(paper_like_plan(), telemetry_period=0.5), MISSION)
             )
         )
     )
@@ -328,9 +331,7 @@ def _plans_and_marks(
 
 def _marks(plan: Plan, craft: Spacecraft, pair: tuple[str, str]) -> Fingerprints:
     """Fingerprints of two effects in a flight without them."""
-    at = rehearse(
-        plan, craft, PRIOR, controller=Controller.from_prior(PRIOR, CRAFT.rate_sensor, CRAFT.wheels)
-    )
+    at = rehearse(plan, Mission(craft, PRIOR), controller=MISSION.controller())
     return fingerprints(move_to(at, Model(at.model.campaign, by_name(pair))), pair)
 
 
@@ -343,9 +344,7 @@ def _verdict(label: str, plan: Plan, acting: Spacecraft, hidden: str, seed: int)
     if not path.exists():
         campaign = fly(
             plan,
-            acting,
-            Controller.from_prior(PRIOR, CRAFT.rate_sensor, CRAFT.wheels),
-            PRIOR,
+            Mission(acting, PRIOR),
             500 + seed,
         ).campaign
         found = diagnose(campaign, seed=seed)
@@ -370,8 +369,8 @@ _COLD = """
 import time; t0 = time.perf_counter()
 import resource, json
 from bayes_inertia.design.designer import design_plan
-from bayes_inertia.flight.spacecraft import most_like_prior, most_like_spacecraft
-found = design_plan(most_like_spacecraft(), most_like_prior())
+from bayes_inertia.flight.mission import most_like_mission
+found = design_plan(most_like_mission())
 used = resource.getrusage(resource.RUSAGE_SELF)
 wall, cpu = time.perf_counter() - t0, used.ru_utime + used.ru_stime
 numbers = {"wall": wall, "cpu": cpu, "gain": found.gain, "memory_GB": used.ru_maxrss / 1e6}
@@ -389,7 +388,7 @@ def times() -> dict:
         ).stdout.splitlines()[-1]
     )
     problem, _, reference, _ = problem_for(
-        CRAFT, PRIOR, parse_goal("cross_terms"), LIMITS, paper_like_plan(), 5, 0, 3
+        MISSION, parse_goal("cross_terms"), LIMITS, paper_like_plan(), 5, 0, 3
     )
     x = problem.variables(slew_arrays(reference))
     began = time.perf_counter()
@@ -403,10 +402,9 @@ def times() -> dict:
         Model(
             fly(
                 replace(paper_like_plan(), telemetry_period=0.5),
-                CRAFT,
-                Controller(CRAFT.inertia_B),
-                PRIOR,
+                MISSION,
                 1,
+                controller=Controller(CRAFT.inertia_B),
             ).campaign
         ),
         starts=1,
@@ -661,8 +659,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         contenders = list(
             compare_plans(
                 {k: v for k, v in plans().items() if k != "for the scale factors"},
-                CRAFT,
-                PRIOR,
+                MISSION,
                 limits=LIMITS,
             )
         )

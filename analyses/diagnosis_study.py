@@ -32,10 +32,10 @@ from bayes_inertia.diagnosis.score_test import fingerprints
 from bayes_inertia.diagnosis.search import Rules, diagnose
 from bayes_inertia.errors import BayesInertiaError
 from bayes_inertia.files import write_atomically
+from bayes_inertia.flight.mission import most_like_mission
 from bayes_inertia.flight.plan import Plan, paper_like_plan
-from bayes_inertia.flight.plan_flight import planned_campaign
+from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
-from bayes_inertia.flight.spacecraft import most_like_prior, most_like_spacecraft
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import estimate, move_to
 from bayes_inertia.physics.effect import Effect
@@ -70,7 +70,7 @@ def plan() -> Plan:
 
 def template_campaign():
     """The planned campaign: hardware, prior, and the scale of default priors."""
-    return planned_campaign(plan(), most_like_spacecraft(), most_like_prior())
+    return planned_campaign(plan(), most_like_mission())
 
 
 def draw(

@@ -23,8 +23,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bayes_inertia.design.comparison import NAMES
-from bayes_inertia.design.rehearsal import likely_truths, rehearse, theta_of
+from bayes_inertia.design.rehearsal import likely_truths, rehearse
 from bayes_inertia.files import write_atomically
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan, paper_like_plan
 from bayes_inertia.flight.plan_flight import Flight, fly
 from bayes_inertia.flight.spacecraft import (
@@ -41,6 +42,7 @@ from bayes_inertia.report.pictures import style
 ROOT = Path(__file__).resolve().parent.parent
 DEGREE = math.pi / 180.0
 CRAFT, PRIOR = replace(most_like_spacecraft(), bias=(0.0, 0.0, 0.0)), most_like_prior()
+MISSION = Mission(CRAFT, PRIOR)
 MISALIGNMENT = "rate_sensor_misalignment"
 RATES = np.array([0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0])  # [deg/s]
 NUMBERS = np.array([1, 2, 3, 4, 5, 7, 10])
@@ -89,9 +91,9 @@ def expected(plan: Plan, craft: Spacecraft, fitted: bool) -> list[float]:
     """
     effects = by_name((MISALIGNMENT,)) if fitted else ()
     controller = Controller.from_prior(PRIOR, craft.rate_sensor, craft.wheels)
-    truths = likely_truths(plan, craft, PRIOR, TRUTHS + 1, 1)[1:]
+    truths = likely_truths(plan, Mission(craft, PRIOR), TRUTHS + 1, 1)[1:]
     sds = [
-        rehearse(plan, truth, PRIOR, effects, controller=controller, seed=i).sd[:9]
+        rehearse(plan, truth, effects, controller=controller, seed=i).sd[:9]
         for i, truth in enumerate(truths)
     ]
     return np.sqrt(np.mean(np.square(sds), axis=0)).tolist()
@@ -148,7 +150,7 @@ def hidden_by_control(at: Estimate) -> dict:
     """Response of the telemetry to a change of each parameter by its prior sd: of the motion with
     the recorded torque commands (as the fit
     sees it), and of the closed loop, where the controller answers with other commands."""
-    theta, sd, out = theta_of(CRAFT, PRIOR), at.model.space.sd, {}
+    theta, sd, out = MISSION.theta, at.model.space.sd, {}
     controller = Controller(CRAFT.inertia_B, CRAFT.scale_factor)
     found = observe(at)
     for i, name in enumerate(NAMES):
@@ -163,14 +165,14 @@ def hidden_by_control(at: Estimate) -> dict:
                     [moved[4], moved[5], moved[2]],
                 ]
             )
+            truth = replace(CRAFT, inertia_B=J, scale_factor=tuple(moved[6:9]))
             ends.append(
                 _telemetry(
                     fly(
                         plan_at(),
-                        replace(CRAFT, inertia_B=J, scale_factor=tuple(moved[6:9])),
-                        controller,
-                        PRIOR,
+                        replace(MISSION, spacecraft=truth),
                         None,
+                        controller=controller,
                     )
                 )
             )
@@ -217,7 +219,7 @@ def picture(found: dict) -> Figure:
                 lw=1.3,
                 label=name,
             )
-        size = max(abs(v) for v in theta_of(CRAFT, PRIOR)[3:6])
+        size = max(abs(v) for v in MISSION.theta[3:6])
         axes.axhline(size, color=style.MUTED, lw=0.8, ls=(0, (4, 3)))
         axes.axhline(PRIOR.product_sigma, color=style.MUTED, lw=0.8)
         axes.text(
@@ -425,11 +427,10 @@ def page(found: dict) -> str:
 
 def computed() -> dict:
     """All numbers."""
-    at = rehearse(plan_at(), CRAFT, PRIOR)
-    misaligned = rehearse(plan_at(), CRAFT, PRIOR, by_name((MISALIGNMENT,))).sd[9:]
+    at = rehearse(plan_at(), MISSION)
+    misaligned = rehearse(plan_at(), MISSION, by_name((MISALIGNMENT,))).sd[9:]
     losses = {
-        str(r): observe(rehearse(plan_at(r), CRAFT, PRIOR))["Jxy"].inflation["initial conditions"]
-        ** 0.5
+        str(r): observe(rehearse(plan_at(r), MISSION))["Jxy"].inflation["initial conditions"] ** 0.5
         for r in (0.2, 0.5, 1.0, 2.0)
     }
     h = np.linalg.norm(plan_at().wheel_momentum)

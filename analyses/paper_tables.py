@@ -23,6 +23,7 @@ from common import (
     Table,
     controller_of,
     flown,
+    prior_of,
     run,
     scatter,
     spacecraft_of,
@@ -31,8 +32,9 @@ from scipy import stats
 from single_effects import single_effects
 
 from bayes_inertia.app.fit_campaign import fit
+from bayes_inertia.flight.final_errors import predict_final_errors
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
-from bayes_inertia.flight.plan_flight import predict_final_errors
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.posterior import Posterior
@@ -84,10 +86,11 @@ def correction_slews(
     """Correction slews (axes, n) [arcsec] if each of thetas (n, 9) were the truth, for a controller
     that believes (9,).
     """
-    craft, duration = spacecraft_of(thetas[0], noise), 145.0 if angle > 0.5 else 95.0
+    mission = Mission(spacecraft_of(thetas[0], noise), prior_of(believed))
+    duration = 145.0 if angle > 0.5 else 95.0
     found = [
         predict_final_errors(
-            thetas, slew_plan(a, angle, duration), craft, controller_of(believed), seed=seed + k
+            thetas, slew_plan(a, angle, duration), mission, controller_of(believed), seed=seed + k
         )
         for k, a in enumerate(axes)
     ]
@@ -113,9 +116,10 @@ def flight_geometry(axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     angle, before, after = FLOWN_SLEW
     craft = spacecraft_of(FLIGHT.new, bias=(0.0, 0.0, 0.0))
+    mission = Mission(craft, prior_of(FLIGHT.initial))
     change = [
         predict_final_errors(
-            FLIGHT.new, slew_plan(a, angle, 145.0), craft, controller_of(FLIGHT.initial)
+            FLIGHT.new, slew_plan(a, angle, 145.0), mission, controller_of(FLIGHT.initial)
         )[0]
         / ARCSEC
         for a in axes

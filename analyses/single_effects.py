@@ -10,6 +10,7 @@ from common import ARCSEC, DEG, FLIGHT, controller_of, prior_of, spacecraft_of
 from scipy.optimize import brentq
 
 from bayes_inertia.errors import EffectError
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_flight import fly
 from bayes_inertia.physics.effects import (
@@ -26,14 +27,9 @@ def _left(plan: Plan, theta, effects=(), values=None) -> float:
     """Correction slew [arcsec] after the plan's slew, without noise."""
     craft = spacecraft_of(theta, bias=(0.0, 0.0, 0.0), effects=effects, values=values or {})
     try:
-        return (
-            float(
-                fly(
-                    plan, craft, controller_of(FLIGHT.new), prior_of(FLIGHT.new), None
-                ).correction_slews[-1]
-            )
-            / ARCSEC
-        )
+        mission = Mission(craft, prior_of(FLIGHT.new))
+        flight = fly(plan, mission, None, controller=controller_of(FLIGHT.new))
+        return float(flight.correction_slews[-1]) / ARCSEC
     except EffectError:
         return np.nan
 

@@ -26,17 +26,23 @@ from bayes_inertia.design.designer import design_plan, next_slew, problem_for
 from bayes_inertia.design.feasible_region import region_within
 from bayes_inertia.design.goals import Goal, correction_sensitivity, criterion, parse_goal
 from bayes_inertia.design.information import covariance, forecast
-from bayes_inertia.design.limits import KeepOut, Limits, hardware_limits
+from bayes_inertia.design.limits import (
+    KeepOut,
+    Limits,
+    hardware_limits,
+)
 from bayes_inertia.design.margins import broken_limits, flown_margins, planned_margins
 from bayes_inertia.design.plan_search import PlanProblem, random_plans
 from bayes_inertia.design.planned_motion import slew_arrays
-from bayes_inertia.design.rehearsal import rehearse, theta_of
+from bayes_inertia.design.rehearsal import rehearse
 from bayes_inertia.design.separating_slew import separating_slew
 from bayes_inertia.diagnosis.score_test import fingerprints
 from bayes_inertia.errors import CampaignError, DesignError
+from bayes_inertia.flight.final_errors import predict_final_errors
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_file import read_plan, write_plan
-from bayes_inertia.flight.plan_flight import fly, predict_final_errors
+from bayes_inertia.flight.plan_flight import fly
 from bayes_inertia.flight.spacecraft import (
     Controller,
     Spacecraft,
@@ -64,16 +70,21 @@ def prior():
 
 
 @pytest.fixture(scope="module")
-def designed(craft, prior):
-    return design_plan(craft, prior, candidates=150, starts=3, draws=2, seed=1)
+def mission(craft, prior):
+    return Mission(craft, prior)
 
 
-def problem_of(craft, prior, wanted="cross_terms", n=5, limits=None):
-    ahead = forecast(paper_like_plan(), craft, prior, by_name(parse_goal(wanted).effects))
+@pytest.fixture(scope="module")
+def designed(mission):
+    return design_plan(mission, candidates=150, starts=3, draws=2, seed=1)
+
+
+def problem_of(mission, wanted="cross_terms", n=5, limits=None):
+    ahead = forecast(paper_like_plan(), mission, by_name(parse_goal(wanted).effects))
     region = region_within(
-        limits or Limits(rate=1.1 * DEGREE, total_time=1855.0), hardware_limits(craft)
+        limits or Limits(rate=1.1 * DEGREE, total_time=1855.0), hardware_limits(mission.spacecraft)
     )
-    theta = np.concatenate([theta_of(craft, prior), np.zeros(len(ahead.shape.names) - 9)])
+    theta = np.concatenate([mission.theta, np.zeros(len(ahead.shape.names) - 9)])
     return PlanProblem(parse_goal(wanted), ahead, theta[None], region)
 
 
@@ -140,10 +151,9 @@ def test_planned_margins_are_those_of_the_closed_loop(craft, prior):
     limits = Limits(rate=1.1 * DEGREE, total_time=1900.0)
     quiet = fly(
         paper_like_plan(),
-        replace(craft, bias=(0.0, 0.0, 0.0)),
-        Controller(craft.inertia_B, craft.scale_factor),
-        prior,
+        Mission(replace(craft, bias=(0.0, 0.0, 0.0)), prior),
         None,
+        controller=Controller(craft.inertia_B, craft.scale_factor),
     )
     for planned, flown in zip(
         planned_margins(paper_like_plan(), craft, limits), flown_margins(quiet, limits), strict=True
@@ -160,10 +170,10 @@ def test_planned_margins_are_those_of_the_closed_loop(craft, prior):
     [(), ("wheel_friction", "wheel_command_lag", "rate_sensor_delay", "magnetic_dipole")],
     ids=["J and K", "effects"],
 )
-def test_forecast_agrees_with_the_full_model_flown_in_closed_loop(craft, prior, names):
+def test_forecast_agrees_with_the_full_model_flown_in_closed_loop(mission, names):
     effects = by_name(names)
-    ahead = forecast(paper_like_plan(), craft, prior, effects)
-    theta = np.concatenate([theta_of(craft, prior), np.zeros(len(ahead.shape.names) - 9)])
+    ahead = forecast(paper_like_plan(), mission, effects)
+    theta = np.concatenate([mission.theta, np.zeros(len(ahead.shape.names) - 9)])
     foreseen = np.sqrt(
         np.diag(
             jax.jit(covariance, static_argnums=0)(
@@ -171,13 +181,13 @@ def test_forecast_agrees_with_the_full_model_flown_in_closed_loop(craft, prior, 
             )
         )
     )
-    exact = rehearse(paper_like_plan(), craft, prior, effects)
+    exact = rehearse(paper_like_plan(), mission, effects)
     assert exact.model.space.names == ahead.shape.names
     np.testing.assert_allclose(foreseen / exact.sd, 1.0, atol=0.03 if not names else 0.08)
 
 
-def test_gradient_of_the_criterion_is_that_of_finite_differences(craft, prior):
-    problem = problem_of(craft, prior)
+def test_gradient_of_the_criterion_is_that_of_finite_differences(mission):
+    problem = problem_of(mission)
     x = problem.variables(slew_arrays(paper_like_plan()))
     value, slope = problem.log_value_and_gradient(x, 1)
     rng = np.random.default_rng(3)
@@ -190,9 +200,9 @@ def test_gradient_of_the_criterion_is_that_of_finite_differences(craft, prior):
     )  # the smooth largest of three against the largest
 
 
-def test_the_end_attitude_is_reached_by_the_last_slew(craft, prior):
+def test_the_end_attitude_is_reached_by_the_last_slew(mission):
     end = np.array([0.5, -0.5, 0.5, 0.5])
-    problem = replace(problem_of(craft, prior), end_attitude=end)
+    problem = replace(problem_of(mission), end_attitude=end)
     slews = problem.slews(random_plans(problem, 5, 10, 0)[0][0])
     attitude = jnp.asarray(paper_like_plan().start_attitude)
     for turn in slews.rotation_B:
@@ -220,16 +230,19 @@ def test_goals_are_what_they_say():
     assert separate == pytest.approx(np.exp(np.mean(np.log(sd[9:] / 2.0))))
 
 
-def test_correction_slew_is_that_of_the_closed_loop(craft):
+def test_correction_slew_is_that_of_the_closed_loop(craft, mission):
     """60 deg about one axis by a controller whose scale factor is off, against the closed form for that axis."""
     plan = Plan("one", (PlannedSlew((1.0, 1.0, 0.0), 60.0 * DEGREE),))
-    theta, off = theta_of(craft, most_like_prior()), 1e-4 * np.array([1.0, -2.0, 1.5])
+    theta, off = mission.theta, 1e-4 * np.array([1.0, -2.0, 1.5])
     drawn = theta.copy()
     drawn[6:9] *= 1.0 + off
     controller = Controller(craft.inertia_B, craft.scale_factor)
     error = np.diff(
         predict_final_errors(
-            np.array([theta, drawn]), plan, replace(craft, bias=(0.0, 0.0, 0.0)), controller
+            np.array([theta, drawn]),
+            plan,
+            replace(mission, spacecraft=replace(craft, bias=(0.0, 0.0, 0.0))),
+            controller,
         ),
         axis=0,
     )[0]
@@ -249,9 +262,7 @@ def test_unknown_goals_name_the_nearest():
 # --- design ------------------------------------------------------------------------------------------------------
 
 
-def test_design_beats_slews_like_the_papers_and_random_plans_within_all_limits(
-    designed, craft, prior
-):
+def test_design_beats_slews_like_the_papers_and_random_plans_within_all_limits(designed, mission):
     assert designed.gain > 1.5
     assert designed.value < 0.9 * designed.best_random
     assert designed.kept
@@ -260,10 +271,7 @@ def test_design_beats_slews_like_the_papers_and_random_plans_within_all_limits(
         designed.reference.starts[-1] + designed.reference.durations[-1]
         <= designed.limits.total_time
     )
-    exact = [
-        rehearse(p, replace(craft, inertia_B=prior.tensor, scale_factor=(1.0, 1.0, 1.0)), prior)
-        for p in (designed.plan, designed.reference)
-    ]
+    exact = [rehearse(p, mission.at_prior_mean()) for p in (designed.plan, designed.reference)]
     achieved = [e.sd[3:6].max() for e in exact]
     assert achieved[1] / achieved[0] == pytest.approx(
         max(list(designed.reference_sd.values())[3:6]) / max(list(designed.sd.values())[3:6]),
@@ -271,18 +279,16 @@ def test_design_beats_slews_like_the_papers_and_random_plans_within_all_limits(
     )
 
 
-def test_same_seed_same_plan(designed, craft, prior):
-    again = design_plan(craft, prior, candidates=150, starts=3, draws=2, seed=1)
+def test_same_seed_same_plan(designed, mission):
+    again = design_plan(mission, candidates=150, starts=3, draws=2, seed=1)
     assert again.plan == designed.plan
 
 
-def test_designed_plan_round_trips_and_flies_within_its_limits(designed, craft, prior, tmp_path):
+def test_designed_plan_round_trips_and_flies_within_its_limits(designed, mission, tmp_path):
     plan = read_plan(write_plan(designed.plan, tmp_path / "plan.toml"))
     assert plan == designed.plan
     for seed in range(5):
-        flight = fly(
-            plan, craft, Controller.from_prior(prior, craft.rate_sensor, craft.wheels), prior, seed
-        )
+        flight = fly(plan, mission, seed)
         assert not broken_limits(flown_margins(flight, designed.limits))
     # The check can fail: a limit just below what was used is reported as broken.
     used = by_limit(flown_margins(flight, designed.limits))["rate"].used
@@ -311,7 +317,7 @@ INFEASIBLE = {
 
 
 @pytest.mark.parametrize("case", INFEASIBLE)
-def test_infeasible_requests_say_which_limit_binds(case, craft, prior):
+def test_infeasible_requests_say_which_limit_binds(case, mission):
     limits, message = INFEASIBLE[case]
     boresight = np.asarray(
         quaternion.to_inertial(
@@ -321,7 +327,7 @@ def test_infeasible_requests_say_which_limit_binds(case, craft, prior):
     if case == "start in the Sun":
         limits = Limits(keep_out=(KeepOut("Sun", tuple(boresight), 0.3),))
     with pytest.raises(DesignError, match=message):
-        design_plan(craft, prior, limits=limits)
+        design_plan(mission, limits=limits)
 
 
 def test_a_limit_that_only_the_search_finds_out_is_named(craft, prior, designed):
@@ -329,8 +335,7 @@ def test_a_limit_that_only_the_search_finds_out_is_named(craft, prior, designed)
     weak = replace(craft, wheels=tuple(replace(w, max_momentum=0.08) for w in craft.wheels))
     with pytest.raises(DesignError, match=r"wheel momentum.*momentum of wheel_"):
         design_plan(
-            weak,
-            prior,
+            Mission(weak, prior),
             limits=replace(designed.limits, wheel_reserve=0.45),
             candidates=100,
             starts=2,
@@ -342,19 +347,16 @@ def test_a_limit_that_only_the_search_finds_out_is_named(craft, prior, designed)
 def test_wheels_that_do_not_span_three_axes_are_refused(craft, prior):
     with pytest.raises(DesignError, match="2 of three axes"):
         design_plan(
-            replace(craft, wheels=craft.wheels[:2]),
-            prior,
+            Mission(replace(craft, wheels=craft.wheels[:2]), prior),
             base=replace(paper_like_plan(), wheel_momentum=()),
         )
 
 
 @pytest.mark.slow
-def test_next_slew_adds_what_is_missing(craft, prior):
+def test_next_slew_adds_what_is_missing(mission):
     """After slews about x and y alone, the next one must teach what they could not, better than either again."""
     first = replace(paper_like_plan(), slews=paper_like_plan().slews[:2])
-    flight = fly(
-        first, craft, Controller.from_prior(prior, craft.rate_sensor, craft.wheels), prior, 5
-    )
+    flight = fly(first, mission, 5)
     at = estimate(Model(flight.campaign), starts=1)
     found = next_slew(at)
     assert len(found.plan.slews) == 1
@@ -382,9 +384,8 @@ def test_separating_slew_starts_from_what_the_fingerprints_say(craft, prior):
     deaf = replace(craft, wheels=tuple(replace(w, momentum_sigma=None) for w in craft.wheels))
     names = ("wheel_friction", "constant_torque")
     effects = by_name(names)
-    controller = Controller.from_prior(prior, craft.rate_sensor, craft.wheels)
     plan = replace(paper_like_plan(), telemetry_period=1.0)
-    campaign = fly(plan, deaf, controller, prior, 3).campaign
+    campaign = fly(plan, Mission(deaf, prior), 3).campaign
     at = estimate(Model(campaign), starts=1)
     found = separating_slew(at, *effects)
     assert found.correlation[0] == pytest.approx(
@@ -401,9 +402,9 @@ def test_separating_slew_starts_from_what_the_fingerprints_say(craft, prior):
 
 
 @pytest.mark.slow
-def test_comparison_predicts_what_simulated_campaigns_achieve(designed, craft, prior):
+def test_comparison_predicts_what_simulated_campaigns_achieve(designed, mission):
     plans = {"paper": paper_like_plan(), "designed": designed.plan}
-    paper, better = compare_plans(plans, craft, prior, simulated=16)
+    paper, better = compare_plans(plans, mission, simulated=16)
     assert better.worst_cross_term < paper.worst_cross_term / 1.5
     assert paper.total_time == pytest.approx(1855.0)
     for contender in (paper, better):
@@ -415,13 +416,11 @@ def test_comparison_predicts_what_simulated_campaigns_achieve(designed, craft, p
             4.0 * error
         )  # sds half as large would be noticed
     with pytest.raises(CampaignError, match="one name"):
-        compare_plans([paper_like_plan(), paper_like_plan()], craft, prior)
+        compare_plans([paper_like_plan(), paper_like_plan()], mission)
 
 
-def test_equal_seeds_meet_equal_truths(craft, prior):
-    first, again, other = (
-        achieve(paper_like_plan(), craft, prior, 1, seed=seed) for seed in (4, 4, 5)
-    )
+def test_equal_seeds_meet_equal_truths(mission):
+    first, again, other = (achieve(paper_like_plan(), mission, 1, seed=seed) for seed in (4, 4, 5))
     np.testing.assert_array_equal(first.errors, again.errors)
     assert not np.array_equal(first.errors, other.errors)
 
@@ -509,9 +508,10 @@ def test_a_plan_for_a_nearly_flat_body_is_judged_by_tensors_that_a_body_can_have
     plate = replace(craft, inertia_B=np.diag([1.0, 1.0, 1.9999]))
     prior = InertiaPrior(plate.inertia_B, 0.04, 0.03)
     one = replace(paper_like_plan(), slews=paper_like_plan().slews[:1])
-    estimate = rehearse(one, plate, prior)
+    mission = Mission(plate, prior)
+    estimate = rehearse(one, mission)
     problem, _, _, truths = problem_for(
-        plate, prior, parse_goal("cross_terms"), Limits(rate=0.02), one, 1, 0, 12, estimate
+        mission, parse_goal("cross_terms"), Limits(rate=0.02), one, 1, 0, 12, estimate
     )
     assert len(truths) == len(problem.thetas) == 12
     assert np.all(inertia_tensor.is_physical(problem.thetas[:, :6]))

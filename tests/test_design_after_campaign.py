@@ -19,9 +19,9 @@ from bayes_inertia.design import designer
 from bayes_inertia.design.after_campaign import final_wheel_momentum, plan_after
 from bayes_inertia.design.designer import next_slew
 from bayes_inertia.flight.follow_on import following_plan
+from bayes_inertia.flight.mission import most_like_mission
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
-from bayes_inertia.flight.spacecraft import Controller, most_like_prior, most_like_spacecraft
 from bayes_inertia.inference import optimizer
 from bayes_inertia.physics.forward_model import Model
 
@@ -29,12 +29,12 @@ from bayes_inertia.physics.forward_model import Model
 @pytest.fixture(scope="module")
 def flight():
     """Two slews of a spacecraft without tachometers."""
-    craft, prior = most_like_spacecraft(), most_like_prior()
+    mission = most_like_mission()
+    craft = mission.spacecraft
     craft = replace(craft, wheels=tuple(replace(w, momentum_sigma=None) for w in craft.wheels))
     plan = paper_like_plan()
     plan = replace(plan, slews=plan.slews[:2], telemetry_period=1.0)
-    controller = Controller.from_prior(prior, craft.rate_sensor, craft.wheels)
-    return fly(plan, craft, controller, prior, 5)
+    return fly(plan, replace(mission, spacecraft=craft), 5)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def captured(monkeypatch):
     """The arguments of the one call of `design_plan`."""
     arguments = SimpleNamespace()
 
-    def design_plan(spacecraft, prior, goal, limits, **keywords):
+    def design_plan(mission, goal, limits, **keywords):
         vars(arguments).update(keywords, limits=limits)
         raise Captured
 

@@ -23,10 +23,10 @@ from bayes_inertia.diagnosis.result import Rival, Step
 from bayes_inertia.diagnosis.search import Rules, diagnose, nameless_lead
 from bayes_inertia.diagnosis.unexplained import unknown_torque
 from bayes_inertia.errors import EffectError
+from bayes_inertia.flight.mission import most_like_mission
 from bayes_inertia.flight.plan import paper_like_plan
-from bayes_inertia.flight.plan_flight import planned_campaign
+from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
-from bayes_inertia.flight.spacecraft import most_like_prior, most_like_spacecraft
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.sampler import Settings
@@ -79,7 +79,7 @@ def flight():
     """`flight(effects, values, seed)`: a campaign of three slews at 2 Hz; all have one shape, so that they share compiled code."""
     plan = replace(paper_like_plan(), telemetry_period=0.5)
     plan = replace(plan, slews=(plan.slews[0], plan.slews[3], plan.slews[4]))
-    template = planned_campaign(plan, most_like_spacecraft(), most_like_prior())
+    template = planned_campaign(plan, most_like_mission())
 
     def fly(effects=(), values=None, seed=11):
         return draw_flight(

@@ -8,10 +8,10 @@ from scipy import stats
 
 from bayes_inertia.diagnosis.flexible_mode_search import best_ringing, frequencies, with_ringing
 from bayes_inertia.diagnosis.torque_response import torque_response
+from bayes_inertia.flight.mission import most_like_mission
 from bayes_inertia.flight.plan import paper_like_plan
-from bayes_inertia.flight.plan_flight import planned_campaign
+from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
-from bayes_inertia.flight.spacecraft import most_like_prior, most_like_spacecraft
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.point import Point
 from bayes_inertia.physics.effects import FlexibleMode
@@ -81,7 +81,7 @@ def test_an_optimizer_that_stayed_at_zero_coupling_begins_again_at_the_ringing()
         mode.name: {"coupling": truth, "frequency": np.array(0.23), "damping": np.array(0.005)}
     }
     flight = draw_flight(
-        planned_campaign(plan, most_like_spacecraft(), most_like_prior()),
+        planned_campaign(plan, most_like_mission()),
         plan,
         3,
         effects=(mode,),

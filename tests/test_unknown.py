@@ -11,10 +11,10 @@ from bayes_inertia.diagnosis.driven_disturbances import CONSTANT
 from bayes_inertia.diagnosis.free_signal import body_torque, cardinal, infer
 from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.diagnosis.unexplained import unknown_torque
+from bayes_inertia.flight.mission import most_like_mission
 from bayes_inertia.flight.plan import paper_like_plan
-from bayes_inertia.flight.plan_flight import planned_campaign
+from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
-from bayes_inertia.flight.spacecraft import most_like_prior, most_like_spacecraft
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
@@ -41,7 +41,7 @@ class Planted(Effect):
 def planted():
     """`planted(sine=, square=, steady=)`: a campaign of five slews at 2 Hz with that torque."""
     plan = replace(paper_like_plan(), telemetry_period=0.5)
-    template = planned_campaign(plan, most_like_spacecraft(), most_like_prior())
+    template = planned_campaign(plan, most_like_mission())
 
     def fly(sine=0.0, square=0.0, steady=0.0, seed=1):
         values = {"planted": {"sine": sine, "square": square, "steady": steady}}

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from bayes_inertia.app.named_plans import plan_sha256, plans_named, prior_spacecraft
+from bayes_inertia.app.named_plans import plan_sha256, plans_named, prior_mission
 from bayes_inertia.app.plan_json import contender_json
 from bayes_inertia.app.result_folder import ResultFolder, write_picture
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
@@ -65,7 +65,7 @@ def run_compare(
     )
     owner.holds_this_work()
     contenders = compare_plans(
-        named, prior_spacecraft(flown), flown.inertia, simulated=simulated, seed=seed, jobs=jobs
+        named, prior_mission(flown), simulated=simulated, seed=seed, jobs=jobs
     )
     owner.claim(
         {

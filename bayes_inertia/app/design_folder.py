@@ -7,7 +7,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from bayes_inertia.app.design_request import DesignRequest
-from bayes_inertia.app.named_plans import prior_spacecraft
+from bayes_inertia.app.named_plans import prior_mission
 from bayes_inertia.app.plan_json import design_json, slew_rows
 from bayes_inertia.app.result_folder import ResultFolder, write_picture
 from bayes_inertia.campaign.campaign import Campaign
@@ -68,10 +68,9 @@ def run_design(campaign: Path, folder: Path, request: DesignRequest) -> Design:
     owner.holds_this_work()
     limits = request.limits(flown)
     after = estimate(Model(flown), seed=request.seed) if request.after else None
-    spacecraft = prior_spacecraft(flown)
+    mission = prior_mission(flown)
     design = design_plan(
-        spacecraft,
-        flown.inertia,
+        mission,
         request.goal,
         limits,
         base=following_plan(flown) if after is None else plan_after(after),
@@ -79,9 +78,7 @@ def run_design(campaign: Path, folder: Path, request: DesignRequest) -> Design:
         seed=request.seed,
         after=after,
     )
-    contenders = compare_plans(
-        [design.plan, design.reference], spacecraft, flown.inertia, limits=design.limits
-    )
+    contenders = compare_plans([design.plan, design.reference], mission, limits=design.limits)
     start = {
         "after": request.after,
         "start_wheel_momentum_Nms": list(design.plan.wheel_momentum) or [0.0] * len(flown.wheels),

@@ -12,9 +12,9 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.follow_on import following_plan, spacecraft_at
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan, paper_like_plan
 from bayes_inertia.flight.plan_file import read_plan
-from bayes_inertia.flight.spacecraft import Spacecraft
 
 PAPER = "paper"
 
@@ -69,8 +69,8 @@ def plan_sha256(plan: Plan) -> str:
     return hashlib.sha256(repr(plan).encode()).hexdigest()
 
 
-def prior_spacecraft(campaign: Campaign) -> Spacecraft:
-    """The spacecraft that a campaign's prior describes.
+def prior_mission(campaign: Campaign) -> Mission:
+    """The mission that a campaign's hardware and prior describe.
 
     Parameters
     ----------
@@ -79,9 +79,8 @@ def prior_spacecraft(campaign: Campaign) -> Spacecraft:
 
     Returns
     -------
-    Spacecraft
-        Of the prior's means.
+    Mission
+        Its spacecraft has J and K at the mean of their prior.
     """
-    return spacecraft_at(
-        campaign, np.concatenate([campaign.inertia.elements, campaign.rate_sensor.scale_factor])
-    )
+    theta = np.concatenate([campaign.inertia.elements, campaign.rate_sensor.scale_factor])
+    return Mission(spacecraft_at(campaign, theta), campaign.inertia)

@@ -18,15 +18,14 @@ import joblib
 import numpy as np
 from scipy import stats
 
-from bayes_inertia.app.named_plans import PAPER, plan_sha256, plans_named, prior_spacecraft
+from bayes_inertia.app.named_plans import PAPER, plan_sha256, plans_named, prior_mission
 from bayes_inertia.app.result_folder import ResultFolder, write_picture
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.design.comparison import NAMES, Achieved, achieve
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import write_atomically
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
-from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.inference.sampler import Progress
 from bayes_inertia.report.pictures.study import coverage_picture
 
@@ -142,7 +141,7 @@ def run_study(
     owner = ResultFolder(folder, "study", "study_of.json", FORMAT, digest, options, flat=True)
     owner.claim()
     shards = []
-    tasks = _tasks(folder, chosen, prior_spacecraft(given), given.inertia, seed, campaigns)
+    tasks = _tasks(folder, chosen, prior_mission(given), seed, campaigns)
     for shard in _in_parallel(tasks, jobs):
         shards.append(shard)
         if progress is not None:
@@ -158,8 +157,7 @@ def run_study(
 def _tasks(
     folder: Path,
     plan: Plan,
-    spacecraft: Spacecraft,
-    prior: InertiaPrior,
+    mission: Mission,
     seed: int,
     campaigns: int,
 ) -> list[tuple]:
@@ -167,8 +165,7 @@ def _tasks(
     starts = range(0, campaigns, _SHARD_SIZE)
     spans = [range(i, min(i + _SHARD_SIZE, campaigns)) for i in starts]
     return [
-        (folder / f"shard_{s.start:05d}_{s.stop:05d}.npz", plan, spacecraft, prior, seed, s)
-        for s in spans
+        (folder / f"shard_{s.start:05d}_{s.stop:05d}.npz", plan, mission, seed, s) for s in spans
     ]
 
 
@@ -184,14 +181,13 @@ def _in_parallel(tasks: list[tuple], jobs: int) -> Iterator[Achieved]:
 def _shard(
     path: Path,
     plan: Plan,
-    spacecraft: Spacecraft,
-    prior: InertiaPrior,
+    mission: Mission,
     seed: int,
     span: range,
 ) -> Achieved:
     """Campaigns of these numbers, from their file or made and written."""
     if not path.exists():
-        made = achieve(plan, spacecraft, prior, span, seed)
+        made = achieve(plan, mission, span, seed)
         arrays = {f.name: getattr(made, f.name) for f in fields(Achieved)}
 
         def save(temporary: Path) -> None:

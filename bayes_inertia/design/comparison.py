@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import joblib
 import numpy as np
 
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.design.limits import Limits
 from bayes_inertia.design.margins import Margin, planned_margins
-from bayes_inertia.design.rehearsal import expected_sd, theta_of
+from bayes_inertia.design.rehearsal import expected_sd
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
-from bayes_inertia.flight.plan_flight import planned_campaign
+from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
-from bayes_inertia.flight.spacecraft import Spacecraft, spin_tensor
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Model
@@ -84,8 +84,7 @@ class Contender:
 
 def compare_plans(
     plans: Sequence[Plan] | Mapping[str, Plan],
-    spacecraft: Spacecraft,
-    prior: InertiaPrior,
+    mission: Mission,
     *,
     limits: Limits | None = None,
     simulated: int = 0,
@@ -96,7 +95,7 @@ def compare_plans(
 
     Parameters
     ----------
-    plans : under their own names, or others. spacecraft : wheels and sensors. prior : J to expect, and how well it is known.
+    plans : under their own names, or others. mission : wheels and sensors, J to expect, and how well it is known.
     simulated : campaigns to fly and fit in full for each plan, each with its own J, K and bias from the prior; all plans meet the same.
     seed : of those. jobs : processes.
 
@@ -105,8 +104,8 @@ def compare_plans(
     CampaignError : no plan, or two of one name.
 
     >>> from bayes_inertia.flight.plan import paper_like_plan
-    >>> from bayes_inertia.flight.spacecraft import most_like_prior, most_like_spacecraft
-    >>> bool(compare_plans([paper_like_plan()], most_like_spacecraft(), most_like_prior())[0].worst_cross_term < 1e-4)
+    >>> from bayes_inertia.flight.mission import most_like_mission
+    >>> bool(compare_plans([paper_like_plan()], most_like_mission())[0].worst_cross_term < 1e-4)
     True
     """
     named = dict(plans) if isinstance(plans, Mapping) else {plan.name: plan for plan in plans}
@@ -116,36 +115,24 @@ def compare_plans(
             where="plans",
             advice="give each its own name",
         )
-    mean = _mean(spacecraft, prior)
+    mean = mission.at_prior_mean()
+    mean = replace(mean, spacecraft=replace(mean.spacecraft, bias=None))
     limits = limits or Limits()
     return tuple(
-        _contender(name, plan, mean, prior, limits, simulated, seed, jobs)
-        for name, plan in named.items()
-    )
-
-
-def _mean(spacecraft: Spacecraft, prior: InertiaPrior) -> Spacecraft:
-    J = prior.tensor - (spin_tensor(spacecraft.wheels) if prior.includes_wheel_spin else 0.0)
-    return Spacecraft(
-        J,
-        spacecraft.rate_sensor.scale_factor,
-        spacecraft.wheels,
-        spacecraft.rate_sensor,
-        spacecraft.star_tracker,
+        _contender(name, plan, mean, limits, simulated, seed, jobs) for name, plan in named.items()
     )
 
 
 def _contender(
     name: str,
     plan: Plan,
-    mean: Spacecraft,
-    prior: InertiaPrior,
+    mean: Mission,
     limits: Limits,
     simulated: int,
     seed: int,
     jobs: int,
 ) -> Contender:
-    found = planned_margins(plan, mean, limits)
+    found = planned_margins(plan, mean.spacecraft, limits)
     peaks = {
         key: [m.used for m in found if m.limit.startswith(f"{key} of")]
         for key in ("torque", "momentum")
@@ -153,8 +140,8 @@ def _contender(
     return Contender(
         name=name,
         plan=plan,
-        expected=expected_sd(plan, mean, prior, truths=_TRUTHS, seed=seed + 1),
-        achieved=achieve(plan, mean, prior, simulated, seed, jobs) if simulated else None,
+        expected=expected_sd(plan, mean, truths=_TRUTHS, seed=seed + 1),
+        achieved=achieve(plan, mean, simulated, seed, jobs) if simulated else None,
         total_time=plan.starts[-1] + plan.durations[-1],
         motion_time=float(sum(slew.motion_time for slew in plan.slews)),
         peak_momentum=max(peaks["momentum"], default=float("nan")),
@@ -165,8 +152,7 @@ def _contender(
 
 def achieve(
     plan: Plan,
-    spacecraft: Spacecraft,
-    prior: InertiaPrior,
+    mission: Mission,
     n: int | range,
     seed: int = 0,
     jobs: int = 1,
@@ -175,7 +161,7 @@ def achieve(
 
     Parameters
     ----------
-    spacecraft : wheels and sensors. n : how many campaigns, or the numbers of those wanted.
+    mission : wheels, sensors and prior. n : how many campaigns, or the numbers of those wanted.
     seed : campaign i of two plans has the same truth for the same seed. jobs : processes.
     """
     wanted = range(n) if isinstance(n, int) else n
@@ -186,22 +172,20 @@ def achieve(
         inner_max_num_threads=1 if jobs > 1 else None,
     ):
         done = joblib.Parallel()(
-            joblib.delayed(_shard)(plan, spacecraft, prior, seed, span) for span in spans
+            joblib.delayed(_shard)(plan, mission, seed, span) for span in spans
         )
     return Achieved(*(np.concatenate(parts) for parts in zip(*done, strict=True)))
 
 
-def _shard(
-    plan: Plan, spacecraft: Spacecraft, prior: InertiaPrior, seed: int, span: range
-) -> tuple[np.ndarray, ...]:
-    template = planned_campaign(plan, spacecraft, prior)
+def _shard(plan: Plan, mission: Mission, seed: int, span: range) -> tuple[np.ndarray, ...]:
+    template = planned_campaign(plan, mission)
     rows = []
     for i in span:
         flight = draw_flight(
             template, plan, np.random.SeedSequence(seed, spawn_key=(i,)), vary=False
         )
         at = estimate(Model(flight.campaign), starts=1, discount=False)
-        truth = theta_of(flight.spacecraft, prior)
+        truth = flight.mission.theta
         rows.append(
             (
                 at.theta - truth,

@@ -7,9 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayes_inertia.design.after_campaign import plan_after
+from bayes_inertia.flight.final_errors import predict_correction_slew
 from bayes_inertia.flight.follow_on import spacecraft_at
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Orbit, Plan, PlannedSlew
-from bayes_inertia.flight.plan_flight import predict_correction_slew
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft, spin_tensor
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.maths import inertia_tensor
@@ -70,7 +71,8 @@ def correction_forecast(
     )
     fitted = _parameters_afterwards(final.model, named, final.theta[None])
     fitted = {name: {k: x[0] for k, x in p.items()} for name, p in fitted.items()}
-    craft = replace(new, effects=tuple(e.afterwards() for e in named), values=fitted)
+    acting = replace(new, effects=tuple(e.afterwards() for e in named), values=fitted)
+    mission = Mission(acting, campaign.inertia)
     new = replace(new, inertia_B=_inertia_afterwards(new.inertia_B, named, fitted))
     # The base model is flown with the effects at their null, so that all cases share compiled code.
     nothing = np.tile(final.model.space.nulls, (len(plain), 1))
@@ -78,13 +80,12 @@ def correction_forecast(
     undisturbed = _parameters_afterwards(final.model, named, nothing)
     plan = plan_after(final)
     plan = replace(plan, orbit=Orbit() if any(e.needs for e in named) else None)
-    spin = final.model.structure.includes_wheel_spin
     forecasts = []
     for axis in np.eye(3):
         one = replace(plan, slews=(PlannedSlew(tuple(axis), _ANGLE),))
         cases = ((plain, undisturbed, old), (true, disturbed, old), (true, disturbed, new))
         forecasts.append(
-            [_predicted(thetas, values, one, craft, known, spin) for thetas, values, known in cases]
+            [_predicted(thetas, values, one, mission, known) for thetas, values, known in cases]
         )
     if not np.isfinite(forecasts).all():
         return None
@@ -110,19 +111,11 @@ def _predicted(
     thetas: np.ndarray,
     values: dict,
     plan: Plan,
-    truth: Spacecraft,
+    mission: Mission,
     believed: Spacecraft,
-    includes_wheel_spin: bool,
 ) -> tuple[float, float]:
     controller = Controller(believed.inertia_B, believed.scale_factor)
-    angles = predict_correction_slew(
-        thetas[:, :9],
-        plan,
-        truth,
-        controller,
-        includes_wheel_spin=includes_wheel_spin,
-        values=values,
-    )
+    angles = predict_correction_slew(thetas[:, :9], plan, mission, controller, values=values)
     return tuple(np.quantile(angles, [0.5, 0.95]).tolist())
 
 

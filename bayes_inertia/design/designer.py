@@ -14,21 +14,25 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.design.after_campaign import plan_after
 from bayes_inertia.design.feasible_region import FeasibleRegion, region_within
 from bayes_inertia.design.goals import Goal, parse_goal
 from bayes_inertia.design.information import Forecast, forecast
 from bayes_inertia.design.limits import Limits, hardware_limits
 from bayes_inertia.design.margins import Margin, broken_limits, flown_margins, planned_margins
-from bayes_inertia.design.plan_search import PlanProblem, improved_plans, random_plans
+from bayes_inertia.design.plan_search import (
+    PlanProblem,
+    improved_plans,
+    random_plans,
+)
 from bayes_inertia.design.planned_motion import planned_slews, slew_arrays
-from bayes_inertia.design.rehearsal import likely_truths, theta_of
+from bayes_inertia.design.rehearsal import likely_truths
 from bayes_inertia.errors import DesignError
 from bayes_inertia.flight.follow_on import spacecraft_at
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
-from bayes_inertia.flight.spacecraft import Controller, Spacecraft, spin_tensor
+from bayes_inertia.flight.spacecraft import Spacecraft, spin_tensor
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.objective import N_BIAS
 from bayes_inertia.maths import inertia_tensor
@@ -86,8 +90,7 @@ class Design:
 
 
 def design_plan(
-    spacecraft: Spacecraft,
-    prior: InertiaPrior,
+    mission: Mission,
     goal: str | Goal = "cross_terms",
     limits: Limits | None = None,
     *,
@@ -103,7 +106,7 @@ def design_plan(
 
     Parameters
     ----------
-    spacecraft : wheels and sensors (J and K are the prior's). prior : what is known of J.
+    mission : wheels and sensors, and what is known of J (J and K are the prior's).
     goal : see `criterion.goal`. limits : None for a planned rate of 1 deg/s, in the time that slews like the paper's take.
     base : start attitude, wheel momentum, telemetry, rests and orbit; None for those of `paper_like_plan`.
     candidates : random plans. starts : how many of the best are improved. draws : of J and K that the criterion is averaged over.
@@ -113,8 +116,8 @@ def design_plan(
     ------
     DesignError : no plan keeps the limits (it says which binds). CampaignError, EffectError : goal or effects are no good.
 
-    >>> from bayes_inertia.flight.spacecraft import most_like_prior, most_like_spacecraft
-    >>> design_plan(most_like_spacecraft(), most_like_prior(), limits=Limits(total_time=100.0))
+    >>> from bayes_inertia.flight.mission import most_like_mission
+    >>> design_plan(most_like_mission(), limits=Limits(total_time=100.0))
     Traceback (most recent call last):
     bayes_inertia.errors.DesignError: limit total time: 5 slews need at least 1570 s, 100 s allowed (1470 s too few); allow more time, or fewer slews
     """
@@ -123,7 +126,7 @@ def design_plan(
     base = base or paper_like_plan()
     base = replace(base, start_attitude=limits.start_attitude or base.start_attitude)
     problem, limits, reference, truths = problem_for(
-        spacecraft, prior, wanted, limits, base, n_slews, seed, draws, after
+        mission, wanted, limits, base, n_slews, seed, draws, after
     )
     x, values, left = random_plans(problem, n_slews, candidates, seed)
     found, history = improved_plans(problem, x, values, left, starts)
@@ -131,12 +134,11 @@ def design_plan(
         problem,
         found,
         base,
-        truths[0],
+        truths[0].spacecraft,
         limits,
         f"{n_slews} slew{'s' if n_slews > 1 else ''} for {wanted}",
     )
-    controller = Controller.from_prior(prior, spacecraft.rate_sensor, spacecraft.wheels)
-    flights = [fly(plan, truth, controller, prior, seed + i) for i, truth in enumerate(truths)]
+    flights = [fly(plan, truth, seed + i) for i, truth in enumerate(truths)]
     numbers = [problem.variables(slew_arrays(p)) for p in (plan, reference)]
     feasible = values[left >= 0.0]
     return Design(
@@ -151,7 +153,7 @@ def design_plan(
         random_plans=len(feasible),
         sd=problem.parameter_sd(numbers[0]),
         reference_sd=problem.parameter_sd(numbers[1]),
-        margins=planned_margins(plan, truths[0], limits),
+        margins=planned_margins(plan, truths[0].spacecraft, limits),
         flown=_tightest([flown_margins(flight, limits) for flight in flights]),
         active=tuple(
             name for name, left in problem.least_slacks(numbers[0]).items() if left < _ACTIVE
@@ -185,10 +187,8 @@ def next_slew(
     limits = limits or Limits(
         rate=1.1 * campaign.largest_rate(), total_time=2.0 * max(s.duration for s in campaign.slews)
     )
-    spacecraft = spacecraft_at(campaign, at.theta)
     return design_plan(
-        spacecraft,
-        campaign.inertia,
+        Mission(spacecraft_at(campaign, at.theta), campaign.inertia),
         goal,
         limits,
         base=plan_after(at),
@@ -200,8 +200,7 @@ def next_slew(
 
 
 def problem_for(
-    spacecraft: Spacecraft,
-    prior: InertiaPrior,
+    mission: Mission,
     wanted: Goal,
     limits: Limits,
     base: Plan,
@@ -209,8 +208,9 @@ def problem_for(
     seed: int,
     draws: int,
     after: Estimate | None = None,
-) -> tuple[PlanProblem, Limits, Plan, list[Spacecraft]]:
+) -> tuple[PlanProblem, Limits, Plan, list[Mission]]:
     """What `design` searches for: the problem, the limits with their time, the reference plan, and the truths to expect; arguments as there."""
+    spacecraft = mission.spacecraft
     known = np.array(spacecraft.rate_sensor.scale_factor_sigma) if after is None else after.sd[6:9]
     region = region_within(
         limits, hardware_limits(spacecraft), scale_factor_sigma=float(np.max(known))
@@ -221,15 +221,15 @@ def problem_for(
         region = region._replace(time=limits.total_time)
     _possible(spacecraft, base, region, limits, n)
     reference = _like_paper(base, region, n, limits.total_time)
-    ahead = forecast(reference, spacecraft, prior, by_name(wanted.effects))
+    ahead = forecast(reference, mission, by_name(wanted.effects))
     truths = (
-        likely_truths(reference, spacecraft, prior, draws, seed)
+        likely_truths(reference, mission, draws, seed)
         if after is None
-        else _truths_after(after, spacecraft, draws, seed)
+        else _truths_after(after, draws, seed)
     )
     ahead = ahead if after is None else _told(ahead, after)
     nothing = np.zeros(len(ahead.shape.names) - 9)
-    thetas = np.array([np.concatenate([theta_of(truth, prior), nothing]) for truth in truths])
+    thetas = np.array([np.concatenate([truth.theta, nothing]) for truth in truths])
     end = None if limits.end_attitude is None else np.array(limits.end_attitude)
     return PlanProblem(wanted, ahead, thetas, region, end), limits, reference, truths
 
@@ -377,7 +377,7 @@ def _told(ahead: Forecast, at: Estimate) -> Forecast:
     return replace(ahead, given=ahead.given._replace(prior=prior))
 
 
-def _truths_after(at: Estimate, spacecraft: Spacecraft, n: int, seed: int) -> list[Spacecraft]:
+def _truths_after(at: Estimate, n: int, seed: int) -> list[Mission]:
     rng = np.random.default_rng([seed, 5])
     mean, covariance, campaign = at.theta[:9], at.covariance[:9, :9], at.model.campaign
     locked = campaign.inertia.includes_wheel_spin
@@ -388,7 +388,10 @@ def _truths_after(at: Estimate, spacecraft: Spacecraft, n: int, seed: int) -> li
         where="the estimate",
         advice="hardly any tensor within its uncertainty is one of a body: fly more slews first",
     )
-    return [replace(spacecraft_at(campaign, theta), bias=None) for theta in [at.theta[:9], *drawn]]
+    return [
+        Mission(spacecraft_at(campaign, theta), campaign.inertia)
+        for theta in [at.theta[:9], *drawn]
+    ]
 
 
 def _tightest(found: Sequence[tuple[Margin, ...]]) -> tuple[Margin, ...]:

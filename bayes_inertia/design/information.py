@@ -19,7 +19,6 @@ import numpy as np
 from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.design.planned_motion import (
     PlanStart,
     PlanTimes,
@@ -35,9 +34,9 @@ from bayes_inertia.design.sensitivity import (
     telemetry_sensitivity,
 )
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
-from bayes_inertia.flight.plan_flight import planned_campaign
-from bayes_inertia.flight.spacecraft import Spacecraft
+from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.inference.objective import N_BIAS
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.values import array_dataclass
@@ -117,22 +116,20 @@ class Forecast:
         return body_of(self.shape.structure, theta, self.given.world)
 
 
-def forecast(
-    plan: Plan, spacecraft: Spacecraft, prior: InertiaPrior, effects: tuple[Effect, ...] = ()
-) -> Forecast:
+def forecast(plan: Plan, mission: Mission, effects: tuple[Effect, ...] = ()) -> Forecast:
     """The forecast for slews at the times and from the start of a plan.
 
     Parameters
     ----------
-    plan : its slews set the scale of default priors of effects, nothing else. spacecraft : wheels and sensors; what acts in truth is not used.
+    plan : its slews set the scale of default priors of effects, nothing else. mission : wheels, sensors and prior; what acts in truth is not used.
     effects : fitted along, at their null.
 
     >>> from bayes_inertia.flight.plan import paper_like_plan
-    >>> from bayes_inertia.flight.spacecraft import most_like_prior, most_like_spacecraft
-    >>> len(forecast(paper_like_plan(), most_like_spacecraft(), most_like_prior()).shape.names)
+    >>> from bayes_inertia.flight.mission import most_like_mission
+    >>> len(forecast(paper_like_plan(), most_like_mission()).shape.names)
     9
     """
-    campaign = planned_campaign(plan, replace(spacecraft, effects=(), values={}), prior)
+    campaign = planned_campaign(plan, mission.without_effects())
     model = Model(campaign, effects, "commanded")
     end = campaign.span[1]
     moments = np.linspace(0.0, 2.0 * end, 200)

@@ -8,11 +8,12 @@ from dataclasses import replace
 import jax.numpy as jnp
 import numpy as np
 
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
-from bayes_inertia.flight.plan_flight import Flight, fly, planned_campaign
+from bayes_inertia.flight.plan_flight import Flight, fly
+from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_spacecraft
-from bayes_inertia.flight.spacecraft import Controller, Spacecraft, spin_tensor
+from bayes_inertia.flight.spacecraft import Controller
 from bayes_inertia.inference.laplace import Estimate, Starts
 from bayes_inertia.inference.likelihood import information, whitening
 from bayes_inertia.inference.objective import N_BIAS, normal_equations
@@ -22,25 +23,9 @@ from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 
 
-def theta_of(spacecraft: Spacecraft, prior: InertiaPrior) -> np.ndarray:
-    """J's six elements and K (9,) as the fit of a campaign names them (with the wheels' spin where the prior's tensor includes it).
-
-    >>> from bayes_inertia.flight.spacecraft import most_like_prior, most_like_spacecraft
-    >>> theta_of(most_like_spacecraft(), most_like_prior())[3].item()
-    -0.0119
-    """
-    J = spacecraft.inertia_B + (
-        spin_tensor(spacecraft.wheels) if prior.includes_wheel_spin else 0.0
-    )
-    return np.array(
-        [J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2], *spacecraft.scale_factor]
-    )
-
-
 def rehearse(
     plan: Plan,
-    spacecraft: Spacecraft,
-    prior: InertiaPrior,
+    mission: Mission,
     effects: Sequence[Effect] = (),
     *,
     controller: Controller | None = None,
@@ -50,34 +35,33 @@ def rehearse(
 
     Parameters
     ----------
-    spacecraft : the truth to expect (what else acts in it is left out). effects : fitted along, absent in truth.
+    mission : its spacecraft is the truth to expect (what else acts in it is left out). effects : fitted along, absent in truth.
     controller : None for one that knows the truth and flies just what was planned. seed : of the noise in the flight, None without.
     """
-    quiet = replace(spacecraft, bias=spacecraft.rate_sensor.bias, effects=(), values={})
+    craft = mission.spacecraft
+    quiet = replace(craft, bias=craft.rate_sensor.bias, effects=(), values={})
+    mission = replace(mission, spacecraft=quiet)
     controller = controller or Controller(quiet.inertia_B, quiet.scale_factor)
-    flight = fly(plan, quiet, controller, prior, seed)
+    flight = fly(plan, mission, seed, controller=controller)
     model = Model(flight.campaign, tuple(effects))
-    return _at_truth(model, flight, np.concatenate([theta_of(quiet, prior), model.space.nulls[9:]]))
+    return _at_truth(model, flight, np.concatenate([mission.theta, model.space.nulls[9:]]))
 
 
-def expected_sd(
-    plan: Plan, spacecraft: Spacecraft, prior: InertiaPrior, *, truths: int = 8, seed: int = 0
-) -> np.ndarray:
+def expected_sd(plan: Plan, mission: Mission, *, truths: int = 8, seed: int = 0) -> np.ndarray:
     """Sds (9,) of J and K to expect of a plan: root mean square over flights with noise, each with a truth drawn from the prior, by a
     controller that believes the prior.
 
     What such a controller gets wrong shakes the spacecraft, which tells more than the planned motion alone: a third in slews that tell little.
 
     >>> from bayes_inertia.flight.plan import paper_like_plan
-    >>> from bayes_inertia.flight.spacecraft import most_like_prior, most_like_spacecraft
-    >>> bool(expected_sd(paper_like_plan(), most_like_spacecraft(), most_like_prior(), truths=2)[3] < 1e-4)
+    >>> from bayes_inertia.flight.mission import most_like_mission
+    >>> bool(expected_sd(paper_like_plan(), most_like_mission(), truths=2)[3] < 1e-4)
     True
     """
-    controller = Controller.from_prior(prior, spacecraft.rate_sensor, spacecraft.wheels)
-    drawn = likely_truths(plan, spacecraft, prior, truths + 1, seed)[1:]
+    controller = mission.controller()
+    drawn = likely_truths(plan, mission, truths + 1, seed)[1:]
     flown = [
-        rehearse(plan, truth, prior, controller=controller, seed=seed + i)
-        for i, truth in enumerate(drawn)
+        rehearse(plan, truth, controller=controller, seed=seed + i) for i, truth in enumerate(drawn)
     ]
     return np.sqrt(np.mean([at.sd[:9] ** 2 for at in flown], axis=0))
 
@@ -114,18 +98,9 @@ def _at_truth(model: Model, flight: Flight, theta: np.ndarray) -> Estimate:
     )
 
 
-def likely_truths(
-    plan: Plan, spacecraft: Spacecraft, prior: InertiaPrior, n: int, seed: int
-) -> list[Spacecraft]:
-    """The spacecraft that the prior describes (its mean), and n - 1 drawn from the prior of J, K and bias."""
-    template = planned_campaign(plan, replace(spacecraft, effects=(), values={}), prior)
+def likely_truths(plan: Plan, mission: Mission, n: int, seed: int) -> list[Mission]:
+    """The mission as its prior describes it (the mean), and n - 1 drawn from the prior of J, K and bias."""
+    template = planned_campaign(plan, mission.without_effects())
     rng = np.random.default_rng([seed, 5])
-    mean = replace(
-        spacecraft,
-        inertia_B=prior.tensor
-        - (spin_tensor(spacecraft.wheels) if prior.includes_wheel_spin else 0.0),
-        scale_factor=spacecraft.rate_sensor.scale_factor,
-        effects=(),
-        values={},
-    )
-    return [mean, *(draw_spacecraft(template, rng) for _ in range(n - 1))]
+    drawn = [replace(mission, spacecraft=draw_spacecraft(template, rng)) for _ in range(n - 1)]
+    return [mission.at_prior_mean(), *drawn]

@@ -1,25 +1,33 @@
-"""The closed loop of one slew as compiled code: truth, sensors and controller together, one step per control period.
+"""The closed loop of one slew as compiled code: plant, sensors and controller, one step a control period.
 
-The controller follows the planned rotation about a body-fixed axis. It feeds forward the torque that its own
-inertia tensor asks for and feeds back attitude and rate, both from RATE SENSORS ALONE during the motion: the
-attitude is propagated from scaled readings, beginning with the star tracker's mean attitude in the rest before
-the slew. What it gets wrong in the scale factors therefore stays in the final attitude, as in Ferguson's paper.
+The controller (`bayes_inertia.flight.control_law`) knows attitude and rate from RATE SENSORS ALONE during
+the motion. It propagates the attitude with scaled readings, beginning with the star tracker's mean attitude
+in the rest before the slew. What it gets wrong in the scale factors therefore stays in the final attitude,
+as in Ferguson's paper.
 
-The truth is `bayes_inertia.physics.simulator`. Effects that act at an instant act inside the loop. Effects whose hook
-needs the whole history (a lag, a sensor's delay) are found by waveform relaxation: fly, ask the hooks what they
-make of that history, fly again with the difference as a given input, until nothing changes.
+The plant is `bayes_inertia.physics.simulator`. Effects that act at an instant act inside the loop. Effects
+whose hook needs the whole history (a lag, a sensor's delay) are found by waveform relaxation: fly, ask the
+hooks what they make of that history, fly again with the difference as a given input, until nothing changes.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 
-from bayes_inertia.flight.plan import angle_and_rate
+from bayes_inertia.flight.control_law import (
+    ControlLaw,
+    ReferenceMotion,
+    SlewSchedule,
+    reference_motion,
+    target_attitude,
+    wheel_command,
+)
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.effect import Trajectory
@@ -34,13 +42,26 @@ from bayes_inertia.physics.simulator import (
 )
 
 # Relaxation ends when no command changes by more than this fraction of the largest.
-TOLERANCE = 1e-9
-MOST_ROUNDS = 60
+RELAXATION_TOLERANCE = 1e-9
+MAX_ROUNDS = 60
 
 
-class Truth(NamedTuple):
-    """The spacecraft as it is: `inertia_B` (3, 3) [kg m^2] without the wheels' spin, `scale_factor` (3,), `bias` (3,)
-    [rad/s], `rate_axes` C_rate (3, 3), `start`."""
+class Plant(NamedTuple):
+    """The spacecraft as it is, as arrays.
+
+    Parameters
+    ----------
+    inertia_B : (3, 3) array
+        Inertia tensor without the wheels' spin [kg m^2].
+    scale_factor : (3,) array
+        True K of the rate sensor.
+    bias : (3,) array
+        True bias of the rate sensor, in its own axes [rad/s].
+    rate_axes : (3, 3) array
+        C_rate, from body axes to sensor axes.
+    start : Start
+        State at the first row.
+    """
 
     inertia_B: Array
     scale_factor: Array
@@ -49,56 +70,53 @@ class Truth(NamedTuple):
     start: Start
 
 
-class Control(NamedTuple):
-    """What the controller believes and how it acts: `inertia_B` (3, 3), `scale_factor` (3,), `rate_axes_inverse` (3, 3),
-    `wheel_axes_B` (3, wheels), `allocation` (wheels, 3) its pseudo-inverse, `spin_inertia` (wheels,), `max_torque` (wheels,)
-    [N m], `stiffness` [1/s^2] and `damping` [1/s] of the closed loop, `rate_range` of the sensor [rad/s]."""
+class SensorNoise(NamedTuple):
+    """Noise of one slew of n rows.
 
-    inertia_B: Array
-    scale_factor: Array
-    rate_axes_inverse: Array
-    wheel_axes_B: Array
-    allocation: Array
-    spin_inertia: Array
-    max_torque: Array
-    stiffness: Array
-    damping: Array
-    rate_range: Array
-
-
-class Script(NamedTuple):
-    """One slew as planned: `attitude` (4,) before it, `axis_B` (3,), `angle`, `rate`, `acceleration`, `smooth` (bool), `begin` of
-    the motion [s], `rows` how many rows are no padding, `time` (n,) of the rows [s], `fix_gain` (n,) the share of each fix
-    before the motion in the mean attitude so far (0: no fix), `fix_after` (n,) the weights of those after it."""
-
-    attitude: Array
-    axis_B: Array
-    angle: Array
-    rate: Array
-    acceleration: Array
-    smooth: Array
-    begin: Array
-    rows: Array
-    time: Array
-    fix_gain: Array
-    fix_after: Array
-
-
-class Noise(NamedTuple):
-    """Noise of one slew: `rate` (n, 3) [rad/s] of the readings, `momentum` (n, wheels) [N m s], `attitude` (n, 3) [rad],
-    `snapshot` (3,) [rad/s] of the mean reading at rest that gives the controller its bias."""
+    Parameters
+    ----------
+    rate : (n, 3) array
+        Of the rate readings [rad/s].
+    momentum : (n, wheels) array
+        Of the tachometers [N m s].
+    attitude : (n, 3) array
+        Small rotation of each star-tracker fix, in body axes [rad].
+    bias_snapshot : (3,) array
+        Of the mean reading at rest that gives the controller its bias [rad/s].
+    """
 
     rate: Array
     momentum: Array
     attitude: Array
-    snapshot: Array
+    bias_snapshot: Array
 
 
-class Flown(NamedTuple):
-    """One slew as flown (n rows): what telemetry shows (`command` (n, wheels) [N m], `rate` (n, 3), `momentum` (n, wheels),
-    `fixes` (n, 4)), the truth (`attitude` (n, 4), `rate_B` (n, 3), `wheel_momentum` (n, wheels)), the errors of the final
-    attitude (`final_error_B`, and `seen_error_B` as the star tracker sees it; (3,) [rad]), and the last relative
-    `change` of the relaxation."""
+class FlownSlew(NamedTuple):
+    """One slew as flown, n rows: first what telemetry shows, then the truth.
+
+    Parameters
+    ----------
+    command : (n, wheels) array
+        Commanded torque on each wheel [N m].
+    rate : (n, 3) array
+        Readings of the rate sensor [rad/s].
+    momentum : (n, wheels) array
+        Wheel momentum as the tachometers show it [N m s].
+    fixes : (n, 4) array
+        What the star tracker would show in every row.
+    attitude : (n, 4) array
+        True attitude.
+    rate_B : (n, 3) array
+        True rate [rad/s].
+    wheel_momentum : (n, wheels) array
+        True wheel momentum relative to the body [N m s].
+    final_error_B : (3,) array
+        Rotation vector from the target to the true final attitude [rad].
+    measured_error_B : (3,) array
+        The same as the star tracker measures it [rad].
+    relaxation_change : float
+        Largest change of a command in the last round, as a fraction of the largest command.
+    """
 
     command: Array
     rate: Array
@@ -108,13 +126,13 @@ class Flown(NamedTuple):
     rate_B: Array
     wheel_momentum: Array
     final_error_B: Array
-    seen_error_B: Array
-    change: Array
+    measured_error_B: Array
+    relaxation_change: Array
 
 
-class _Given(NamedTuple):
-    """What whole-history hooks add: to the delivered torque (grid, wheels), the sensor-axis rates (n, 3), the star
-    tracker (n, 3) [rad], the tachometers (n, wheels); and the `commands` (grid, wheels) that they saw."""
+class _HookTerms(NamedTuple):
+    """What whole-history hooks add: to the delivered torque (grid, wheels), the sensor-axis rates (n, 3), the
+    star tracker (n, 3) [rad], the tachometers (n, wheels); and the `commands` (grid, wheels) that they saw."""
 
     torque: Array
     rate_S: Array
@@ -123,237 +141,237 @@ class _Given(NamedTuple):
     commands: Array
 
 
-class _Reference(NamedTuple):
-    """The planned motion at a row, and over the period that begins there."""
+@dataclass(frozen=True)
+class _Loop:
+    """What stays the same in all rounds of one slew."""
 
-    attitude: Array
-    rate_B: Array
-    middle_rate_B: Array
-    acceleration_B: Array
-    fix_gain: Array
-    elapsed: Array
-
-
-def target(script: Script) -> Array:
-    """Attitude (4,) that the slew is to end in.
-
-    >>> values = (jnp.array([0., 0., 0., 1.]), jnp.array([0., 0., 1.]), jnp.pi, 1., 1., False, 0., 2, jnp.arange(2.), jnp.zeros(2), jnp.zeros(2))
-    >>> (target(Script(*values)).round(6) + 0.0).tolist()
-    [0.0, 0.0, 1.0, 0.0]
-    """
-    return quaternion.multiply(script.attitude, quaternion.exp(script.axis_B * script.angle))
+    slew: SlewInput
+    schedule: SlewSchedule
+    plant: Plant
+    law: ControlLaw
+    noise: SensorNoise
+    active: ActiveEffects
+    substeps: int
 
 
 @partial(jax.jit, static_argnames="substeps")
 def fly_slews(
     slews: SlewInput,
-    scripts: Script,
-    truth: Truth,
-    control: Control,
-    noise: Noise,
+    schedules: SlewSchedule,
+    plant: Plant,
+    law: ControlLaw,
+    noise: SensorNoise,
     active: ActiveEffects,
-    substeps: int,
-) -> Flown:
-    """`fly_slew` for all slews of a campaign: `slews`, `scripts`, `noise` and `truth.start` with a leading axis, `truth`'s constants,
-    `control` and `active` shared. Compiled once for each shape and set of effects."""
-    axes = (0, 0, Truth(None, None, None, None, 0), None, 0, None)
+    substeps: int = 1,
+) -> FlownSlew:
+    """`fly_slew` for all slews of a campaign; compiled once for each shape and set of effects.
+
+    Parameters
+    ----------
+    slews : SlewInput
+        Integration grids with a leading axis of slews.
+    schedules : SlewSchedule
+        With a leading axis of slews.
+    plant : Plant
+        `plant.start` with a leading axis of slews, the rest shared.
+    law : ControlLaw
+        Shared by all slews.
+    noise : SensorNoise
+        With a leading axis of slews.
+    active : ActiveEffects
+        What else acts, shared by all slews.
+    substeps : int
+        Integration steps a row.
+
+    Returns
+    -------
+    FlownSlew
+        With a leading axis of slews.
+    """
+    axes = (0, 0, Plant(None, None, None, None, 0), None, 0, None)
     return jax.vmap(partial(fly_slew, substeps=substeps), in_axes=axes)(
-        slews, scripts, truth, control, noise, active
+        slews, schedules, plant, law, noise, active
     )
 
 
 def fly_slew(
     slew: SlewInput,
-    script: Script,
-    truth: Truth,
-    control: Control,
-    noise: Noise,
+    schedule: SlewSchedule,
+    plant: Plant,
+    law: ControlLaw,
+    noise: SensorNoise,
     active: ActiveEffects,
     *,
     substeps: int = 1,
-) -> Flown:
+) -> FlownSlew:
     """One slew in closed loop; a pure function that JAX can differentiate (forward mode where there are effects).
 
     Parameters
     ----------
-    slew : the integration grid, `substeps` points a row, and the environment on it (its torques and momenta are not used).
-    script, truth, control, noise : see there. active : what else acts.
+    slew : SlewInput
+        Integration grid of n rows with `substeps` points each, and the environment on it. Its torques and
+        momenta are not used.
+    schedule : SlewSchedule
+        What the controller is to fly.
+    plant : Plant
+        The spacecraft as it is.
+    law : ControlLaw
+        What the controller believes, and its gains.
+    noise : SensorNoise
+        Noise of all sensors.
+    active : ActiveEffects
+        What else acts.
+    substeps : int
+        Integration steps a row.
+
+    Returns
+    -------
+    FlownSlew
+        Telemetry, truth and final error.
     """
-    rows, wheels = len(script.time), control.allocation.shape[0]
-    nothing = jnp.zeros((rows * substeps, wheels))
-    given = _Given(
-        nothing, jnp.zeros((rows, 3)), jnp.zeros((rows, 3)), jnp.zeros((rows, wheels)), nothing
+    loop = _Loop(slew, schedule, plant, law, noise, active, substeps)
+    n_rows, wheels = len(schedule.time), law.allocation.shape[0]
+    no_torque = jnp.zeros((n_rows * substeps, wheels))
+    no_rotation = jnp.zeros((n_rows, 3))
+    no_terms = _HookTerms(
+        no_torque, no_rotation, no_rotation, jnp.zeros((n_rows, wheels)), no_torque
     )
-    one_round = partial(_round, slew, script, truth, control, noise, active, substeps)
+    one_round = partial(_round, loop)
     if not active:
-        return one_round(given)[0]
+        return one_round(no_terms)[0]
 
-    def going(carry) -> Array:
+    def not_converged(carry) -> Array:
         rounds, flown, _ = carry
-        return (flown.change > TOLERANCE) & (rounds < MOST_ROUNDS)
+        return (flown.relaxation_change > RELAXATION_TOLERANCE) & (rounds < MAX_ROUNDS)
 
-    def again(carry):
-        rounds, _, given = carry
-        return (rounds + 1, *one_round(given))
+    def fly_again(carry):
+        rounds, _, terms = carry
+        return (rounds + 1, *one_round(terms))
 
     # An empty flight that has not converged, so that the round is compiled once and not twice.
-    empty = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), jax.eval_shape(one_round, given)[0])
-    return jax.lax.while_loop(
-        going, again, (jnp.asarray(0), empty._replace(change=jnp.asarray(jnp.inf)), given)
-    )[1]
+    shapes = jax.eval_shape(one_round, no_terms)[0]
+    empty = jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), shapes)
+    empty = empty._replace(relaxation_change=jnp.asarray(jnp.inf))
+    return jax.lax.while_loop(not_converged, fly_again, (jnp.asarray(0), empty, no_terms))[1]
 
 
-def _round(
-    slew: SlewInput,
-    script,
-    truth: Truth,
-    control: Control,
-    noise: Noise,
-    active: ActiveEffects,
-    substeps: int,
-    given: _Given,
-) -> tuple[Flown, _Given]:
+def _round(loop: _Loop, terms: _HookTerms) -> tuple[FlownSlew, _HookTerms]:
     """Fly once with what the whole-history hooks made of the round before, and ask them again."""
-    rows, context = len(script.time), slew.context._replace(torque=given.commands)
-    slew = slew._replace(context=context)
-    body, motion, delivered = prepare(slew, truth.start, truth.inertia_B, active)
-    exogenous = delivered - given.commands if active else given.torque
-    reference = _references(script, control)
-    still = jnp.mean(
-        jnp.where((script.time < script.begin)[:, None], given.rate_S, 0.0), axis=0
-    ) * (len(script.time) / jnp.maximum(jnp.sum(script.time < script.begin), 1))
-    snapshot = control.scale_factor * ((truth.bias + still) / truth.scale_factor + noise.snapshot)
-
-    def measure(motion: Motion, row) -> tuple[Array, Array, Array]:
-        rate_B, momentum = rate_and_wheel_momentum(motion, body, context, active)
-        rate_S = truth.rate_axes @ rate_B + truth.bias + row["given"].rate_S
-        reading = jnp.clip(
-            rate_S / truth.scale_factor + row["noise"].rate, -control.rate_range, control.rate_range
-        )
-        fix = quaternion.multiply(jnp.stack(motion.attitude), quaternion.exp(row["given"].attitude))
-        fix = quaternion.multiply(fix, quaternion.exp(row["noise"].attitude))
-        return reading, momentum + row["given"].momentum + row["noise"].momentum, fix
-
-    def period(carry, row):
-        motion, believed, last_rate = carry
-        reading, momentum, fix = measure(motion, row)
-        plan: _Reference = row["plan"]
-        rate = control.rate_axes_inverse @ (control.scale_factor * reading - snapshot)
-        believed = quaternion.multiply(
-            believed, quaternion.exp(0.5 * plan.elapsed * (last_rate + rate))
-        )
-        believed = quaternion.multiply(
-            believed, quaternion.exp(plan.fix_gain * quaternion.error(believed, fix))
-        )
-        command = _command(control, plan, believed, rate, momentum)
-
-        def substep(motion: Motion, inner) -> tuple[Motion, Motion]:
-            torque = tuple(u + command[k] for k, u in enumerate(inner["torque"][0]))
-            return advance(
-                motion, inner | {"torque": (torque, torque)}, body, context, active
-            ), motion
-
-        motion, path = jax.lax.scan(substep, motion, row["grid"], unroll=substeps <= 4)
-        return (motion, believed, rate), (path, command, reading, momentum, fix)
-
-    by_row = jax.tree.map(
-        lambda x: x.reshape(rows, substeps, *x.shape[1:]), grid_rows(slew, exogenous)
-    )
-    per_row = Noise(noise.rate, noise.momentum, noise.attitude, jnp.zeros(len(script.time)))
-    shares = _Given(
-        jnp.zeros(len(script.time)),
-        given.rate_S,
-        given.attitude,
-        given.momentum,
-        jnp.zeros(len(script.time)),
-    )
-    inputs = {"grid": by_row, "plan": reference, "noise": per_row, "given": shares}
-    first = (motion, script.attitude, jnp.zeros(3))
-    _, (path, command, reading, momentum, fixes) = jax.lax.scan(period, first, inputs)
-    path = jax.tree.map(lambda x: x.reshape(rows * substeps, *x.shape[2:]), path)
-    seen, following = _hooks(path, command, script, truth, context, body, active, substeps)
-    change = jnp.max(jnp.abs(following.commands - given.commands)) / jnp.maximum(
+    n_rows, substeps = len(loop.schedule.time), loop.substeps
+    context = loop.slew.context._replace(torque=terms.commands)
+    slew = loop.slew._replace(context=context)
+    body, motion, delivered = prepare(slew, loop.plant.start, loop.plant.inertia_B, loop.active)
+    exogenous = delivered - terms.commands if loop.active else terms.torque
+    period = partial(_control_period, loop, context, body, _bias_snapshot(loop, terms))
+    first = (motion, loop.schedule.start_attitude, jnp.zeros(3))
+    rows = _rows(loop, grid_rows(slew, exogenous), terms)
+    _, (path, command, reading, momentum, fixes) = jax.lax.scan(period, first, rows)
+    path = jax.tree.map(lambda x: x.reshape(n_rows * substeps, *x.shape[2:]), path)
+    trajectory, next_terms = _ask_hooks(loop, context, body, path, command)
+    change = jnp.max(jnp.abs(next_terms.commands - terms.commands)) / jnp.maximum(
         jnp.max(jnp.abs(command)), 1e-30
     )
-    return _flown(script, command, reading, momentum, fixes, seen, substeps, change), following
+    truth = tuple(
+        x[::substeps] for x in (trajectory.attitude, trajectory.rate_B, trajectory.wheel_momentum)
+    )
+    errors = _final_errors(loop.schedule, truth[0], fixes)
+    return FlownSlew(command, reading, momentum, fixes, *truth, *errors, change), next_terms
 
 
-def _references(script: Script, control: Control) -> _Reference:
-    """The planned motion at all rows."""
-    t = script.time - script.begin
-    step = jnp.append(jnp.diff(script.time), 0.0)
-    motion = partial(angle_and_rate, script.angle, script.rate, script.acceleration, script.smooth)
-    angle, rate = motion(t)
-    _, middle = motion(t + 0.5 * step)
-    following = jnp.append(rate[1:], rate[-1:])
-    acceleration = jnp.where(step > 0.0, (following - rate) / jnp.where(step > 0.0, step, 1.0), 0.0)
-    attitude = quaternion.multiply(script.attitude, quaternion.exp(angle[:, None] * script.axis_B))
-    along = [x[:, None] * script.axis_B for x in (rate, middle, acceleration)]
-    elapsed = jnp.concatenate([jnp.zeros(1), step[:-1]])
-    return _Reference(attitude, *along, script.fix_gain, elapsed)
+def _bias_snapshot(loop: _Loop, terms: _HookTerms) -> Array:
+    """The bias (3,) [rad/s] that the controller takes from readings at rest, times its K."""
+    schedule, plant = loop.schedule, loop.plant
+    resting = schedule.time < schedule.motion_start
+    added_at_rest = jnp.mean(jnp.where(resting[:, None], terms.rate_S, 0.0), axis=0) * (
+        len(schedule.time) / jnp.maximum(jnp.sum(resting), 1)
+    )
+    reading = (plant.bias + added_at_rest) / plant.scale_factor + loop.noise.bias_snapshot
+    return loop.law.scale_factor * reading
 
 
-def _command(
-    control: Control, plan: _Reference, believed: Array, rate: Array, momentum: Array
+def _rows(loop: _Loop, grid: Any, terms: _HookTerms) -> dict[str, Any]:
+    """What a scan over control periods runs through: everything that differs from row to row."""
+    n_rows, noise = len(loop.schedule.time), loop.noise
+    unused = jnp.zeros(n_rows)
+    return {
+        "grid": jax.tree.map(lambda x: x.reshape(n_rows, loop.substeps, *x.shape[1:]), grid),
+        "reference": reference_motion(loop.schedule),
+        "noise": SensorNoise(noise.rate, noise.momentum, noise.attitude, unused),
+        "terms": _HookTerms(unused, terms.rate_S, terms.attitude, terms.momentum, unused),
+    }
+
+
+def _control_period(loop: _Loop, context, body, bias_snapshot: Array, carry, row):
+    """One control period: measure, propagate the believed attitude, command, and let the plant move."""
+    motion, believed, last_rate = carry
+    reading, momentum, fix = _measure(loop, context, body, motion, row)
+    law, reference = loop.law, row["reference"]
+    rate = law.rate_axes_inverse @ (law.scale_factor * reading - bias_snapshot)
+    believed = _propagated(reference, believed, last_rate, rate, fix)
+    command = wheel_command(law, reference, believed, rate, momentum)
+
+    def substep(motion: Motion, point) -> tuple[Motion, Motion]:
+        torque = tuple(u + command[k] for k, u in enumerate(point["torque"][0]))
+        inputs = point | {"torque": (torque, torque)}
+        return advance(motion, inputs, body, context, loop.active), motion
+
+    motion, path = jax.lax.scan(substep, motion, row["grid"], unroll=loop.substeps <= 4)
+    return (motion, believed, rate), (path, command, reading, momentum, fix)
+
+
+def _measure(loop: _Loop, context, body, motion: Motion, row) -> tuple[Array, Array, Array]:
+    """Rate reading (3,), tachometer momentum (wheels,) and star-tracker fix (4,) at a row."""
+    plant, terms, noise = loop.plant, row["terms"], row["noise"]
+    rate_B, momentum = rate_and_wheel_momentum(motion, body, context, loop.active)
+    rate_S = plant.rate_axes @ rate_B + plant.bias + terms.rate_S
+    reading = jnp.clip(
+        rate_S / plant.scale_factor + noise.rate, -loop.law.rate_range, loop.law.rate_range
+    )
+    fix = quaternion.multiply(jnp.stack(motion.attitude), quaternion.exp(terms.attitude))
+    fix = quaternion.multiply(fix, quaternion.exp(noise.attitude))
+    return reading, momentum + terms.momentum + noise.momentum, fix
+
+
+def _propagated(
+    reference: ReferenceMotion, attitude: Array, last_rate_B: Array, rate_B: Array, fix: Array
 ) -> Array:
-    """Motor torques on the wheels (wheels,): inverse dynamics of the planned motion (paper eq 6) and feedback of what differs from it.
-
-    Saturation scales all wheels together, which keeps the torque's direction.
-    """
-    error = quaternion.error(plan.attitude, believed)
-    excess = (
-        rate - plan.rate_B + jnp.cross(error, plan.rate_B)
-    )  # the planned rate in the axes of the believed attitude
-    wheel = momentum + control.spin_inertia * (plan.middle_rate_B @ control.wheel_axes_B)
-    total = control.inertia_B @ plan.middle_rate_B + control.wheel_axes_B @ wheel
-    wanted = plan.acceleration_B - control.stiffness * error - control.damping * excess
-    torque = -control.allocation @ (
-        control.inertia_B @ wanted + jnp.cross(plan.middle_rate_B, total)
+    """The believed attitude (4,) at a row: propagated from the row before, and moved to the mean of the fixes."""
+    attitude = quaternion.multiply(
+        attitude, quaternion.exp(0.5 * reference.elapsed * (last_rate_B + rate_B))
     )
-    return torque * jnp.min(
-        control.max_torque / jnp.maximum(jnp.abs(torque), control.max_torque), initial=1.0
+    return quaternion.multiply(
+        attitude, quaternion.exp(reference.fix_gain * quaternion.error(attitude, fix))
     )
 
 
-def _hooks(
-    path: Motion,
-    command: Array,
-    script: Script,
-    truth: Truth,
-    context,
-    body,
-    active: ActiveEffects,
-    substeps: int,
-) -> tuple[Trajectory, _Given]:
+def _ask_hooks(
+    loop: _Loop, context, body, path: Motion, command: Array
+) -> tuple[Trajectory, _HookTerms]:
     """The trajectory on the grid, and what the whole-history hooks make of it."""
     rate_B, momentum = jax.vmap(
-        lambda motion: rate_and_wheel_momentum(motion, body, context, active)
+        lambda motion: rate_and_wheel_momentum(motion, body, context, loop.active)
     )(path)
     attitude = jnp.stack(path.attitude, -1)
     trajectory = Trajectory(
         context.time, attitude, rate_B, momentum, jnp.zeros((len(context.time), 0))
     )
-    last = jnp.minimum(jnp.arange(len(command)), script.rows - 1)
-    commands = jnp.repeat(command[last], substeps, axis=0)
+    last = jnp.minimum(jnp.arange(len(command)), loop.schedule.n_rows - 1)
+    commands = jnp.repeat(command[last], loop.substeps, axis=0)
     context = context._replace(torque=commands)
-    plain = rate_B @ truth.rate_axes.T + truth.bias
+    plain = rate_B @ loop.plant.rate_axes.T + loop.plant.bias
     rate_S, fix, tachometer = plain, attitude, momentum
-    for (effect, p), own in zip(active, path.own, strict=True):
-        seen = trajectory._replace(own=own)
-        rate_S = effect.rate_output(p, context, seen, rate_S)
-        fix = effect.attitude_output(p, context, seen, fix)
-        tachometer = effect.momentum_output(p, context, seen, tachometer)
+    for (effect, p), own in zip(loop.active, path.own, strict=True):
+        with_own = trajectory._replace(own=own)
+        rate_S = effect.rate_output(p, context, with_own, rate_S)
+        fix = effect.attitude_output(p, context, with_own, fix)
+        tachometer = effect.momentum_output(p, context, with_own, tachometer)
     added = (rate_S - plain, quaternion.error(attitude, fix), tachometer - momentum)
-    return trajectory, _Given(jnp.zeros_like(commands), *(x[::substeps] for x in added), commands)
+    at_rows = (x[:: loop.substeps] for x in added)
+    return trajectory, _HookTerms(jnp.zeros_like(commands), *at_rows, commands)
 
 
-def _flown(
-    script: Script, command, reading, momentum, fixes, seen: Trajectory, substeps: int, change
-) -> Flown:
-    attitude, rate_B, wheel = (
-        x[::substeps] for x in (seen.attitude, seen.rate_B, seen.wheel_momentum)
-    )
-    goal = target(script)
-    final = quaternion.error(goal, attitude[script.rows - 1])
-    visible = script.fix_after @ quaternion.error(goal, fixes)
-    return Flown(command, reading, momentum, fixes, attitude, rate_B, wheel, final, visible, change)
+def _final_errors(schedule: SlewSchedule, attitude: Array, fixes: Array) -> tuple[Array, Array]:
+    """Rotation vectors (3,) [rad] from the target to the final attitude, true and as the star tracker measures it."""
+    target = target_attitude(schedule)
+    true = quaternion.error(target, attitude[schedule.n_rows - 1])
+    return true, schedule.final_fix_weight @ quaternion.error(target, fixes)

@@ -5,26 +5,21 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.errors import EffectError, OutputError
 from bayes_inertia.files import write_atomically
+from bayes_inertia.flight.mission import Mission, most_like_mission
 from bayes_inertia.flight.plan import Plan
-from bayes_inertia.flight.plan_flight import Flight, fly, planned_campaign
-from bayes_inertia.flight.spacecraft import (
-    Controller,
-    Spacecraft,
-    most_like_prior,
-    most_like_spacecraft,
-    spin_tensor,
-)
+from bayes_inertia.flight.plan_flight import Flight, fly
+from bayes_inertia.flight.planned_telemetry import planned_campaign
+from bayes_inertia.flight.spacecraft import Controller, Spacecraft, spin_tensor
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.physics.effect import Effect
@@ -34,11 +29,10 @@ from bayes_inertia.physics.parameters import ParameterSpace
 
 def simulate(
     plan: Plan,
+    mission: Mission,
     out_folder: str | Path,
     seed: int,
     *,
-    spacecraft: Spacecraft,
-    prior: InertiaPrior,
     controller: Controller | None = None,
     name: str | None = None,
 ) -> Flight:
@@ -46,14 +40,44 @@ def simulate(
 
     Parameters
     ----------
-    controller : None for one that believes the prior.
+    plan : Plan
+        What to fly.
+    mission : Mission
+        The spacecraft as it is, and the inertia tensor that the campaign states as known before flight.
+    out_folder : str or Path
+        Where to write; made if it is absent.
+    seed : int
+        Of noise, bias and rest errors.
+    controller : Controller, optional
+        None for one that believes the prior.
+    name : str, optional
+        Name of the campaign; None for the plan's.
 
-    Raises `OutputError` if another campaign is in the folder; otherwise as `fly`.
+    Returns
+    -------
+    Flight
+        What was flown.
+
+    Raises
+    ------
+    OutputError
+        If another campaign is in the folder.
+    CampaignError
+        If the plan does not fit the spacecraft.
+    EffectError
+        If an effect lacks environment columns, or grows without bound together with the controller.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> from bayes_inertia.flight.plan import PlannedSlew
+    >>> plan = Plan("one", (PlannedSlew((1., 0., 0.), 0.5),))
+    >>> with TemporaryDirectory() as folder:
+    ...     flight = simulate(plan, most_like_mission(), folder, seed=1)
+    ...     sorted(path.name for path in Path(folder).iterdir())
+    ['campaign.toml', 'slew_1.csv', 'truth.json']
     """
-    controller = controller or Controller.from_prior(
-        prior, spacecraft.rate_sensor, spacecraft.wheels
-    )
-    flight = fly(plan, spacecraft, controller, prior, seed, name)
+    flight = fly(plan, mission, seed, controller=controller, name=name)
     folder = Path(out_folder)
     text = json.dumps(truth_of(flight, seed), indent=1) + "\n"
     path = folder / "truth.json"
@@ -75,79 +99,122 @@ def simulate_most(
 
     Parameters
     ----------
-    hidden : effects that act and that the campaign does not mention, each `name` (parameters drawn from their
+    plan : Plan
+        What to fly.
+    out_folder : str or Path
+        Where to write; made if it is absent.
+    seed : int
+        Of noise, bias, rest errors and drawn effects.
+    hidden : sequence of str
+        Effects that act and that the campaign does not mention. Each is `name` (parameters drawn from their
         priors) or `name.parameter=value[,value...]` (parameters not named are at their null).
 
-    Raises `EffectError` for an unknown effect or parameter or a wrong number of values; otherwise as `simulate`.
+    Returns
+    -------
+    Flight
+        What was flown.
+
+    Raises
+    ------
+    EffectError
+        If an effect or parameter is unknown, or a wrong number of values is given.
+    OutputError
+        If another campaign is in the folder.
     """
-    craft, prior = most_like_spacecraft(), most_like_prior()
-    template = planned_campaign(plan, craft, prior)
-    effects, values = _hidden(hidden, template, np.random.default_rng([seed, 2]))
-    return simulate(
-        plan,
-        out_folder,
-        seed,
-        spacecraft=replace(craft, effects=effects, values=values),
-        prior=prior,
-    )
+    mission = most_like_mission()
+    template = planned_campaign(plan, mission)
+    effects, values = _hidden_effects(hidden, template, np.random.default_rng([seed, 2]))
+    craft = replace(mission.spacecraft, effects=effects, values=values)
+    return simulate(plan, replace(mission, spacecraft=craft), out_folder, seed)
 
 
-def _hidden(
-    requests: Sequence[str], template: Campaign, rng: np.random.Generator
+@dataclass(frozen=True)
+class _Request:
+    """A request like `wheel_command_lag.tau=0.12`; `parameter` is empty for an effect that is to be drawn."""
+
+    effect: str
+    parameter: str
+    value: str
+
+    @classmethod
+    def parsed(cls, text: str) -> _Request:
+        key, _, value = text.partition("=")
+        effect, _, parameter = key.partition(".")
+        return cls(effect, parameter, value)
+
+
+def _hidden_effects(
+    texts: Sequence[str], template: Campaign, rng: np.random.Generator
 ) -> tuple[tuple[Effect, ...], dict[str, dict[str, Any]]]:
-    """Effects and values that requests like `wheel_command_lag.tau=0.12` name."""
-    parsed = [
-        (*request.partition("=")[0].partition(".")[::2], request.partition("=")[2])
-        for request in requests
-    ]
-    effects = by_name(tuple(dict.fromkeys(name for name, _, _ in parsed)))
+    """Effects and values that requests name."""
+    requests = [_Request.parsed(text) for text in texts]
+    effects = by_name(tuple(dict.fromkeys(request.effect for request in requests)))
     values: dict[str, dict[str, Any]] = {}
     for effect in effects:
-        space = ParameterSpace(tuple((effect.name, p) for p in effect.parameters(template)))
-        mine = [(key, text) for name, key, text in parsed if name == effect.name]
-        drawn = not any(key for key, _ in mine)
-        own = {
-            k: np.asarray(v)
-            for k, v in space.split(space.draw(rng, 1)[0] if drawn else space.nulls)[
-                effect.name
-            ].items()
-        }
-        for key, text in (pair for pair in mine if pair[0]):
-            own[key] = _value(effect.name, key, text, own)
-        values[effect.name] = own
+        space = _space_of(effect, template)
+        settings = [r for r in requests if r.effect == effect.name and r.parameter]
+        flat = space.nulls if settings else space.draw(rng, 1)[0]
+        by_parameter = {k: np.asarray(v) for k, v in space.split(flat)[effect.name].items()}
+        for request in settings:
+            by_parameter[request.parameter] = _requested_value(request, by_parameter)
+        values[effect.name] = by_parameter
     return effects, values
 
 
-def _value(effect: str, key: str, text: str, own: Mapping[str, np.ndarray]) -> np.ndarray:
-    if key not in own:
+def _space_of(effect: Effect, template: Campaign) -> ParameterSpace:
+    return ParameterSpace(tuple((effect.name, p) for p in effect.parameters(template)))
+
+
+def _requested_value(request: _Request, by_parameter: Mapping[str, np.ndarray]) -> np.ndarray:
+    """The value that a request asks for, in the shape of its parameter."""
+    if request.parameter not in by_parameter:
         raise EffectError(
-            f"no parameter {key!r}", where=effect, advice=f"its parameters are {', '.join(own)}"
+            f"no parameter {request.parameter!r}",
+            where=request.effect,
+            advice=f"its parameters are {', '.join(by_parameter)}",
         )
+    null = by_parameter[request.parameter]
     try:
-        given = np.array([float(x) for x in text.split(",")])
-        return np.broadcast_to(given, own[key].shape) if own[key].shape else given.reshape(())
+        given = np.array([float(x) for x in request.value.split(",")])
+        return np.broadcast_to(given, null.shape) if null.shape else given.reshape(())
     except ValueError:
-        count = f"{own[key].size} number{'s' if own[key].size > 1 else ''}"
+        count = f"{null.size} number{'s' if null.size > 1 else ''}"
         raise EffectError(
-            f"{text!r} is not {count}",
-            where=f"{effect}.{key}",
+            f"{request.value!r} is not {count}",
+            where=f"{request.effect}.{request.parameter}",
             advice="give numbers separated by commas",
         ) from None
 
 
 def truth_of(flight: Flight, seed: int | None = None) -> dict[str, Any]:
-    """What was true in a flight, as plain numbers and lists: J, K, bias, effects, and each slew's start state and final error."""
+    """What was true in a flight, as plain numbers and lists.
+
+    Parameters
+    ----------
+    flight : Flight
+        What was flown.
+    seed : int, optional
+        To be stated with it.
+
+    Returns
+    -------
+    dict
+        J, K, bias, effects, and each slew's start state and final error, with units in the keys.
+    """
     craft = flight.spacecraft
     locked = craft.inertia_B + spin_tensor(craft.wheels)
-    values = {e: {k: np.asarray(v).tolist() for k, v in p.items()} for e, p in craft.values.items()}
+    values = {
+        effect: {key: np.asarray(value).tolist() for key, value in by_parameter.items()}
+        for effect, by_parameter in craft.values.items()
+    }
     slews = [
         {
-            "q0": x.attitude[0].tolist(),
-            "w0": x.rate_B[0].tolist(),
-            "h0_rel": x.wheel_momentum[0].tolist(),
+            "q0": path.attitude[0].tolist(),
+            "w0": path.rate_B[0].tolist(),
+            "h0_rel": path.wheel_momentum[0].tolist(),
             "final_error_B_rad": error.tolist(),
         }
-        for x, error in zip(flight.truth, flight.final_error_B, strict=True)
+        for path, error in zip(flight.truth, flight.final_error_B, strict=True)
     ]
     return {
         "J_kgm2": craft.inertia_B.tolist(),
@@ -168,31 +235,39 @@ def draw_spacecraft(
     effects: Sequence[Effect] = (),
     values: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> Spacecraft:
-    """A spacecraft whose J, K and bias are drawn from a campaign's prior (every J physical).
+    """A spacecraft whose J, K and bias are drawn from a campaign's prior; every J is physical.
 
     Parameters
     ----------
-    template : hardware and prior; its slews set the scale of default priors. effects, values : what else
-        acts; the values of effects that `values` does not name are drawn from the effects' priors.
+    template : Campaign
+        Hardware and prior; its slews set the scale of default priors.
+    rng : numpy.random.Generator
+        Source of the draw.
+    effects : sequence of Effect
+        What else acts.
+    values : dict, optional
+        {effect: {parameter: value}}. The values of effects that it does not name are drawn from their priors.
 
-    Raises `CampaignError` if hardly any draw of the inertia prior is physical.
+    Returns
+    -------
+    Spacecraft
+        With a stated bias.
+
+    Raises
+    ------
+    CampaignError
+        If hardly any draw of the inertia prior is physical.
     """
-    prior, sensor = template.inertia, template.rate_sensor
-    spin = spin_tensor(template.wheels) if prior.includes_wheel_spin else np.zeros((3, 3))
-    mean, sd = prior.elements, prior.sd
-    elements = draw_physical(
-        lambda n: rng.normal(mean, sd, (n, 6)), 1, wheel_spin=inertia_tensor.elements(spin)
-    )[0]
-    J = np.array(inertia_tensor.tensor(elements)) - spin
-    drawn = {**(values or {})}
+    sensor = template.rate_sensor
+    J = _drawn_inertia(template, rng)
+    all_values = dict(values or {})
     for effect in effects:
-        if effect.name not in drawn:
-            space = ParameterSpace(tuple((effect.name, p) for p in effect.parameters(template)))
-            drawn[effect.name] = space.split(space.draw(rng, 1)[0]).get(effect.name, {})
-    K, bias = (
-        rng.normal(sensor.scale_factor, sensor.scale_factor_sigma),
-        rng.normal(sensor.bias, sensor.bias_sigma),
-    )
+        if effect.name not in all_values:
+            space = _space_of(effect, template)
+            drawn = space.split(space.draw(rng, 1)[0])
+            all_values[effect.name] = drawn.get(effect.name, {})
+    K = rng.normal(sensor.scale_factor, sensor.scale_factor_sigma)
+    bias = rng.normal(sensor.bias, sensor.bias_sigma)
     return Spacecraft(
         J,
         tuple(K),
@@ -201,8 +276,19 @@ def draw_spacecraft(
         template.star_tracker,
         tuple(bias.tolist()),
         tuple(effects),
-        drawn,
+        all_values,
     )
+
+
+def _drawn_inertia(template: Campaign, rng: np.random.Generator) -> np.ndarray:
+    """J (3, 3) [kg m^2] without the wheels' spin, drawn from the prior."""
+    prior = template.inertia
+    spin = spin_tensor(template.wheels) if prior.includes_wheel_spin else np.zeros((3, 3))
+    mean, sd = prior.elements, prior.sd
+    elements = draw_physical(
+        lambda n: rng.normal(mean, sd, (n, 6)), 1, wheel_spin=inertia_tensor.elements(spin)
+    )[0]
+    return np.array(inertia_tensor.tensor(elements)) - spin
 
 
 def vary_plan(
@@ -210,22 +296,41 @@ def vary_plan(
     rng: np.random.Generator,
     angles: tuple[float, float] = (math.radians(20.0), math.radians(60.0)),
 ) -> Plan:
-    """The plan with random senses, angles [rad] and start attitude; all slews last equally long, so that studies share compiled code."""
-    low, high = angles
-    longest = max(
-        replace(
-            plan, slews=tuple(replace(s, angle=high, duration=None) for s in plan.slews)
-        ).durations
-    )
-    senses, turned = (
-        rng.choice([-1.0, 1.0], len(plan.slews)),
-        rng.uniform(low, high, len(plan.slews)),
-    )
+    """The plan with random senses and angles of its slews, and a random start attitude.
+
+    All slews last equally long, so that studies share compiled code.
+
+    Parameters
+    ----------
+    plan : Plan
+        Its axes, rates and times are kept.
+    rng : numpy.random.Generator
+        Source of the draw.
+    angles : tuple of 2 floats
+        Smallest and largest angle [rad].
+
+    Returns
+    -------
+    Plan
+        Of as many slews.
+
+    Examples
+    --------
+    >>> from bayes_inertia.flight.plan import paper_like_plan
+    >>> varied = vary_plan(paper_like_plan(), np.random.default_rng(0))
+    >>> len(set(varied.durations))
+    1
+    """
+    smallest, largest = angles
+    at_largest = (replace(slew, angle=largest, duration=None) for slew in plan.slews)
+    longest = max(replace(plan, slews=tuple(at_largest)).durations)
+    senses = rng.choice([-1.0, 1.0], len(plan.slews))
+    drawn_angles = rng.uniform(smallest, largest, len(plan.slews))
     slews = tuple(
         replace(
             slew, axis_B=tuple(sense * x for x in slew.axis_B), angle=float(angle), duration=longest
         )
-        for slew, sense, angle in zip(plan.slews, senses, turned, strict=True)
+        for slew, sense, angle in zip(plan.slews, senses, drawn_angles, strict=True)
     )
     attitude = rng.normal(size=4)
     return replace(plan, slews=slews, start_attitude=tuple(attitude / np.linalg.norm(attitude)))
@@ -241,14 +346,38 @@ def draw_flight(
     vary: bool = True,
     controller: Controller | None = None,
 ) -> Flight:
-    """One campaign of a calibration study: truth drawn from the template's prior, slews varied, flown with noise.
+    """One campaign of a calibration study: truth drawn from the template's prior, flown with noise.
 
-    The truth is in `Flight.spacecraft`. `controller` None believes the prior. Equal seeds give equal campaigns.
+    Parameters
+    ----------
+    template : Campaign
+        Hardware and prior; its slews set the scale of default priors.
+    plan : Plan
+        What to fly.
+    seed : int or numpy.random.SeedSequence
+        Equal seeds give equal campaigns.
+    effects : sequence of Effect
+        What else acts.
+    values : dict, optional
+        {effect: {parameter: value}}. The values of effects that it does not name are drawn from their priors.
+    vary : bool
+        Whether the plan is varied first, see `vary_plan`.
+    controller : Controller, optional
+        None for one that believes the prior.
+
+    Returns
+    -------
+    Flight
+        The truth is in `Flight.mission`.
+
+    Raises
+    ------
+    CampaignError
+        If hardly any draw of the inertia prior is physical, or the plan does not fit the spacecraft.
     """
     rng = np.random.default_rng(seed)
-    craft = draw_spacecraft(template, rng, effects, values)
-    flown = vary_plan(plan, rng) if vary else plan
-    controller = controller or Controller.from_prior(
-        template.inertia, template.rate_sensor, template.wheels
+    mission = Mission(draw_spacecraft(template, rng, effects, values), template.inertia)
+    flown_plan = vary_plan(plan, rng) if vary else plan
+    return fly(
+        flown_plan, mission, int(rng.integers(2**63)), controller=controller, name=template.name
     )
-    return fly(flown, craft, controller, template.inertia, int(rng.integers(2**63)), template.name)

@@ -1,0 +1,455 @@
+"""What the closed loop takes in, from plan, mission and controller: grids, schedules, start states, noise, all as arrays."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.errors import CampaignError, EffectError
+from bayes_inertia.flight.closed_loop import Plant, SensorNoise
+from bayes_inertia.flight.control_law import ControlLaw, SlewSchedule
+from bayes_inertia.flight.mission import Mission
+from bayes_inertia.flight.plan import Plan
+from bayes_inertia.flight.planned_telemetry import planned_campaign
+from bayes_inertia.flight.spacecraft import Controller, Spacecraft
+from bayes_inertia.maths.values import Vector
+from bayes_inertia.physics.active_effects import ActiveEffects
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.packing import pack
+from bayes_inertia.physics.simulator import SlewInput, Start
+
+# Stands for a limit that the hardware does not have, in any unit.
+_UNLIMITED = 1e30
+
+
+class IntegrationGrid(NamedTuple):
+    """Integration grids of all slews.
+
+    Parameters
+    ----------
+    slews : SlewInput
+        Grids and environment, with a leading axis of slews.
+    n_rows : int
+        Telemetry rows, padded.
+    substeps : int
+        Integration steps a row.
+    """
+
+    slews: SlewInput
+    n_rows: int
+    substeps: int
+
+
+@dataclass(frozen=True, eq=False)
+class ClosedLoopInputs:
+    """The arguments of `closed_loop.fly_slews` (slews on a leading axis) or, of one slew, of `closed_loop.fly_slew`.
+
+    Parameters
+    ----------
+    planned : Campaign
+        The plan as a campaign that has not been flown.
+    slews : SlewInput
+        Integration grids and environment.
+    schedules : SlewSchedule
+        What the controller is to fly.
+    plant : Plant
+        The spacecraft as it is.
+    law : ControlLaw
+        What the controller believes, and its gains.
+    noise : SensorNoise
+        Noise of all sensors.
+    active : ActiveEffects
+        What else acts.
+    substeps : int
+        Integration steps a row.
+    """
+
+    planned: Campaign
+    slews: SlewInput
+    schedules: SlewSchedule
+    plant: Plant
+    law: ControlLaw
+    noise: SensorNoise
+    active: ActiveEffects
+    substeps: int
+
+    def of_slew(self, i: int) -> ClosedLoopInputs:
+        """The inputs of one slew alone.
+
+        Parameters
+        ----------
+        i : int
+            Which slew, from 0.
+
+        Returns
+        -------
+        ClosedLoopInputs
+            Without the axis of slews.
+        """
+        plant = self.plant._replace(start=_row(self.plant.start, i))
+        return replace(
+            self,
+            planned=self.planned.subset([i]),
+            slews=_row(self.slews, i),
+            schedules=_row(self.schedules, i),
+            plant=plant,
+            noise=_row(self.noise, i),
+        )
+
+
+def closed_loop_inputs(
+    plan: Plan,
+    mission: Mission,
+    controller: Controller | None = None,
+    rng: np.random.Generator | None = None,
+    name: str | None = None,
+) -> ClosedLoopInputs:
+    """What the closed loop takes in to fly all slews of a plan.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is flown.
+    mission : Mission
+        With what. If its spacecraft states no rate bias, one is drawn from the sensor's prior.
+    controller : Controller, optional
+        None for one that believes the prior.
+    rng : numpy.random.Generator, optional
+        Of bias, rest errors and noise, drawn in this order; None for none of them.
+    name : str, optional
+        Name of the campaign; None for the plan's.
+
+    Returns
+    -------
+    ClosedLoopInputs
+        With slews on a leading axis.
+
+    Raises
+    ------
+    CampaignError
+        If the plan does not fit the spacecraft.
+    EffectError
+        If an effect needs environment columns and the plan has no orbit.
+
+    Examples
+    --------
+    >>> from bayes_inertia.flight.mission import most_like_mission
+    >>> from bayes_inertia.flight.plan import PlannedSlew
+    >>> plan = Plan("one", (PlannedSlew((1., 0., 0.), 0.5),))
+    >>> closed_loop_inputs(plan, most_like_mission()).of_slew(0).schedules.angle.item()
+    0.5
+    """
+    craft, controller = mission.spacecraft, controller or mission.controller()
+    planned = planned_campaign(plan, mission, name)
+    grid = integration_grid(planned, craft.effects)
+    bias = rate_bias(craft, rng)
+    starts = start_states(plan, craft, controller, rng)
+    schedules = [
+        slew_schedule(plan, i, grid.n_rows, tracked=craft.star_tracker is not None)
+        for i in range(len(plan.slews))
+    ]
+    return ClosedLoopInputs(
+        planned=planned,
+        slews=grid.slews,
+        schedules=stacked(schedules),
+        plant=Plant(
+            jnp.asarray(craft.inertia_B),
+            jnp.asarray(craft.scale_factor),
+            jnp.asarray(bias),
+            jnp.asarray(craft.rate_sensor.axes),
+            starts,
+        ),
+        law=control_law(craft, controller),
+        noise=sensor_noise((len(plan.slews),), craft, controller, plan, grid.n_rows, rng),
+        active=craft.active_effects,
+        substeps=grid.substeps,
+    )
+
+
+def integration_grid(campaign: Campaign, effects: Sequence[Effect]) -> IntegrationGrid:
+    """The grids that a `Model` of the flown campaign will integrate on.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        The plan as a campaign that has not been flown.
+    effects : sequence of Effect
+        What acts.
+
+    Returns
+    -------
+    IntegrationGrid
+        Padded to whole rows.
+
+    Raises
+    ------
+    EffectError
+        If an effect needs columns that the campaign lacks.
+    """
+    for effect in effects:
+        for column in effect.needs:
+            if any(getattr(slew, column) is None for slew in campaign.slews):
+                raise EffectError(
+                    f"needs {column}",
+                    where=effect.name,
+                    advice="give the plan an [orbit], or leave the effect out",
+                )
+    steps = [step for step in (effect.max_step(campaign) for effect in effects) if step is not None]
+    arrays = pack(campaign, max_step=min(steps) if steps else None)
+    n_rows = arrays.telemetry.rate.shape[1]
+    substeps = int(arrays.telemetry.sample[0, 1])
+    missing = n_rows * substeps - arrays.slews.context.time.shape[1]
+    return IntegrationGrid(_padded(arrays.slews, missing), n_rows, substeps)
+
+
+def _padded(slews: SlewInput, missing: int) -> SlewInput:
+    """Grids with `missing` more points at their end: time stands still there, all else stays as it was last."""
+    if missing == 0:
+        return slews
+
+    def pad(x: jnp.ndarray, mode: str) -> np.ndarray:
+        return np.pad(x, [(0, 0), (0, missing)] + [(0, 0)] * (x.ndim - 2), mode=mode)
+
+    context = slews.context._replace(
+        step=pad(slews.context.step, "constant"),
+        time=pad(slews.context.time, "edge"),
+        torque=pad(slews.context.torque, "edge"),
+    )
+    fields = ("momentum", "magnetic_field_N", "position_N")
+    return slews._replace(
+        context=context, **{key: pad(getattr(slews, key), "edge") for key in fields}
+    )
+
+
+def stacked(parts: Sequence[Any]) -> Any:
+    """Pytrees of one structure as one pytree, with a new leading axis.
+
+    Parameters
+    ----------
+    parts : sequence of pytree
+        At least one.
+
+    Returns
+    -------
+    pytree
+        Of numpy arrays.
+
+    Examples
+    --------
+    >>> stacked([{"a": 1.0}, {"a": 2.0}])["a"].tolist()
+    [1.0, 2.0]
+    """
+    return jax.tree.map(lambda *x: np.stack(x), *parts)
+
+
+def _row(tree: Any, i: int) -> Any:
+    return jax.tree.map(lambda x: x[i], tree)
+
+
+def slew_schedule(plan: Plan, i: int, n_rows: int, *, tracked: bool) -> SlewSchedule:
+    """Slew i of a plan as the controller is told to fly it.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is flown.
+    i : int
+        Which slew, from 0.
+    n_rows : int
+        Rows to pad to.
+    tracked : bool
+        Whether there is a star tracker.
+
+    Returns
+    -------
+    SlewSchedule
+        Of `n_rows` rows.
+    """
+    slew, time = plan.slews[i], plan.times(i)
+    before, after = plan.fixes(i)
+    gain, weight = np.zeros(n_rows), np.zeros(n_rows)
+    if tracked:
+        gain[before] = 1.0 / np.arange(1, len(before) + 1)
+        weight[after] = 1.0 / len(after)
+    return SlewSchedule(
+        start_attitude=plan.attitudes[i],
+        axis_B=np.array(slew.axis_B),
+        angle=np.array(slew.angle),
+        rate=np.array(slew.rate),
+        acceleration=np.array(slew.acceleration),
+        smooth=np.array(slew.profile == "smooth"),
+        motion_start=np.array(plan.rest_before),
+        n_rows=np.array(len(time)),
+        time=np.concatenate([time, np.full(n_rows - len(time), time[-1])]),
+        fix_gain=gain,
+        final_fix_weight=weight,
+    )
+
+
+def start_states(
+    plan: Plan,
+    spacecraft: Spacecraft,
+    controller: Controller,
+    rng: np.random.Generator | None = None,
+) -> Start:
+    """Start states of all slews: at the last target, with the campaign's first total momentum in the wheels.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is flown.
+    spacecraft : Spacecraft
+        Its wheels take up the momentum.
+    controller : Controller
+        Says how still and how well aimed the rest before a slew is.
+    rng : numpy.random.Generator, optional
+        Of residual rate and aim; None for neither.
+
+    Returns
+    -------
+    Start
+        With a leading axis of slews.
+
+    Raises
+    ------
+    CampaignError
+        If the plan does not state one momentum a wheel.
+    """
+    G, attitudes = spacecraft.wheel_axes_B, Rotation.from_quat(plan.attitudes[:-1])
+    h = np.array(plan.wheel_momentum or np.zeros(len(spacecraft.wheels)))
+    if len(h) != len(spacecraft.wheels):
+        raise CampaignError(
+            f"{len(h)} momenta for {len(spacecraft.wheels)} wheels",
+            where="key wheel_momentum_Nms",
+            advice="give one a wheel",
+        )
+    total_N = attitudes[0].apply(G @ h)  # scipy's rotation takes body vectors to inertial ones
+    momentum = h + (attitudes.apply(total_N, inverse=True) - G @ h) @ np.linalg.pinv(G).T
+    shape = (2, len(plan.slews), 3)
+    rest_errors = np.zeros(shape) if rng is None else rng.normal(size=shape)
+    aimed = attitudes * Rotation.from_rotvec(controller.rest_attitude_sigma * rest_errors[1])
+    return Start(controller.rest_rate_sigma * rest_errors[0], aimed.as_quat(), momentum)
+
+
+def rate_bias(spacecraft: Spacecraft, rng: np.random.Generator | None = None) -> Vector:
+    """The rate bias of one campaign.
+
+    Parameters
+    ----------
+    spacecraft : Spacecraft
+        Its own bias counts, if it states one.
+    rng : numpy.random.Generator, optional
+        Draws a bias that is not stated; None for the mean of the sensor's prior.
+
+    Returns
+    -------
+    tuple of 3 floats
+        In sensor axes [rad/s].
+
+    Examples
+    --------
+    >>> from bayes_inertia.flight.spacecraft import most_like_spacecraft
+    >>> rate_bias(most_like_spacecraft())
+    (0.0, 0.0, 0.0)
+    """
+    sensor = spacecraft.rate_sensor
+    if spacecraft.bias is not None:
+        return spacecraft.bias
+    if rng is None:
+        return sensor.bias
+    return tuple(rng.normal(sensor.bias, sensor.bias_sigma).tolist())
+
+
+def sensor_noise(
+    batch: tuple[int, ...],
+    spacecraft: Spacecraft,
+    controller: Controller,
+    plan: Plan,
+    n_rows: int,
+    rng: np.random.Generator | None = None,
+) -> SensorNoise:
+    """White noise of all sensors.
+
+    Parameters
+    ----------
+    batch : tuple of int
+        Leading axes.
+    spacecraft : Spacecraft
+        Its sensors say how large the noise is.
+    controller : Controller
+        Says how long readings at rest are averaged for the bias.
+    plan : Plan
+        Says how often there is a reading.
+    n_rows : int
+        Rows of a slew.
+    rng : numpy.random.Generator, optional
+        None for no noise.
+
+    Returns
+    -------
+    SensorNoise
+        With the leading axes of `batch`.
+    """
+    sensor, tracker, wheels = spacecraft.rate_sensor, spacecraft.star_tracker, spacecraft.wheels
+
+    def white(*shape: int) -> np.ndarray:
+        return np.zeros((*batch, *shape)) if rng is None else rng.normal(size=(*batch, *shape))
+
+    momentum = white(n_rows, len(wheels)) * np.array([w.momentum_sigma or 0.0 for w in wheels])
+    attitude = np.zeros((*batch, n_rows, 3))
+    if tracker is not None:
+        boresight_B = np.array(tracker.boresight_B)
+        rotation = white(n_rows, 3)
+        roll = (rotation @ boresight_B)[..., None] * boresight_B
+        attitude = tracker.sigma_cross * (rotation - roll) + tracker.sigma_roll * roll
+    readings = max(1.0, controller.snapshot_time / plan.telemetry_period)
+    return SensorNoise(
+        white(n_rows, 3) * sensor.sigma,
+        momentum,
+        attitude,
+        white(3) * np.array(sensor.sigma) / math.sqrt(readings),
+    )
+
+
+def control_law(spacecraft: Spacecraft, controller: Controller) -> ControlLaw:
+    """The controller as arrays, for a spacecraft's hardware.
+
+    Parameters
+    ----------
+    spacecraft : Spacecraft
+        Wheels and rate sensor; its true J and K are not used.
+    controller : Controller
+        What it believes, and how firmly it acts.
+
+    Returns
+    -------
+    ControlLaw
+        Gains and limits.
+
+    Examples
+    --------
+    >>> from bayes_inertia.flight.spacecraft import most_like_spacecraft
+    >>> control_law(most_like_spacecraft(), Controller(np.eye(3))).max_torque.tolist()
+    [0.02, 0.02, 0.02]
+    """
+    G, sensor = spacecraft.wheel_axes_B, spacecraft.rate_sensor
+    return ControlLaw(
+        inertia_B=jnp.asarray(controller.inertia_B),
+        scale_factor=jnp.asarray(controller.scale_factor),
+        rate_axes_inverse=jnp.asarray(np.linalg.inv(sensor.axes)),
+        wheel_axes_B=jnp.asarray(G),
+        allocation=jnp.asarray(np.linalg.pinv(G)),
+        spin_inertia=jnp.asarray([w.spin_inertia for w in spacecraft.wheels]),
+        max_torque=jnp.asarray([w.max_torque or _UNLIMITED for w in spacecraft.wheels]),
+        stiffness=jnp.asarray(controller.bandwidth**2),
+        damping=jnp.asarray(2.0 * controller.damping * controller.bandwidth),
+        rate_range=jnp.asarray(sensor.range or _UNLIMITED),
+    )

@@ -1,0 +1,181 @@
+"""Final attitude errors of a slew if each draw of J and K were the truth, and the correction slew that they ask for.
+
+A correction slew is the rotation between the attitude that the fast slew reached and its target, as the star
+tracker sees it afterwards. It is largely the error of the controller's scale factors times the slew's angle:
+`bayes_inertia.flight.closed_loop` says why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from bayes_inertia.flight.closed_loop import Plant, fly_slew
+from bayes_inertia.flight.closed_loop_inputs import (
+    control_law,
+    integration_grid,
+    rate_bias,
+    sensor_noise,
+    slew_schedule,
+    stacked,
+    start_states,
+)
+from bayes_inertia.flight.mission import Mission
+from bayes_inertia.flight.plan import Plan
+from bayes_inertia.flight.planned_telemetry import planned_campaign
+from bayes_inertia.flight.spacecraft import Controller, without_spin
+from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.physics.active_effects import ActiveEffects
+
+
+def predict_final_errors(
+    thetas: np.ndarray,
+    plan: Plan,
+    mission: Mission,
+    controller: Controller,
+    *,
+    index: int = 0,
+    seed: int | None = None,
+    values: Mapping[str, Mapping[str, np.ndarray]] | None = None,
+) -> np.ndarray:
+    """Final attitude error of one slew of a plan if each draw were the truth, flown with the same controller.
+
+    Parameters
+    ----------
+    thetas : (n, 9) array
+        Jxx Jyy Jzz Jxy Jxz Jyz [kg m^2] and K of each draw, such as draws of a posterior. J is J_locked where
+        the mission's prior says so.
+    plan : Plan
+        What is flown.
+    mission : Mission
+        Sensors, wheels and effects; its own J and K are not used.
+    controller : Controller
+        The controller in all draws.
+    index : int
+        Which slew of the plan, from 0.
+    seed : int, optional
+        Of noise, bias and rest errors; None for none.
+    values : dict, optional
+        {effect: {parameter: (n, ...)}}, the effects' parameters in each draw; None for the spacecraft's own
+        in all draws.
+
+    Returns
+    -------
+    (n, 3) array
+        Rotation vectors from the target to the final attitude, in body axes [rad].
+
+    Examples
+    --------
+    >>> from bayes_inertia.flight.mission import most_like_mission
+    >>> from bayes_inertia.flight.plan import PlannedSlew
+    >>> plan = Plan("one", (PlannedSlew((1., 0., 0.), 0.5),))
+    >>> draws = np.array([[1., 1., 1., 0., 0., 0., 1.02, 1., 1.]])
+    >>> errors = predict_final_errors(draws, plan, most_like_mission(), Controller(np.eye(3)))
+    >>> errors.round(4)[0, 0].item()
+    0.01
+    """
+    thetas = np.atleast_2d(np.asarray(thetas, dtype=float))
+    rng = None if seed is None else np.random.default_rng(seed)
+    craft, n = mission.spacecraft, len(thetas)
+    grid = integration_grid(planned_campaign(plan, mission).subset([index]), craft.effects)
+    plant = _plants(thetas, plan, mission, controller, index, rng)
+    tracked = craft.star_tracker is not None
+    errors = _final_errors(
+        jax.tree.map(lambda x: x[0], grid.slews),
+        slew_schedule(plan, index, grid.n_rows, tracked=tracked),
+        plant,
+        control_law(craft, controller),
+        sensor_noise((n,) if rng else (1,), craft, controller, plan, grid.n_rows, rng),
+        _active_in_draws(values, mission, n),
+        grid.substeps,
+    )
+    return np.asarray(errors)
+
+
+def predict_correction_slew(
+    thetas: np.ndarray, plan: Plan, mission: Mission, controller: Controller, **options: Any
+) -> np.ndarray:
+    """Angle of the correction slew needed after one slew if each draw were the truth.
+
+    Parameters
+    ----------
+    thetas : (n, 9) array
+        Jxx Jyy Jzz Jxy Jxz Jyz [kg m^2] and K of each draw.
+    plan : Plan
+        What is flown.
+    mission : Mission
+        Sensors, wheels and effects; its own J and K are not used.
+    controller : Controller
+        The controller in all draws.
+    **options
+        `index`, `seed` and `values`, as in `predict_final_errors`.
+
+    Returns
+    -------
+    (n,) array
+        Angles [rad].
+    """
+    return np.linalg.norm(
+        predict_final_errors(thetas, plan, mission, controller, **options), axis=-1
+    )
+
+
+def _plants(
+    thetas: np.ndarray,
+    plan: Plan,
+    mission: Mission,
+    controller: Controller,
+    index: int,
+    rng: np.random.Generator | None,
+) -> Plant:
+    """The spacecraft (n on a leading axis) that the draws describe, before slew `index`."""
+    craft, n = mission.spacecraft, len(thetas)
+    J = np.asarray(inertia_tensor.tensor(jnp.asarray(thetas[:, :6])))
+    J = without_spin(J, mission.prior.includes_wheel_spin, craft.wheels)
+    if craft.bias is None:
+        bias = np.stack([rate_bias(craft, rng) for _ in range(n)])
+    else:
+        bias = np.tile(craft.bias, (n, 1))
+    starts = stacked(
+        [
+            jax.tree.map(lambda x: x[index], start_states(plan, craft, controller, rng))
+            for _ in range(n if rng else 1)
+        ]
+    )
+    return Plant(
+        jnp.asarray(J),
+        jnp.asarray(thetas[:, 6:9]),
+        jnp.asarray(bias),
+        jnp.broadcast_to(craft.rate_sensor.axes, (n, 3, 3)),
+        jax.tree.map(lambda x: jnp.broadcast_to(x, (n, *x.shape[1:])), starts),
+    )
+
+
+def _active_in_draws(
+    values: Mapping[str, Mapping[str, np.ndarray]] | None, mission: Mission, n: int
+) -> ActiveEffects:
+    """What else acts, its parameters with a leading axis of n draws."""
+    craft = mission.spacecraft
+    if values is None:
+        return jax.tree.map(lambda x: jnp.broadcast_to(x, (n, *x.shape)), craft.active_effects)
+    drawn = {name: dict(by_parameter) for name, by_parameter in values.items()}
+    return ActiveEffects(craft.effects, jax.tree.map(jnp.asarray, drawn))
+
+
+@partial(jax.jit, static_argnames="substeps")
+def _final_errors(slew, schedule, plants, law, noise, active, substeps):
+    """Final errors (n, 3) [rad] of all draws; noise of one draw serves all."""
+
+    def of_draw(plant, active, noise):
+        return fly_slew(slew, schedule, plant, law, noise, active, substeps=substeps).final_error_B
+
+    if len(noise.rate) == 1:
+        return jax.vmap(of_draw, in_axes=(0, 0, None))(
+            plants, active, jax.tree.map(lambda x: x[0], noise)
+        )
+    return jax.vmap(of_draw)(plants, active, noise)

@@ -1,0 +1,122 @@
+"""A mission: the spacecraft that flies, and what was known of its inertia tensor before flight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.flight.spacecraft import (
+    Controller,
+    Spacecraft,
+    most_like_prior,
+    most_like_spacecraft,
+    spin_tensor,
+    without_spin,
+)
+
+
+@dataclass(frozen=True)
+class Mission:
+    """A spacecraft and the knowledge of its inertia tensor before flight: what all plans of a mission share.
+
+    Parameters
+    ----------
+    spacecraft : Spacecraft
+        The spacecraft as it is: J, K, hardware, and what else acts.
+    prior : InertiaPrior
+        The inertia tensor as the campaign states it: what was known before flight, and how well.
+
+    Examples
+    --------
+    >>> mission = Mission(most_like_spacecraft(), most_like_prior())
+    >>> mission.theta[3].item()
+    -0.0119
+    """
+
+    spacecraft: Spacecraft
+    prior: InertiaPrior
+
+    @property
+    def theta(self) -> np.ndarray:
+        """Jxx Jyy Jzz Jxy Jxz Jyz [kg m^2] and K (9,) as a fit of the campaign names them.
+
+        J is J_locked where the prior's tensor includes the wheels' spin.
+        """
+        J = self.spacecraft.inertia_B + (
+            spin_tensor(self.spacecraft.wheels) if self.prior.includes_wheel_spin else 0.0
+        )
+        K = self.spacecraft.scale_factor
+        return np.array([J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2], *K])
+
+    def at_prior_mean(self) -> Mission:
+        """The mission if all that was known before flight were exactly right, and nothing else acted.
+
+        Returns
+        -------
+        Mission
+            With J and K at the mean of their prior, and without effects.
+
+        Examples
+        --------
+        >>> most_like_mission().at_prior_mean().spacecraft.scale_factor
+        (1.0, 1.0, 1.0)
+        """
+        craft, prior = self.spacecraft, self.prior
+        mean = replace(
+            craft,
+            inertia_B=without_spin(prior.tensor, prior.includes_wheel_spin, craft.wheels),
+            scale_factor=craft.rate_sensor.scale_factor,
+            effects=(),
+            values={},
+        )
+        return replace(self, spacecraft=mean)
+
+    def without_effects(self) -> Mission:
+        """The mission if nothing acted beside the wheels.
+
+        Returns
+        -------
+        Mission
+            The same J, K and hardware.
+        """
+        return replace(self, spacecraft=replace(self.spacecraft, effects=(), values={}))
+
+    def controller(self, **settings: Any) -> Controller:
+        """A controller that believes what was known before flight.
+
+        Parameters
+        ----------
+        **settings : float
+            Further fields of `Controller`, such as `bandwidth`.
+
+        Returns
+        -------
+        Controller
+            With J and K at the mean of their prior.
+
+        Examples
+        --------
+        >>> most_like_mission().controller(bandwidth=0.1).bandwidth
+        0.1
+        """
+        craft = self.spacecraft
+        return Controller.from_prior(self.prior, craft.rate_sensor, craft.wheels, **settings)
+
+
+def most_like_mission() -> Mission:
+    """A microsatellite like MOST in Ferguson's simulations (his Table 1), with J known to 2 to 4 % before flight.
+
+    Returns
+    -------
+    Mission
+        `most_like_spacecraft` and `most_like_prior`.
+
+    Examples
+    --------
+    >>> most_like_mission().spacecraft.scale_factor
+    (1.01, 1.02, 0.98)
+    """
+    return Mission(most_like_spacecraft(), most_like_prior())

@@ -1,0 +1,96 @@
+"""A plan as the campaign that it will be: hardware, times and planned motion, before anything has been flown."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.flight.mission import Mission
+from bayes_inertia.flight.plan import Plan, angle_and_rate
+from bayes_inertia.flight.spacecraft import Spacecraft
+
+# Rows are padded to multiples of this, so that few shapes are compiled.
+_ROW_MULTIPLE = 32
+
+
+def planned_campaign(plan: Plan, mission: Mission, name: str | None = None) -> Campaign:
+    """The plan as a campaign of perfect telemetry that has not been flown: planned motion, no torques.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is to be flown.
+    mission : Mission
+        Hardware and prior of the campaign.
+    name : str, optional
+        Name of the campaign; None for the plan's.
+
+    Returns
+    -------
+    Campaign
+        One slew for each slew of the plan, with environment columns where the plan has an orbit.
+
+    Examples
+    --------
+    >>> from bayes_inertia.flight.mission import most_like_mission
+    >>> from bayes_inertia.flight.plan import paper_like_plan
+    >>> len(planned_campaign(paper_like_plan(), most_like_mission()).slews)
+    5
+    """
+    craft, (angles, rates), attitudes = mission.spacecraft, _planned_motion(plan), plan.attitudes
+    slews = tuple(
+        _planned_slew(plan, craft, i, attitudes[i], angles[i], rates[i])
+        for i in range(len(plan.slews))
+    )
+    return Campaign(
+        name or plan.name, mission.prior, craft.wheels, craft.rate_sensor, craft.star_tracker, slews
+    )
+
+
+def _planned_slew(
+    plan: Plan,
+    craft: Spacecraft,
+    i: int,
+    start_attitude: np.ndarray,
+    angle: np.ndarray,
+    rate: np.ndarray,
+) -> Slew:
+    """Slew i, from its padded angle [rad] and rate [rad/s] (rows,)."""
+    slew, time, sensor = plan.slews[i], plan.times(i), craft.rate_sensor
+    n, axis = len(time), np.array(slew.axis_B)
+    optional = {}
+    if plan.orbit is not None:
+        campaign_time = plan.starts[i] + time
+        optional["magnetic_field_N"] = plan.orbit.magnetic_field_N(campaign_time)
+        optional["position_N"] = plan.orbit.position_N(campaign_time)
+    if craft.star_tracker is not None:
+        turned = Rotation.from_rotvec(angle[:n, None] * axis)
+        optional["attitude"] = (Rotation.from_quat(start_attitude) * turned).as_quat()
+    return Slew(
+        name=f"slew {i + 1}",
+        start=plan.starts[i],
+        time=time,
+        rate=rate[:n, None] * (sensor.axes @ axis) / np.array(sensor.scale_factor),
+        wheel_torque=np.zeros((n, len(craft.wheels))),
+        wheel_momentum=np.zeros((n, len(craft.wheels))),
+        axis_B=slew.axis_B,
+        angle=slew.angle,
+        **optional,
+    )
+
+
+def _planned_motion(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
+    """Angle [rad] and rate [rad/s] of all slews (slews, rows), padded at the end."""
+    longest = max(len(plan.times(i)) for i in range(len(plan.slews)))
+    n_rows = -(-longest // _ROW_MULTIPLE) * _ROW_MULTIPLE
+    time = plan.telemetry_period * np.arange(n_rows) - plan.rest_before
+    settings = [
+        np.array([[getattr(slew, key)] for slew in plan.slews])
+        for key in ("angle", "rate", "acceleration")
+    ]
+    smooth = np.array([[slew.profile == "smooth"] for slew in plan.slews])
+    angle, rate = jax.jit(angle_and_rate)(*settings, smooth, time)
+    return np.asarray(angle), np.asarray(rate)
