@@ -12,6 +12,7 @@ from collections.abc import Iterator
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import xarray as xr
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
@@ -22,6 +23,7 @@ from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft
 from bayes_inertia.inference.objective import Point
+from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths.values import array_dataclass, equal
 
 
@@ -165,3 +167,9 @@ def test_a_view_of_the_callers_array_is_copied():
     kept = Holder(view)
     owner[0] = 1.0
     assert kept == Holder(np.zeros(2))
+
+
+def test_a_tree_of_data_stays_a_tree():
+    # A DataTree is a mapping, but no dictionary: copied as one it would lose its attributes.
+    tree = xr.DataTree.from_dict({"/posterior": xr.Dataset({"Jxx": ("draw", np.zeros(3))})})
+    assert Posterior(tree).tree is tree

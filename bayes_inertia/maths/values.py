@@ -113,7 +113,7 @@ def frozen(given: Any) -> Any:
         return type(given)._make(kept) if hasattr(given, "_make") else kept
     if isinstance(given, list):
         return [frozen(x) for x in given]
-    if isinstance(given, Mapping):
+    if isinstance(given, dict):
         return {key: frozen(x) for key, x in given.items()}
     return given
 
