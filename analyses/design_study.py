@@ -61,7 +61,7 @@ from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import ParameterSpace
 from bayes_inertia.report.pictures import style
-from bayes_inertia.report.pictures.design import comparison
+from bayes_inertia.report.pictures.design import draw_comparison
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS, FIGURES = ROOT / "analyses" / "results", ROOT / "figures"
@@ -665,7 +665,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
         )
         done = achieved(given.campaigns, given.jobs)
         shown: list[Contender] = [replace(c, achieved=done[c.name]) for c in contenders]
-        save(comparison(shown), "design_compare.png")
+        save(draw_comparison(shown), "design_compare.png")
     if "separate" in parts:
         kept("separate", lambda: told_apart(given.seeds))
     if "times" in parts:

@@ -53,7 +53,7 @@ _PUBLIC = {
     "read_campaign": "campaign.reader",
     "separating_slew": "design.separating_slew",
     "write_campaign": "campaign.writer",
-    "write_report": "report",
+    "write_report": "report.page",
 }
 
 __all__ = sorted(_PUBLIC)

@@ -42,8 +42,9 @@ from bayes_inertia.physics.effects import (
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import Normal, ParameterSpace, scalar
 from bayes_inertia.physics.simulator import idle_slew
-from bayes_inertia.report import diagnosis_sections, standard_sections
-from bayes_inertia.report.diagnosis_wording import headline, verdict
+from bayes_inertia.report.diagnosis_sections import diagnosis_sections
+from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict, headline
+from bayes_inertia.report.fit_sections import standard_sections
 
 # The module; the package exports its function under the same name.
 search = import_module("bayes_inertia.diagnosis.search")
@@ -183,8 +184,8 @@ def test_what_no_candidate_explains_is_unknown_and_described(pumped):
     assert content["unknown"]["frequency_hz"] == pytest.approx(0.3, abs=0.01)
     assert abs(content["unknown"]["axis"][1]) > 0.97
     assert fitted_effects(pumped) == ()
-    assert verdict(content).level == "bad"
-    assert any("0.3 Hz ringing about y" in s for s in verdict(content).sentences)
+    assert diagnosis_verdict(content).level == "bad"
+    assert any("0.3 Hz ringing about y" in s for s in diagnosis_verdict(content).sentences)
 
 
 def test_the_next_correction_slew_before_and_after(lagging, flight):
@@ -196,7 +197,7 @@ def test_the_next_correction_slew_before_and_after(lagging, flight):
     assert same.expected == same.updated
     content = content_of(lagging, correction=found)
     check_contract(content)
-    assert any("should need a correction of" in s for s in verdict(content).sentences)
+    assert any("should need a correction of" in s for s in diagnosis_verdict(content).sentences)
 
 
 def test_the_next_slew_is_flown_with_the_tensor_after_its_change(flight):
@@ -264,15 +265,15 @@ def test_times_from_an_epoch_are_shown_from_each_slews_start(pumped):
     ):
         assert np.all(np.diff(a, axis=1) > 0.0)
         assert np.asarray(b)[:, 0].tolist() == [0.0] * 3
-    assert verdict(now).sentences[0] == verdict(then).sentences[0]
-    assert "e+09" not in verdict(then).sentences[0]
+    assert diagnosis_verdict(now).sentences[0] == diagnosis_verdict(then).sentences[0]
+    assert "e+09" not in diagnosis_verdict(then).sentences[0]
 
 
 def test_a_conspicuous_stretch_of_a_consistent_campaign_is_not_called_a_disagreement(clean, flight):
     found = diagnose(clean)
     where = disagreement(found.base)
     window = Window("rate", where.slews[0], "axis 1", 3.0, 9.0, "shift", 20.0, 0.04)
-    said = verdict(
+    said = diagnosis_verdict(
         to_json(Investigation(found, Rules(), replace(where, windows=(window,))))
     ).sentences[0]
     assert "one campaign of 25" in said
@@ -308,7 +309,7 @@ def test_effects_that_only_imitate_another_are_not_named(flight, lagging):
     check_contract(content, RIGID)
     assert any(
         "an imitation of something that is not among the candidates" in s
-        for s in verdict(content).sentences
+        for s in diagnosis_verdict(content).sentences
     )
 
 
@@ -416,14 +417,14 @@ def test_each_member_of_an_ambiguous_set_has_its_own_J_and_K(torqued):
         assert np.array_equal(again.mean, other.mean)
         assert np.array_equal(again.covariance, other.covariance)
     begun = "The fit below includes constant torque. J and K are averaged over what may be true (constant torque "
-    assert any(said.startswith(begun) for said in verdict(content).sentences)
+    assert any(said.startswith(begun) for said in diagnosis_verdict(content).sentences)
     assert "J and K, whichever it is" in [section.title for section in diagnosis_sections(content)]
 
 
 def test_a_name_that_something_without_one_matches_is_called_likely(lagging):
     content = content_of(lagging)
     sure, tied = (
-        verdict(content | {"nameless_lead": lead}).sentences
+        diagnosis_verdict(content | {"nameless_lead": lead}).sentences
         for lead in (content["nameless_lead"], 0.0)
     )
     assert len(tied) == len(sure) + 1
@@ -565,7 +566,7 @@ def test_what_could_hide_moves_the_fit_as_far_as_it_says(flight, clean):
     content = content_of(found, blind_spots=tuple(rows.values()))
     check_contract(content, RIGID)
     assert (
-        verdict(content)
+        diagnosis_verdict(content)
         .sentences[-1]
         .startswith("An effect too weak to be found could still have moved J and K: most of all ")
     )

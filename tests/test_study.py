@@ -15,7 +15,7 @@ from bayes_inertia.app.study_folder import Study, run_study
 from bayes_inertia.design.comparison import NAMES, Achieved
 from bayes_inertia.errors import OutputError
 from bayes_inertia.flight.plan import paper_like_plan
-from bayes_inertia.report.pictures.study import coverage_picture
+from bayes_inertia.report.pictures.study import draw_coverage
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 
@@ -101,7 +101,7 @@ def test_coverage_is_drawn_inside_its_band_or_not():
     """Sound uncertainties stay inside the drawn band; halved ones leave it."""
     for shrink, leaves in ((1.0, False), (0.5, True)):
         study = made(400, 2, shrink)
-        right = coverage_picture(NAMES, study.achieved, study.z).axes[1]
+        right = draw_coverage(NAMES, study.achieved, study.z).axes[1]
         band = right.collections[0].get_paths()[0].vertices[:, 1].max()
         assert (
             max(np.abs(line.get_ydata()).max() for line in right.lines[: len(NAMES)]) > band

@@ -159,7 +159,9 @@ def test_a_fit_with_hostile_names(printed):
 
 def test_a_diagnosis_with_hostile_names(printed, monkeypatch):
     verdict = SimpleNamespace(level="bad", title="Missing [/x]", sentences=("slew [yaw 1] rings",))
-    monkeypatch.setattr("bayes_inertia.report.diagnosis_wording.verdict", lambda _: verdict)
+    monkeypatch.setattr(
+        "bayes_inertia.report.diagnosis_verdict.diagnosis_verdict", lambda _: verdict
+    )
     candidate = {
         "effect": "pump [b]",
         "score": 1.0,

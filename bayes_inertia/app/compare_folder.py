@@ -7,10 +7,11 @@ from pathlib import Path
 
 from bayes_inertia.app.named_plans import plan_sha256, plans_named, prior_mission
 from bayes_inertia.app.plan_json import contender_json
-from bayes_inertia.app.result_folder import ResultFolder, write_picture
+from bayes_inertia.app.result_folder import ResultFolder
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.design.comparison import Contender, compare_plans
-from bayes_inertia.report.pictures.design import comparison as comparison_picture
+from bayes_inertia.report.pictures.design import draw_comparison
+from bayes_inertia.report.pictures.figure_file import write_png
 
 FORMAT = "bayes-inertia-compare/1"
 
@@ -75,5 +76,5 @@ def run_compare(
             "plans": {c.name: contender_json(c) for c in contenders},
         }
     )
-    write_picture(comparison_picture(contenders), folder / "compare.png")
+    write_png(draw_comparison(contenders), folder / "compare.png")
     return contenders

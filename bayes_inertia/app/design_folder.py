@@ -9,7 +9,7 @@ from pathlib import Path
 from bayes_inertia.app.design_request import DesignRequest
 from bayes_inertia.app.named_plans import prior_mission
 from bayes_inertia.app.plan_json import design_json, slew_rows
-from bayes_inertia.app.result_folder import ResultFolder, write_picture
+from bayes_inertia.app.result_folder import ResultFolder
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.design.after_campaign import plan_after
@@ -21,7 +21,8 @@ from bayes_inertia.flight.follow_on import following_plan
 from bayes_inertia.flight.plan_file import write_plan
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.report.pictures.design import comparison as comparison_picture
+from bayes_inertia.report.pictures.design import draw_comparison
+from bayes_inertia.report.pictures.figure_file import write_png
 
 FORMAT = "bayes-inertia-design/1"
 WHEELS_AT_REST = (
@@ -86,7 +87,7 @@ def run_design(campaign: Path, folder: Path, request: DesignRequest) -> Design:
     }
     owner.claim(design_json(design, contenders, flown) | start)
     _write_flyable_plan(design, folder / "plan.toml")
-    write_picture(comparison_picture(contenders), folder / "design.png")
+    write_png(draw_comparison(contenders), folder / "design.png")
     return design
 
 

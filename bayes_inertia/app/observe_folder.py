@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from bayes_inertia.app.result_folder import ResultFolder, write_picture
+from bayes_inertia.app.result_folder import ResultFolder
 from bayes_inertia.app.run_folder import FORMAT as RUN_FORMAT
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.inference import optimizer
@@ -22,7 +22,8 @@ from bayes_inertia.observability.result import FORMAT, Observability
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.simulator import Drive
-from bayes_inertia.report.pictures.observability import observability as observability_picture
+from bayes_inertia.report.pictures.figure_file import write_png
+from bayes_inertia.report.pictures.observability import draw_observability
 
 FILE, PICTURE = "observability.json", "observability.png"
 
@@ -95,7 +96,7 @@ def run_observe(
     comparison = _comparison(observability, folder, digest)
     rows = None if comparison is None else as_json(comparison)
     owner.claim(observability.to_json() | {"seed": seed, "posterior": rows})
-    write_picture(observability_picture(observability), folder / PICTURE)
+    write_png(draw_observability(observability), folder / PICTURE)
     return ObservedCampaign(observability, comparison)
 
 

@@ -18,7 +18,7 @@ from bayes_inertia.errors import OutputError
 from bayes_inertia.files import check_folder, make_folder, write_atomically
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 _ADVICE = "choose another folder; nothing was overwritten"
 
@@ -152,26 +152,3 @@ def _agrees(stated: Any, wanted: Any) -> bool:
     if isinstance(stated, dict) and isinstance(wanted, dict):
         return all(_agrees(stated.get(key, value), value) for key, value in wanted.items())
     return stated == wanted
-
-
-def write_picture(figure: Figure, path: Path) -> Path:
-    """Write a figure as PNG, all or nothing.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        The figure.
-    path : Path
-        The file.
-
-    Returns
-    -------
-    Path
-        The file.
-    """
-    return write_atomically(
-        path,
-        lambda temporary: figure.savefig(
-            temporary, format="png", dpi=130, metadata={"Software": None}
-        ),
-    )

@@ -28,7 +28,10 @@ from bayes_inertia.inference.sampler import Progress, Settings
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.simulator import Drive
-from bayes_inertia.report import Section, diagnosis_sections, standard_sections, write_report
+from bayes_inertia.report.diagnosis_sections import diagnosis_sections
+from bayes_inertia.report.fit_sections import standard_sections
+from bayes_inertia.report.page import write_report
+from bayes_inertia.report.section import Section
 
 FORMAT = "bayes-inertia-run/1"
 _RESULTS = ("posterior.nc", "summary.json", "diagnosis.json", "report.html", "chains")

@@ -19,7 +19,7 @@ import numpy as np
 from scipy import stats
 
 from bayes_inertia.app.named_plans import PAPER, plan_sha256, plans_named, prior_mission
-from bayes_inertia.app.result_folder import ResultFolder, write_picture
+from bayes_inertia.app.result_folder import ResultFolder
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.design.comparison import NAMES, Achieved, achieve
 from bayes_inertia.errors import CampaignError
@@ -27,7 +27,8 @@ from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.inference.sampler import Progress
-from bayes_inertia.report.pictures.study import coverage_picture
+from bayes_inertia.report.pictures.figure_file import write_png
+from bayes_inertia.report.pictures.study import draw_coverage
 
 FORMAT = "bayes-inertia-study/1"
 LEVELS = (0.68, 0.95)
@@ -148,7 +149,7 @@ def run_study(
             progress("campaigns", sum(len(s.errors) for s in shards), campaigns)
     joined = (np.concatenate([getattr(s, f.name) for s in shards]) for f in fields(Achieved))
     study = Study(chosen, Achieved(*joined))
-    write_picture(coverage_picture(NAMES, study.achieved, study.z), folder / "study.png")
+    write_png(draw_coverage(NAMES, study.achieved, study.z), folder / "study.png")
     content = {"format": FORMAT, "campaign_sha256": digest, **options, **_content(study)}
     write_atomically(folder / "study.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
     return study

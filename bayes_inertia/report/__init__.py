@@ -1,20 +1,11 @@
-"""The report of a fit: one offline HTML file with the verdict first.
+"""The report: one offline HTML page with the verdict first, and the pictures.
 
-A report is a list of `Section`s; to add one, append it to `standard_sections(posterior)`. That of a diagnosis
-begins with `diagnosis_sections(content of diagnosis.json)`.
+What enters are results: a `Posterior` (`fit_sections`), the content of diagnosis.json
+(`diagnosis_sections`), an `Observability`, plans that were compared. What leaves is a page
+(`page.write_report`) made of `Section`s, or a figure (`pictures`). Numbers, units and lists are
+printed by `formatting`, for the terminal too. The report reads the limits that were used from the
+result (`criteria`); it never searches, fits or decides anything itself.
+
+To add a section, write a function that returns a `Section` and append it to the list that
+`standard_sections` returns.
 """
-
-from bayes_inertia.report.diagnosis_sections import diagnosis_sections
-from bayes_inertia.report.page import render, write_report
-from bayes_inertia.report.section import Picture, Section, packaged
-from bayes_inertia.report.sections import standard_sections
-
-__all__ = [
-    "Picture",
-    "Section",
-    "diagnosis_sections",
-    "packaged",
-    "render",
-    "standard_sections",
-    "write_report",
-]

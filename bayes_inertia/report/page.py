@@ -14,18 +14,27 @@ from markupsafe import Markup
 
 from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.report.fit_sections import standard_sections
 from bayes_inertia.report.section import Section, data_uri, packaged
-from bayes_inertia.report.sections import standard_sections
 
 
 def render(posterior: Posterior, sections: Sequence[Section] | None = None) -> str:
     """The report of a fit as one HTML page that needs nothing from outside.
 
+    The same posterior always gives the same bytes.
+
     Parameters
     ----------
-    sections : what it consists of, default `standard_sections(posterior)`; add your own to that list.
+    posterior : Posterior
+        A finished fit.
+    sections : sequence of Section, optional
+        What the page consists of, default `standard_sections(posterior)`.
+        Add your own to that list.
 
-    The same posterior always gives the same bytes.
+    Returns
+    -------
+    str
+        The page.
     """
     chosen = standard_sections(posterior) if sections is None else sections
     environment = Environment(
@@ -55,5 +64,25 @@ def _rendered(environment: Environment, section: Section) -> dict[str, Any]:
 def write_report(
     posterior: Posterior, path: str | Path, sections: Sequence[Section] | None = None
 ) -> Path:
-    """Write the report, atomically; returns its path. OutputError if the file cannot be written."""
+    """Write the report of a fit, atomically.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        A finished fit.
+    path : str or Path
+        Of the HTML file; it is replaced where it exists.
+    sections : sequence of Section, optional
+        See `render`.
+
+    Returns
+    -------
+    Path
+        The path.
+
+    Raises
+    ------
+    OutputError
+        If the file cannot be written.
+    """
     return write_atomically(path, render(posterior, sections))

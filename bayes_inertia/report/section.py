@@ -1,28 +1,32 @@
-"""What a report is made of: sections with a template each, and pictures that travel inside the page."""
+"""What a report is made of: sections with a template each, and pictures inside the page."""
 
 from __future__ import annotations
 
 import base64
-import io
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
 from typing import Any
 
-from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-_DPI = 130
+from bayes_inertia.report.pictures.figure_file import figure_bytes
 
 
 @dataclass(frozen=True)
 class Picture:
     """A figure with the caption that explains it.
 
-    Attributes
+    Parameters
     ----------
-    figure : any matplotlib figure. caption : plain text. alt : for readers who cannot see it.
-    dense : thousands of points: embedded as PNG, otherwise as SVG.
+    figure : Figure
+        Any matplotlib figure.
+    caption : str
+        Plain text below the picture.
+    alt : str
+        For readers who cannot see it.
+    dense : bool
+        Whether it has thousands of points: then it is embedded as PNG, otherwise as SVG.
     """
 
     figure: Figure
@@ -35,11 +39,20 @@ class Picture:
 class Section:
     """One section of the report.
 
-    Attributes
+    Parameters
     ----------
-    title : its heading. template : Jinja source of its body (`packaged` reads one that ships with the package); sees `context`,
-    and everything is escaped. context : the values it prints. pictures : drawn under the body, in order.
+    title : str
+        Its heading.
+    template : str
+        Jinja source of its body (`packaged` reads one that ships with the package).
+        It sees `context`, and everything is escaped.
+    context : mapping
+        The values it prints.
+    pictures : tuple of Picture
+        Drawn under the body, in order.
 
+    Examples
+    --------
     >>> Section("Notes", "<p>{{ text }}</p>", {"text": "a < b"}).title
     'Notes'
     """
@@ -53,6 +66,18 @@ class Section:
 def packaged(name: str) -> str:
     """Source of a template or style sheet of this package.
 
+    Parameters
+    ----------
+    name : str
+        Of the file.
+
+    Returns
+    -------
+    str
+        Its text.
+
+    Examples
+    --------
     >>> "<table" in packaged("settings.html")
     True
     """
@@ -60,19 +85,18 @@ def packaged(name: str) -> str:
 
 
 def data_uri(picture: Picture) -> str:
-    """The picture as a `data:` address, byte for byte the same every time (no dates, ids from a fixed salt)."""
-    file = io.BytesIO()
-    with rc_context(
-        {"svg.hashsalt": "bayes-inertia", "svg.fonttype": "path", "path.simplify_threshold": 0.3}
-    ):
-        if picture.dense:
-            picture.figure.savefig(file, format="png", dpi=_DPI, metadata={"Software": None})
-        else:
-            picture.figure.savefig(
-                file,
-                format="svg",
-                dpi=_DPI,
-                metadata={"Date": None, "Creator": None, "Format": None, "Type": None},
-            )
-    kind = "png" if picture.dense else "svg+xml"
-    return f"data:image/{kind};base64,{base64.b64encode(file.getvalue()).decode('ascii')}"
+    """The picture as a `data:` address, byte for byte the same every time.
+
+    Parameters
+    ----------
+    picture : Picture
+        What to embed.
+
+    Returns
+    -------
+    str
+        For the `src` of an image.
+    """
+    form, kind = ("png", "image/png") if picture.dense else ("svg", "image/svg+xml")
+    content = figure_bytes(picture.figure, form)
+    return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"

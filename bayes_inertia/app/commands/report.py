@@ -14,7 +14,7 @@ def report_command(
     """Write report.html again from posterior.nc (and diagnosis.json)."""
     from bayes_inertia.app.run_folder import sections
     from bayes_inertia.inference.posterior import Posterior
-    from bayes_inertia.report import write_report
+    from bayes_inertia.report.page import write_report
 
     posterior = Posterior.load(run / "posterior.nc")
     path = write_report(posterior, run / "report.html", sections(posterior, run))

@@ -57,7 +57,7 @@ def show_summary(summary: dict[str, Any], folder: Path, report: bool = True) -> 
     report : bool
         Whether a report was written.
     """
-    from bayes_inertia.report import wording
+    from bayes_inertia.report.parameter_wording import averaged_over
 
     console = plain_console()
     if summary["trusted"]:
@@ -68,7 +68,7 @@ def show_summary(summary: dict[str, Any], folder: Path, report: bool = True) -> 
         console.print(_gate_line(gate))
     console.print(_parameter_table(summary))
     console.print("sd: the larger of the model's and of what the scatter between slews supports")
-    if causes := wording.averaged_over(summary):
+    if causes := averaged_over(summary):
         console.print(f"J and K: averaged over what may be true ({causes})")
     chi2 = ", ".join(
         f"{key} {value:.3f}"
@@ -91,25 +91,33 @@ def _gate_line(gate: dict[str, Any]) -> Text:
 
 
 def _parameter_table(summary: dict[str, Any]) -> Table:
-    from bayes_inertia.report import wording
+    from bayes_inertia.report.criteria import criteria_of
+    from bayes_inertia.report.formatting import exponent, number, plain, unit_text
+    from bayes_inertia.report.uncertainty import (
+        contraction,
+        contraction_text,
+        determination,
+        quoted_sd,
+    )
 
+    criteria = criteria_of(summary)
     # A long name gives way, between its words; a number never does.
     table = Table(box=SIMPLE, pad_edge=False, collapse_padding=True)
     table.add_column("name", overflow="fold")
     for heading in _COLUMNS:
         table.add_column(heading, no_wrap=True)
     for name, p in summary["parameters"].items():
-        sd = wording.quoted(p["sd"], p["robust_sd"]).sd
-        power = wording.exponent(p["mean"], sd)
-        contraction = wording.contraction(sd, p["prior_sd"])
+        sd = quoted_sd(p["sd"], p["robust_sd"]).sd
+        power = exponent(p["mean"], sd)
+        share = contraction(sd, p["prior_sd"])
         table.add_row(
-            name.replace("_", " ").replace(".", ": "),
-            wording.number(p["mean"], sd, power),
-            wording.number(sd, sd, power),
-            wording.unit_text(p["unit"], power),
+            plain(name).replace(".", ": "),
+            number(p["mean"], sd, power),
+            number(sd, sd, power),
+            unit_text(p["unit"], power),
             f"{p['prior_sd'] / 10.0**power:.2g}",
-            wording.contraction_text(contraction),
-            _DETERMINED[wording.determined(contraction)],
+            contraction_text(share, criteria),
+            _DETERMINED[determination(share, criteria)],
         )
     return table
 
@@ -122,9 +130,9 @@ def show_diagnosis(content: dict[str, Any]) -> None:
     content : dict
         The content of diagnosis.json.
     """
-    from bayes_inertia.report import diagnosis_wording
+    from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict
 
-    console, verdict = plain_console(), diagnosis_wording.verdict(content)
+    console, verdict = plain_console(), diagnosis_verdict(content)
     console.print(headed(verdict.title, style=f"bold {_COLORS[verdict.level]}"))
     for sentence in verdict.sentences:
         console.print(f"  {sentence}")
@@ -141,8 +149,7 @@ def show_diagnosis(content: dict[str, Any]) -> None:
 
 
 def _candidate_cells(candidate: dict[str, Any], content: dict[str, Any]) -> tuple[str, ...]:
-    from bayes_inertia.report.diagnosis_wording import plain, probability
-    from bayes_inertia.report.pictures.style import tenths
+    from bayes_inertia.report.formatting import p_value_text, plain, tenths
 
     word = "significant" if candidate["p_value"] < content["threshold"] else ""
     if candidate["effect"] in content["named"]:
@@ -151,7 +158,7 @@ def _candidate_cells(candidate: dict[str, Any], content: dict[str, Any]) -> tupl
         plain(candidate["effect"]),
         tenths(candidate["score"]),
         str(candidate["dof"]),
-        probability(candidate["p_value"]).removeprefix("p ").removeprefix("= "),
+        p_value_text(candidate["p_value"]),
         tenths(candidate["log_bayes_factor"]),
         word,
     )

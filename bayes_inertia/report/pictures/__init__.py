@@ -1,12 +1,6 @@
-"""Pictures of a posterior: pure functions that return a matplotlib `Figure`, one file each.
+"""Pictures: pure functions `draw_...` that return a matplotlib `Figure`, by subject a file.
 
-A picture of something that the fit does not have (no star tracker, no predicted momentum) is None.
+What enters is a result (a posterior, the content of diagnosis.json, a comparison of plans).
+A picture of something that the result does not have (no star tracker, no predicted momentum)
+is None. To add a picture, add a file here and put its figure into a `Picture` of a section.
 """
-
-from bayes_inertia.report.pictures.attitude import attitude
-from bayes_inertia.report.pictures.chains import chains
-from bayes_inertia.report.pictures.pairs import pairs
-from bayes_inertia.report.pictures.priors import prior_posterior
-from bayes_inertia.report.pictures.telemetry import momentum, rates
-
-__all__ = ["attitude", "chains", "momentum", "pairs", "prior_posterior", "rates"]

@@ -1,6 +1,5 @@
 """How far the predicted attitude is from the star tracker's, before and after each slew."""
 
-# Printed text has typographic signs on purpose.
 from __future__ import annotations
 
 import numpy as np
@@ -9,20 +8,34 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.report.pictures import data, style
+from bayes_inertia.report.formatting import ARCSEC
+from bayes_inertia.report.pictures import posterior_data, style
+
+_MOST_NAMES = 8  # more slews than this are numbered
 
 
 @style.styled
-def attitude(posterior: Posterior) -> Figure | None:
-    """Attitude misfit at every fix, in arcsec (above) and in stated sigmas (below), before (left) and after (right) the slew.
+def draw_attitude(posterior: Posterior) -> Figure | None:
+    """Attitude misfit at every fix, in arcsec (above) and in stated sigmas (below).
 
-    Small marks are single fixes, large ones their mean with its standard error. None without star-tracker fixes.
+    Left: before the slew, right: after it.
+    Small marks are single fixes, large ones their mean with its standard error.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        A finished fit.
+
+    Returns
+    -------
+    Figure or None
+        None without star-tracker fixes.
     """
-    misfit = data.attitude_misfit(posterior)
+    misfit = posterior_data.attitude_misfit(posterior)
     if misfit is None:
         return None
     figure, cells = style.grid(5.4, 2, 2, left=0.8, top=0.75, bottom=0.6, gap_x=0.75, gap_y=0.45)
-    rows = ((misfit.angle_B / data.ARCSEC, "misfit [arcsec]"), (misfit.whitened, "misfit [σ]"))
+    rows = ((misfit.angle_B / ARCSEC, "misfit [arcsec]"), (misfit.whitened, "misfit [σ]"))
     for r, (values, label) in enumerate(rows):
         for c, after in enumerate((False, True)):
             axes = figure.add_axes(cells[2 * r + c])
@@ -42,6 +55,11 @@ def attitude(posterior: Posterior) -> Figure | None:
                 axes.axhline(0.0, color=style.MUTED, lw=0.6, zorder=0.5)
             if c == 0:
                 axes.set_ylabel(label)
+    _legend(figure)
+    return figure
+
+
+def _legend(figure: Figure) -> None:
     handles = [
         Line2D(
             [],
@@ -59,44 +77,44 @@ def attitude(posterior: Posterior) -> Figure | None:
         Line2D([], [], color=style.INK, lw=1.4, label="mean ± standard error"),
     ]
     figure.legend(handles=handles, loc="upper left", ncols=5, bbox_to_anchor=(0.01, 1.0))
-    return figure
 
 
 def _panel(axes: Axes, values: np.ndarray, slews: list[str], *, label_slews: bool) -> None:
     """One panel of misfits (slews, fixes, 3)."""
     for i in range(3):
         for s in range(len(slews)):
-            x = s + 0.25 * (i - 1)
-            y = values[s, :, i][np.isfinite(values[s, :, i])]
-            if not y.size:
-                continue
-            spots = x + np.linspace(-0.07, 0.07, y.size)
-            axes.plot(
-                spots,
-                y,
-                ls="",
-                marker=style.MARKERS[i],
-                ms=2.2,
-                mew=0,
-                color=style.color(i),
-                alpha=0.5,
-                rasterized=True,
-            )
-            error = y.std(ddof=1) / np.sqrt(y.size) if y.size > 1 else 0.0
-            axes.plot(
-                [x, x], [y.mean() - error, y.mean() + error], color=style.INK, lw=1.4, zorder=4
-            )
-            axes.plot(
-                [x],
-                [y.mean()],
-                marker=style.MARKERS[i],
-                ms=5,
-                color=style.color(i),
-                mec=style.INK,
-                mew=0.6,
-                zorder=5,
-            )
-    crowded = len(slews) > 8
+            fixes = values[s, :, i][np.isfinite(values[s, :, i])]
+            if fixes.size:
+                _fixes(axes, s + 0.25 * (i - 1), fixes, i)
+    crowded = len(slews) > _MOST_NAMES
     shown = [str(i + 1) for i in range(len(slews))] if crowded else slews
     axes.set_xticks(range(len(slews)), shown if label_slews else [""] * len(slews))
     axes.set_xlim(-0.6, len(slews) - 0.4)
+
+
+def _fixes(axes: Axes, x: float, fixes: np.ndarray, body_axis: int) -> None:
+    """The fixes of one slew about one body axis, side by side, and their mean."""
+    axes.plot(
+        x + np.linspace(-0.07, 0.07, fixes.size),
+        fixes,
+        ls="",
+        marker=style.MARKERS[body_axis],
+        ms=2.2,
+        mew=0,
+        color=style.color(body_axis),
+        alpha=0.5,
+        rasterized=True,
+    )
+    mean = fixes.mean()
+    error = fixes.std(ddof=1) / np.sqrt(fixes.size) if fixes.size > 1 else 0.0
+    axes.plot([x, x], [mean - error, mean + error], color=style.INK, lw=1.4, zorder=4)
+    axes.plot(
+        [x],
+        [mean],
+        marker=style.MARKERS[body_axis],
+        ms=5,
+        color=style.color(body_axis),
+        mec=style.INK,
+        mew=0.6,
+        zorder=5,
+    )

@@ -1,7 +1,9 @@
 """Do the independent ensembles agree?"""
 
-# Printed text has typographic signs on purpose.
 from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,18 +11,31 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.report.pictures import data, style
+from bayes_inertia.report.criteria import Criteria
+from bayes_inertia.report.pictures import posterior_data, style
 
 _BINS = 20
 
 
 @style.styled
-def chains(posterior: Posterior) -> Figure:
-    """Trace of the parameter whose ensembles agree least, rank histogram of each ensemble, and the log posterior.
+def draw_chains(posterior: Posterior, criteria: Criteria) -> Figure:
+    """Trace and rank histogram of the parameter whose ensembles agree least, and log posterior.
 
-    The sampler's gates (nested R-hat, effective samples, acceptance) are written above the panels.
+    What the sampler's gate is judged by is written above the panels.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        A finished fit.
+    criteria : Criteria
+        What was wanted of the sampler.
+
+    Returns
+    -------
+    Figure
+        Three panels.
     """
-    about, n = posterior.attributes["diagnostics"], data.ensembles(posterior)
+    diagnostics, n = posterior.attributes["diagnostics"], posterior_data.n_ensembles(posterior)
     name = worst_parameter(posterior)
     variable = posterior.tree["posterior"][name]
     values = _by_ensemble(variable.values, n)
@@ -28,19 +43,16 @@ def chains(posterior: Posterior) -> Figure:
     scale = style.scale(name, str(variable.attrs.get("units", "")), mean, 3.0 * sd)
     figure, cells = style.grid(3.05, 1, 3, left=0.8, top=0.95, bottom=0.55, gap_x=0.85)
     trace, ranks, height = (figure.add_axes(cell) for cell in cells)
-    _trace(trace, scale(values), scale.label, about["discarded"])
+    _trace(trace, scale(values), scale.label, diagnostics["discarded"])
     trace.set_title(f"trace of {name}: mean and 90 % of walkers")
-    _ranks(ranks, values, about["tau_max"])
+    _ranks(ranks, values, diagnostics["tau_max"])
     ranks.set_title(f"ranks of {name}")
     lp = _by_ensemble(posterior.tree["sample_stats"]["lp"].values, n)
-    _trace(height, lp - lp.max(), "below the highest draw [nat]", about["discarded"])
+    _trace(height, lp - lp.max(), "below the highest draw [nat]", diagnostics["discarded"])
     height.set_title("log posterior")
-    gates = f"nested R-hat {about['nested_rhat_max']:.4f} (< 1.01)    effective samples {min(about['ess_bulk_min'], about['ess_tail_min']):,.0f} (> 400)"
-    gates += f"    acceptance {about['acceptance']:.2f}    autocorrelation time {about['tau_max']:.1f} steps"
-    figure.text(0.015, 0.945, gates, va="center", fontsize=8.5)
-    handles = [trace.lines[i] for i in range(n)]
+    figure.text(0.015, 0.945, _gate_text(diagnostics, criteria), va="center", fontsize=8.5)
     figure.legend(
-        handles,
+        [trace.lines[i] for i in range(n)],
         [f"ensemble {i + 1}" for i in range(n)],
         loc="upper left",
         ncols=min(n, 8),
@@ -50,9 +62,31 @@ def chains(posterior: Posterior) -> Figure:
     return figure
 
 
+def _gate_text(diagnostics: Mapping[str, Any], criteria: Criteria) -> str:
+    rhat, tau = diagnostics["nested_rhat_max"], diagnostics["tau_max"]
+    effective = min(diagnostics["ess_bulk_min"], diagnostics["ess_tail_min"])
+    return (
+        f"nested R-hat {rhat:.4f} (< {criteria.nested_rhat_below:g})"
+        f"    effective samples {effective:,.0f} (> {criteria.effective_samples:g})"
+        f"    acceptance {diagnostics['acceptance']:.2f}"
+        f"    autocorrelation time {tau:.1f} steps"
+    )
+
+
 def worst_parameter(posterior: Posterior) -> str:
-    """The parameter whose ensembles' means differ most, in units of its sd."""
-    n = data.ensembles(posterior)
+    """The parameter whose ensembles' means differ most, in units of its sd.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        A finished fit.
+
+    Returns
+    -------
+    str
+        Its name.
+    """
+    n = posterior_data.n_ensembles(posterior)
 
     def distance(name: str) -> float:
         values = _by_ensemble(posterior.tree["posterior"][name].values, n)
@@ -79,11 +113,14 @@ def _trace(axes: Axes, values: np.ndarray, label: str, discarded: int) -> None:
 
 
 def _ranks(axes: Axes, values: np.ndarray, tau: float) -> None:
-    """Share of each ensemble's draws in equal-population bins of all draws; 99 % band for independent ensembles."""
+    """Share of each ensemble's draws in equal-population bins of all draws.
+
+    The band holds 99 % of the shares of independent ensembles.
+    """
     ranks = stats.rankdata(values.ravel()).reshape(len(values), -1) / values.size
     edges = np.linspace(0.0, 1.0, _BINS + 1)
-    for i, own in enumerate(ranks):
-        share = np.histogram(own, edges)[0] * _BINS / own.size
+    for i, ensemble in enumerate(ranks):
+        share = np.histogram(ensemble, edges)[0] * _BINS / ensemble.size
         axes.stairs(
             share, edges, color=style.color(i), ls=style.DASHES[i % 6], lw=1.1, baseline=None
         )

@@ -1,6 +1,5 @@
 """Plans side by side: sds expected and achieved, the slews themselves, and what they cost."""
 
-# Printed text has typographic signs on purpose.
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -14,9 +13,22 @@ from bayes_inertia.report.pictures import style
 
 
 @style.styled
-def comparison(contenders: Sequence[Contender]) -> Figure:
-    """Above: sd of every parameter, expected (mark) and achieved in simulated campaigns (dot with 2 sd of Monte Carlo error).
-    Below: each plan's slews as angle by axis, and time, momentum and torque used."""
+def draw_comparison(contenders: Sequence[Contender]) -> Figure:
+    """Plans side by side: what they give above, what they cost below.
+
+    Above: sd of every parameter, expected (bar) and achieved in simulated campaigns (mark with
+    2 sd of Monte Carlo error). Below: each plan's slews, and the momentum and torque it uses.
+
+    Parameters
+    ----------
+    contenders : sequence of Contender
+        The plans, with their forecasts.
+
+    Returns
+    -------
+    Figure
+        Four panels.
+    """
     n = len(contenders)
     figure = Figure(figsize=(style.WIDTH, 5.0 + 0.28 * n), layout="constrained")
     top, bottom = figure.subfigures(2, 1, height_ratios=(3.0, 1.5 + 0.28 * n))
@@ -34,10 +46,10 @@ def _sds(axes: Axes, contenders: Sequence[Contender], which: range, label: str) 
     x = np.arange(len(which))
     width = 0.7 / len(contenders)
     for k, contender in enumerate(contenders):
-        at = x + (k - 0.5 * (len(contenders) - 1)) * width
+        places = x + (k - 0.5 * (len(contenders) - 1)) * width
         color = style.color(k)
         axes.bar(
-            at,
+            places,
             contender.expected[list(which)],
             0.85 * width,
             color=color,
@@ -49,7 +61,7 @@ def _sds(axes: Axes, contenders: Sequence[Contender], which: range, label: str) 
                 v[list(which)] for v in (contender.achieved.sd, contender.achieved.sd_error)
             )
             axes.errorbar(
-                at,
+                places,
                 sd,
                 2.0 * error,
                 fmt=style.MARKERS[k % 6],

@@ -1,4 +1,4 @@
-"""What a campaign tells about each parameter: prior to posterior, what is lost to whom, and when the cross terms' information arrives."""
+"""What a campaign tells about each parameter, what is lost to which others, and when it comes."""
 
 from __future__ import annotations
 
@@ -15,9 +15,23 @@ _MOST_SLEWS = 6
 
 
 @style.styled
-def observability(found: Observability) -> Figure:
-    """Left: sd over prior sd, filled bar; open bar were everything else known. Right: factors of the variance by which each
-    group of unknowns widens it. Below: when the cross terms' information arrives, in the (at most six) slews that tell most of them."""
+def draw_observability(found: Observability) -> Figure:
+    """Prior to posterior, what not knowing the others costs, and when information arrives.
+
+    Left: sd over prior sd, a mark where it would be were everything else known. Right: by how
+    much each group of unknowns widens the sd. Below: when the information on the cross terms
+    arrives, in the slews that tell most of them.
+
+    Parameters
+    ----------
+    found : Observability
+        What `observe` returned.
+
+    Returns
+    -------
+    Figure
+        Two panels above, at most six below.
+    """
     shown = [name for name in _CROSS if name in found.names] or list(found.names)[:3]
     arrivals = _telling(found, shown)
     n, slews = len(found.parameters), len(arrivals)

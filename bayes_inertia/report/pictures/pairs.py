@@ -1,18 +1,21 @@
-"""Pair plot of the posterior: every pair of parameters in one picture, drawn in one axes so that it is quick."""
+"""Pair plot of the posterior: every pair of parameters, in one axes so that it is quick."""
 
-# Printed text has typographic signs on purpose.
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.patches import Patch
+from matplotlib.patches import Patch, Rectangle
 from scipy.ndimage import gaussian_filter
 
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.report.pictures import data, style
+from bayes_inertia.report.formatting import unit_text
+from bayes_inertia.report.pictures import posterior_data, style
 
 _PIXELS = 44
 _SPAN = 3.4  # cells show the mean +- this many of the larger sd
@@ -22,16 +25,28 @@ _UPRIGHT = 10  # more labels than this are turned
 
 
 @style.styled
-def pairs(posterior: Posterior, most: int = 16) -> Figure:
-    """Lower triangle: density and 90 % ellipse of each pair; diagonal: density; upper triangle: correlation.
+def draw_pairs(posterior: Posterior, most: int = 16) -> Figure:
+    """Lower triangle: density and 90 % ellipse of each pair; diagonal: density; upper: correlation.
 
-    The dashed orange ellipse is what the slews themselves support (robust covariance); it is drawn
-    where the model does not explain the data. At most `most` parameters: those with the strongest correlations.
+    The dashed orange ellipse is what the slews themselves support (robust covariance).
+    It is drawn where the model does not explain the data.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        A finished fit.
+    most : int
+        Parameters at most: those with the strongest correlations.
+
+    Returns
+    -------
+    Figure
+        One axes.
     """
     index = _chosen(posterior.samples, most)
     draws = posterior.samples[:, index]
     names = [posterior.names[i] for i in index]
-    robust = None if posterior.trusted else data.robust_covariance(posterior)
+    robust = None if posterior.trusted else posterior_data.robust_covariance(posterior)
     robust = None if robust is None else robust[np.ix_(index, index)]
     covariance = np.atleast_2d(np.cov(draws.T))
     sd = np.sqrt(np.diag(covariance))
@@ -51,11 +66,16 @@ def pairs(posterior: Posterior, most: int = 16) -> Figure:
     _labels(axes, names, posterior, draws.mean(0), half)
     axes.set(xlim=(-0.02, d + 0.02), ylim=(d + 0.02, -0.02), xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
+    _legend(figure, robust is not None)
+    return figure
+
+
+def _legend(figure: Figure, with_robust: bool) -> None:
     handles = [
         Patch(fc=style.BLUE, alpha=0.5, label="posterior draws"),
         Line2D([], [], color=style.BLUE, label="90 % (model)"),
     ]
-    if robust is not None:
+    if with_robust:
         handles.append(
             Line2D(
                 [],
@@ -66,7 +86,6 @@ def pairs(posterior: Posterior, most: int = 16) -> Figure:
             )
         )
     figure.legend(handles=handles, loc="upper right", ncols=3)
-    return figure
 
 
 def _chosen(samples: np.ndarray, most: int) -> list[int]:
@@ -111,9 +130,7 @@ def _densities(axes: Axes, z: np.ndarray) -> None:
     axes.add_collection(LineCollection(frame, colors=style.PALE, linewidths=0.6, zorder=2))
 
 
-def _blues():
-    from matplotlib.colors import LinearSegmentedColormap
-
+def _blues() -> Colormap:
     return LinearSegmentedColormap.from_list(
         "posterior", ["#ffffff", "#cfe3f1", "#7db4d8", "#2f84bd", "#003f66"]
     ).with_extremes(bad="#ffffff")
@@ -139,7 +156,7 @@ def _diagonal(axes: Axes, z: np.ndarray) -> None:
         axes.plot(_place(x, i), _place(heights, i, flip=True), color=style.BLUE, lw=1.0)
 
 
-def _ellipses(axes: Axes, covariance: np.ndarray, **line) -> None:
+def _ellipses(axes: Axes, covariance: np.ndarray, **line: Any) -> None:
     """90 % ellipses of all pairs in cell units."""
     angle = np.linspace(0.0, 2.0 * np.pi, 61)
     circle = _RADIUS_90 * np.stack([np.cos(angle), np.sin(angle)])
@@ -178,9 +195,7 @@ def _correlations(axes: Axes, correlation: np.ndarray) -> None:
             )
 
 
-def _square(row: int, column: int):
-    from matplotlib.patches import Rectangle
-
+def _square(row: int, column: int) -> Rectangle:
     return Rectangle(
         (column + 0.5 * _GAP, row + 0.5 * _GAP),
         1 - _GAP,
@@ -203,7 +218,7 @@ def _labels(
     d = len(names)
     place = {"rotation": 45, "ha": "right"} if d > _UPRIGHT else {"ha": "center"}
     for i, name in enumerate(names):
-        unit = style.unit_text(str(posterior.tree["posterior"][name].attrs.get("units", ""))) or "–"
+        unit = unit_text(str(posterior.tree["posterior"][name].attrs.get("units", "")))
         short = name.replace(".", "\n")
         axes.text(
             -0.06,

@@ -1,6 +1,5 @@
 """Prior against posterior of every parameter."""
 
-# Printed text has typographic signs on purpose.
 from __future__ import annotations
 
 import numpy as np
@@ -12,17 +11,27 @@ from matplotlib.patches import Patch
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.pictures import style
 
-# Below this ratio of quoted to prior sd the prior would look flat: it is shown in a strip of its own.
+# Below this ratio of quoted to prior sd the prior would look flat: it has a strip of its own.
 _ZOOM = 0.12
 _STRIP = (0.80, 0.98)  # height of that strip in axes fractions
 
 
 @style.styled
-def prior_posterior(posterior: Posterior) -> Figure:
-    """Small multiples: posterior density with sd (blue) and robust sd (orange) intervals, and where it lies in the prior.
+def draw_priors(posterior: Posterior) -> Figure:
+    """Posterior density with sd (blue) and robust sd (orange), and where it lies in the prior.
 
-    Where the data narrow the prior by more than a factor of eight, the panel zooms in on the posterior
-    and a strip above it shows its place (blue mark) inside the prior's +-3 sd range.
+    Where the data narrow the prior by more than a factor of eight, the panel zooms in on the
+    posterior, and a strip above it shows its place (blue mark) inside the prior's +-3 sd range.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        A finished fit.
+
+    Returns
+    -------
+    Figure
+        One panel a parameter.
     """
     summary = posterior.summary()["parameters"]
     names = posterior.names
@@ -60,15 +69,12 @@ def prior_posterior(posterior: Posterior) -> Figure:
 def _panel(
     axes: Axes, name: str, row: dict, draws: np.ndarray, prior: np.ndarray, prior_mean: float
 ) -> None:
-    mean, sd, robust = row["mean"], row["sd"], row["robust_sd"]
-    quoted = max(sd, robust or 0.0)
-    zoomed = quoted < _ZOOM * row["prior_sd"]
+    mean, prior_sd = row["mean"], row["prior_sd"]
+    quoted = max(row["sd"], row["robust_sd"] or 0.0)
+    zoomed = quoted < _ZOOM * prior_sd
     low, high = mean - 4.5 * quoted, mean + 4.5 * quoted
     if not zoomed:
-        low, high = (
-            min(low, prior_mean - 3.2 * row["prior_sd"]),
-            max(high, prior_mean + 3.2 * row["prior_sd"]),
-        )
+        low, high = min(low, prior_mean - 3.2 * prior_sd), max(high, prior_mean + 3.2 * prior_sd)
     scale = style.scale(name, row["unit"], mean, 0.5 * (high - low))
     x, p = style.density(draws, low, high)
     top = p.max()
@@ -77,46 +83,53 @@ def _panel(
     if not zoomed:
         x, p = style.density(prior, low, high)
         axes.plot(scale(x), p / top, color=style.MUTED, ls=(0, (4, 2)))
-    for half, shade, height, cap in (
-        (sd, style.BLUE, -0.09, False),
-        (robust, style.ORANGE, -0.2, True),
-    ):
-        if half is not None:
-            axes.plot(
-                scale(np.array([mean - half, mean + half])),
-                [height] * 2,
-                color=shade,
-                lw=3,
-                marker="|" if cap else None,
-                ms=9,
-                solid_capstyle="butt",
-            )
-            axes.plot(
-                [scale(mean)], [height], marker="o", ms=3.2, color="white", mec=shade, mew=0.9
-            )
+    _bar(axes, scale, mean, row["sd"], style.BLUE, -0.09)
+    if row["robust_sd"] is not None:
+        _bar(axes, scale, mean, row["robust_sd"], style.ORANGE, -0.2, marker="|")
     axes.set(xlim=(scale(low), scale(high)), ylim=(-0.3, 1.75), yticks=[], xlabel=scale.label)
     axes.spines["left"].set_visible(False)
     axes.locator_params(axis="x", nbins=5)
     if zoomed:
-        _strip(axes, (mean - prior_mean) / row["prior_sd"])
-    gain = row["prior_sd"] / quoted
-    text = (
-        f"{gain:,.0f}× sharper than the prior"
-        if gain >= 10
-        else f"{gain:.1f}× sharper than the prior"
-        if gain >= 1.05
-        else "no sharper than the prior"
-    )
+        _strip(axes, (mean - prior_mean) / prior_sd)
     axes.text(
         0.99,
         0.74,
-        text,
+        _gain_text(prior_sd / quoted),
         transform=axes.transAxes,
         ha="right",
         va="top",
         fontsize=7.5,
         color=style.MUTED,
     )
+
+
+def _bar(
+    axes: Axes,
+    scale: style.Scale,
+    mean: float,
+    sd: float,
+    color: str,
+    height: float,
+    marker: str | None = None,
+) -> None:
+    """Mean and sd as a bar below the density."""
+    axes.plot(
+        scale(np.array([mean - sd, mean + sd])),
+        [height] * 2,
+        color=color,
+        lw=3,
+        marker=marker,
+        ms=9,
+        solid_capstyle="butt",
+    )
+    axes.plot([scale(mean)], [height], marker="o", ms=3.2, color="white", mec=color, mew=0.9)
+
+
+def _gain_text(gain: float) -> str:
+    """How much sharper than the prior."""
+    if gain >= 10:
+        return f"{gain:,.0f}× sharper than the prior"
+    return f"{gain:.1f}× sharper than the prior" if gain >= 1.05 else "no sharper than the prior"
 
 
 def _strip(axes: Axes, place: float) -> None:
@@ -140,8 +153,8 @@ def _strip(axes: Axes, place: float) -> None:
         ls=(0, (4, 2)),
         lw=0.8,
     )
-    at = 0.5 + np.clip(place, -3.2, 3.2) / 6.4
-    axes.plot([at, at], [bottom, top], transform=axes.transAxes, color=style.BLUE, lw=1.6)
+    mark = 0.5 + np.clip(place, -3.2, 3.2) / 6.4
+    axes.plot([mark, mark], [bottom, top], transform=axes.transAxes, color=style.BLUE, lw=1.6)
     axes.text(
         0.0,
         top,

@@ -1,10 +1,10 @@
-"""How every picture looks: colours safe for colour-blind readers and grey printing, sizes, units, decimation.
+"""How every picture looks: colours, sizes, units, decimation.
 
-Nothing here touches matplotlib's global state for longer than one picture: `styled` wraps a function
-that makes a `Figure` in an rc context, and pictures use the object API only.
+Colours are safe for colour-blind readers and for grey printing. Nothing here touches matplotlib's
+global state for longer than one picture: `styled` wraps a function that makes a `Figure` in an
+rc context, and pictures use the object API only.
 """
 
-# Printed text has typographic signs on purpose.
 from __future__ import annotations
 
 from collections.abc import Callable
@@ -16,6 +16,8 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from bayes_inertia.report.formatting import unit_text
 
 # Okabe & Ito (2008), ordered so that neighbours differ in lightness and hue.
 BLUE, VERMILLION, GREEN, PURPLE, SKY, ORANGE = (
@@ -39,7 +41,7 @@ DASHES = (
 )
 MARKERS = ("o", "s", "^", "D", "v", "P")
 WIDTH = 10.0  # [in] of every picture
-_LIMIT = 2000
+_LIMIT = 2000  # points of a line
 
 _RC = {
     "font.family": "DejaVu Sans",
@@ -67,48 +69,65 @@ _RC = {
 }
 
 
-def styled[**P](picture: Callable[P, Figure]) -> Callable[P, Figure]:
+def styled[**P, F: Figure | None](picture: Callable[P, F]) -> Callable[P, F]:
     """Make a picture in the package's style, leaving matplotlib's settings as they were.
 
+    Parameters
+    ----------
+    picture : callable
+        A function that returns a figure, or None.
+
+    Returns
+    -------
+    callable
+        The same function, in the style.
+
+    Examples
+    --------
     >>> styled(lambda: Figure())().get_facecolor()
     (1.0, 1.0, 1.0, 1.0)
     """
 
     @wraps(picture)
-    def drawn(*args: P.args, **kwargs: P.kwargs) -> Figure:
+    def drawn(*args: P.args, **kwargs: P.kwargs) -> F:
         with rc_context(_RC):
             return picture(*args, **kwargs)
 
     return drawn
 
 
-def tenths(value: float) -> str:
-    """A score or log Bayes factor as printed: nobody decides anything by its second decimal.
-
-    >>> tenths(2254.3), tenths(602.94), tenths(-1.0748), tenths(-0.0056)
-    ('2,254', '602.9', '−1.1', '0.0')
-    """
-    text = f"{value:,.0f}" if abs(value) >= 1000.0 else f"{value:.1f}"
-    return "0.0" if text == "-0.0" else text.replace("-", "−")
-
-
 def color(i: int) -> str:
-    """Colour of component i (components repeat after six)."""
-    return COLORS[i % len(COLORS)]
+    """Colour of a component (components repeat after six).
 
+    Parameters
+    ----------
+    i : int
+        Which component.
 
-def unit_text(unit: str) -> str:
-    """A unit as it is printed.
+    Returns
+    -------
+    str
+        As matplotlib takes it.
 
-    >>> unit_text("kg m^2"), unit_text("rad/s"), unit_text("")
-    ('kg m²', 'rad/s', '')
+    Examples
+    --------
+    >>> color(0) == color(6) == BLUE
+    True
     """
-    return unit.replace("^2", "²").replace("^3", "³")
+    return COLORS[i % len(COLORS)]
 
 
 @dataclass(frozen=True)
 class Scale:
-    """How values are shown on an axis: `(value - offset) / factor`, labelled `label`."""
+    """How values are shown on an axis: `(value - offset) / factor`.
+
+    Parameters
+    ----------
+    offset, factor : float
+        In the unit of the values.
+    label : str
+        Of the axis: name, offset, power of ten and unit.
+    """
 
     offset: float
     factor: float
@@ -120,39 +139,88 @@ class Scale:
 
 
 def scale(name: str, unit: str, center: float, half_range: float) -> Scale:
-    """A scale whose tick labels stay short: values near `center` are shown as differences, tiny ones in powers of ten.
+    """A scale whose tick labels stay short.
 
+    Values near `center` are shown as differences, tiny ones in powers of ten.
+
+    Parameters
+    ----------
+    name : str
+        What is drawn.
+    unit : str
+        Its unit, empty for a pure number.
+    center, half_range : float
+        Of the axis, in that unit.
+
+    Returns
+    -------
+    Scale
+        With the label of the axis.
+
+    Examples
+    --------
     >>> scale("Jxx", "kg m^2", 3.33117, 1e-3).label
     'Jxx − 3.3312 [10⁻³ kg m²]'
     >>> scale("K1", "", 1.0, 0.2).label
     'K1 [–]'
     """
-    # Offsets only where plain ticks would need five digits, and not for numbers that a power of ten makes short.
+    # Offsets only where plain ticks would need five digits,
+    # and not for numbers that a power of ten makes short.
     near = half_range < (0.03 if abs(center) >= 0.05 else 0.003) * abs(center)
     decimals = max(0, 1 - int(np.floor(np.log10(half_range)))) if half_range > 0 else 0
     offset = round(center, decimals) if near else 0.0
     largest = half_range if near else max(abs(center - half_range), abs(center + half_range))
     power = 3 * int(np.floor(np.log10(largest) / 3.0 + 1e-9)) if largest > 0 else 0
     power = 0 if 0.05 <= largest < 1e4 else power
-    shown = unit_text(unit)
-    factor = f"10{str(power).translate(_SUPERSCRIPT)}" if power else ""
-    bracket = " ".join(part for part in (factor, shown) if part) or "–"
     sign = "−" if offset >= 0 else "+"
-    label = (
-        f"{name} {sign} {abs(offset):.{decimals}f} [{bracket}]" if near else f"{name} [{bracket}]"
-    )
-    return Scale(offset, 10.0**power, label)
+    shown = f"{name} {sign} {abs(offset):.{decimals}f}" if near else name
+    return Scale(offset, 10.0**power, f"{shown} [{unit_text(unit, power)}]")
 
 
-_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+def grid_shape(n: int) -> tuple[int, int]:
+    """How many panels are laid out, one a slew.
+
+    Parameters
+    ----------
+    n : int
+        Panels.
+
+    Returns
+    -------
+    rows, columns : int
+        At most three columns.
+
+    Examples
+    --------
+    >>> grid_shape(1), grid_shape(4), grid_shape(5)
+    ((1, 1), (2, 2), (2, 3))
+    """
+    columns = 1 if n == 1 else 2 if n <= 4 else 3
+    return -(-n // columns), columns
 
 
 def envelope(x: np.ndarray, y: np.ndarray, limit: int = _LIMIT) -> tuple[np.ndarray, np.ndarray]:
-    """At most about `limit` points that look like the whole line: lowest and highest value of each stretch; NaN dropped.
+    """A line of few points that looks like one of many: lowest and highest of each stretch.
 
+    Parameters
+    ----------
+    x, y : (n,) array
+        The line; NaN are dropped.
+    limit : int
+        About how many points to keep at most.
+
+    Returns
+    -------
+    x, y : (m,) array
+        Some of the points, in their order.
+
+    Examples
+    --------
     >>> x, y = envelope(np.arange(10_000.0), np.zeros(10_000), 100)
-    >>> len(x), len(envelope(np.arange(5.0), np.array([0.0, 1.0, np.nan, 2.0, 3.0]))[0])
-    (100, 4)
+    >>> len(x)
+    100
+    >>> len(envelope(np.arange(5.0), np.array([0.0, 1.0, np.nan, 2.0, 3.0]))[0])
+    4
     """
     keep = np.isfinite(x) & np.isfinite(y)
     x, y = np.asarray(x)[keep], np.asarray(y)[keep]
@@ -169,8 +237,24 @@ def envelope(x: np.ndarray, y: np.ndarray, limit: int = _LIMIT) -> tuple[np.ndar
 def density(
     draws: np.ndarray, low: float, high: float, bins: int = 160
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Smoothed density of draws between `low` and `high`: a Gaussian kernel (Silverman's width) on a fine histogram.
+    """Smoothed density of draws: a Gaussian kernel (Silverman's width) on a fine histogram.
 
+    Parameters
+    ----------
+    draws : (n,) array
+        Draws of one number.
+    low, high : float
+        Where the density is wanted.
+    bins : int
+        Of the histogram.
+
+    Returns
+    -------
+    x, density : (bins,) array
+        Middles of the bins, and the density in inverse units of the draws.
+
+    Examples
+    --------
     >>> x, p = density(np.random.default_rng(0).normal(size=20_000), -4.0, 4.0)
     >>> bool(abs(p.max() - 0.399) < 0.02)
     True
@@ -186,7 +270,15 @@ def density(
 
 
 def sigma_guides(axes: Axes, levels: tuple[int, ...] = (1, 2, 3)) -> None:
-    """Zero line and dotted lines at whole sigmas, darkest at three."""
+    """Draw the zero line and dotted lines at whole sigmas, darkest at three.
+
+    Parameters
+    ----------
+    axes : Axes
+        Where to draw.
+    levels : tuple of int
+        In sigmas.
+    """
     axes.axhline(0.0, color=MUTED, lw=0.6, zorder=0.5)
     for level in levels:
         grey = {1: "#c9c9c9", 2: "#9a9a9a", 3: "#555555"}.get(level, MUTED)
@@ -195,8 +287,22 @@ def sigma_guides(axes: Axes, levels: tuple[int, ...] = (1, 2, 3)) -> None:
 
 
 def symmetric_limit(values: np.ndarray, least: float = 4.2) -> float:
-    """Half height of a residual panel: all of it visible, at least `least` sigma.
+    """Half height of a residual panel in which every value can be seen.
 
+    Parameters
+    ----------
+    values : array
+        Of any shape, in sigmas; NaN are left out.
+    least : float
+        Half height at least, in sigmas.
+
+    Returns
+    -------
+    float
+        In sigmas.
+
+    Examples
+    --------
     >>> symmetric_limit(np.array([1.0, -10.0, np.nan]))
     10.8
     """
@@ -209,17 +315,39 @@ def grid(
     rows: int,
     columns: int,
     *,
-    left=0.75,
-    right=0.15,
-    top=0.45,
-    bottom=0.5,
-    gap_x=0.55,
-    gap_y=0.62,
-    width=WIDTH,
-):
-    """A figure and its cells as rectangles [left, bottom, width, height] in figure fractions, margins and gaps in inches.
+    left: float = 0.75,
+    right: float = 0.15,
+    top: float = 0.45,
+    bottom: float = 0.5,
+    gap_x: float = 0.55,
+    gap_y: float = 0.62,
+    width: float = WIDTH,
+) -> tuple[Figure, list[list[float]]]:
+    """A figure and its cells; much faster than a layout engine on many panels.
 
-    Rows of cells run from top to bottom. Much faster than a layout engine on many panels.
+    Parameters
+    ----------
+    figure_height, width : float
+        Of the figure [in].
+    rows, columns : int
+        Of cells.
+    left, right, top, bottom : float
+        Margins [in].
+    gap_x, gap_y : float
+        Between cells [in].
+
+    Returns
+    -------
+    figure : Figure
+        Without axes.
+    cells : list of [left, bottom, width, height]
+        In figure fractions, row by row from the top.
+
+    Examples
+    --------
+    >>> figure, cells = grid(4.0, 2, 3)
+    >>> len(cells)
+    6
     """
     figure = Figure(figsize=(width, figure_height))
     w = (width - left - right - gap_x * (columns - 1)) / columns

@@ -1,6 +1,5 @@
 """Measured against simulated rates, and whitened residuals of rates and wheel momentum."""
 
-# Printed text has typographic signs on purpose.
 from __future__ import annotations
 
 from collections.abc import Sequence
@@ -12,27 +11,30 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.report.pictures import data, style
-
-
-def _columns(n: int) -> int:
-    return 1 if n == 1 else 2 if n <= 4 else 3
+from bayes_inertia.report.pictures import posterior_data, style
 
 
 @style.styled
-def rates(posterior: Posterior, slews: Sequence[int] | None = None) -> Figure | None:
-    """Rates as measured and as the posterior predicts them (90 % band), whitened residuals under each slew.
+def draw_rates(posterior: Posterior, slews: Sequence[int] | None = None) -> Figure | None:
+    """Rates as measured and as predicted (90 % band), whitened residuals under each slew.
 
     Parameters
     ----------
-    slews : indices of the slews to draw, default all. Returns None if the fit predicted no rates.
+    posterior : Posterior
+        A finished fit.
+    slews : sequence of int, optional
+        Indices of the slews to draw, default all.
+
+    Returns
+    -------
+    Figure or None
+        None if the fit predicted no rates.
     """
-    channel = data.channel(posterior, "rate")
+    channel = posterior_data.channel_series(posterior, "rate")
     if channel is None:
         return None
     chosen = range(len(channel.slews)) if slews is None else slews
-    columns = _columns(len(chosen))
-    rows = -(-len(chosen) // columns)
+    rows, columns = style.grid_shape(len(chosen))
     figure, cells = style.grid(
         0.6 + 2.9 * rows, rows, columns, left=0.7, top=0.7, gap_x=0.6, gap_y=0.55
     )
@@ -56,9 +58,14 @@ def rates(posterior: Posterior, slews: Sequence[int] | None = None) -> Figure | 
             below.set_ylabel("residual [σ]")
         if k >= len(chosen) - columns:
             below.set_xlabel("time in slew [s]")
+    _rates_legend(figure, channel.components)
+    return figure
+
+
+def _rates_legend(figure: Figure, components: Sequence[str]) -> None:
     handles = [
         Line2D([], [], color=style.color(i), ls=style.DASHES[i], label=f"simulated, {c}")
-        for i, c in enumerate(channel.components)
+        for i, c in enumerate(components)
     ]
     measured = Line2D([], [], color=style.MUTED, marker=".", ms=4, ls="", label="measured")
     handles += [
@@ -69,10 +76,11 @@ def rates(posterior: Posterior, slews: Sequence[int] | None = None) -> Figure | 
     figure.legend(
         handles=handles, loc="upper left", ncols=6, bbox_to_anchor=(0.01, 1.0), columnspacing=1.2
     )
-    return figure
 
 
-def _rate_panel(axes: Axes, channel: data.Channel, s: int, scale: style.Scale) -> None:
+def _rate_panel(
+    axes: Axes, channel: posterior_data.ChannelSeries, s: int, scale: style.Scale
+) -> None:
     time = channel.time[s]
     for i in range(len(channel.components)):
         measured, predicted, spread = (
@@ -85,10 +93,10 @@ def _rate_panel(axes: Axes, channel: data.Channel, s: int, scale: style.Scale) -
             x, scale(y), ".", ms=1.8, color=style.color(i), alpha=0.45, mew=0, rasterized=True
         )
         _, high = style.envelope(time, predicted + 1.645 * spread)
-        at, low = style.envelope(time, predicted - 1.645 * spread)
+        x, low = style.envelope(time, predicted - 1.645 * spread)
         if len(low) == len(high):
             axes.fill_between(
-                at, scale(low), scale(high), color=style.color(i), alpha=0.2, lw=0, rasterized=True
+                x, scale(low), scale(high), color=style.color(i), alpha=0.2, lw=0, rasterized=True
             )
         x, y = style.envelope(time, predicted, 600)
         axes.plot(
@@ -104,8 +112,18 @@ def _rate_panel(axes: Axes, channel: data.Channel, s: int, scale: style.Scale) -
     axes.set_title(channel.slews[s])
 
 
-def residual_panel(axes: Axes, channel: data.Channel, s: int) -> None:
-    """Whitened residuals of one slew with guides at +-1, 2, 3 sigma."""
+def residual_panel(axes: Axes, channel: posterior_data.ChannelSeries, s: int) -> None:
+    """Draw the whitened residuals of one slew with guides at +-1, 2, 3 sigma.
+
+    Parameters
+    ----------
+    axes : Axes
+        Where to draw.
+    channel : ChannelSeries
+        What to draw.
+    s : int
+        Index of the slew.
+    """
     style.sigma_guides(axes)
     for i in range(channel.residual.shape[-1]):
         x, y = style.envelope(channel.time[s], channel.residual[s, :, i])
@@ -130,14 +148,26 @@ def residual_panel(axes: Axes, channel: data.Channel, s: int) -> None:
 
 
 @style.styled
-def momentum(posterior: Posterior, slews: Sequence[int] | None = None) -> Figure | None:
-    """Whitened residuals of the wheels' measured momentum, one panel a slew; None where momentum is not predicted."""
-    channel = data.channel(posterior, "momentum")
+def draw_momentum(posterior: Posterior, slews: Sequence[int] | None = None) -> Figure | None:
+    """Whitened residuals of the wheels' measured momentum, one panel a slew.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        A finished fit.
+    slews : sequence of int, optional
+        Indices of the slews to draw, default all.
+
+    Returns
+    -------
+    Figure or None
+        None where momentum is not predicted.
+    """
+    channel = posterior_data.channel_series(posterior, "momentum")
     if channel is None:
         return None
     chosen = range(len(channel.slews)) if slews is None else slews
-    columns = _columns(len(chosen))
-    rows = -(-len(chosen) // columns)
+    rows, columns = style.grid_shape(len(chosen))
     figure, cells = style.grid(
         0.6 + 1.75 * rows, rows, columns, left=0.95, top=0.7, gap_x=0.6, gap_y=0.5
     )

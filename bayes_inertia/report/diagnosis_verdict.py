@@ -1,0 +1,209 @@
+"""What is missing from the model? The verdict on the content of diagnosis.json."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from bayes_inertia.physics.packing import CHANNELS
+from bayes_inertia.report.diagnosis_wording import (
+    averaging_text,
+    could_hide_text,
+    nameless_text,
+    step_text,
+    window_text,
+)
+from bayes_inertia.report.formatting import CHANNEL_NAMES, either_or, listed, plain, probability
+from bayes_inertia.report.next_slew_wording import correction_text, separating_text
+from bayes_inertia.report.verdict import Level, Verdict
+
+_LEVELS: dict[str, Level] = {
+    "consistent": "good",
+    "named": "good",
+    "ambiguous": "caution",
+    "unknown": "bad",
+}
+_RARE = 1e-3  # p-value below which "one campaign of so many" is no longer counted out
+
+
+def diagnosis_verdict(content: Mapping[str, Any]) -> Verdict:
+    """What is missing, and what that means.
+
+    Parameters
+    ----------
+    content : mapping
+        The content of diagnosis.json.
+
+    Returns
+    -------
+    Verdict
+        The answer first, then where, how much, what to fly next, and what remains open.
+    """
+    sentences = [
+        _on_disagreement(content),
+        *_on_named_effects(content),
+        *_on_noise(content),
+        *_on_next_slews(content),
+        *_on_what_is_unknown(content),
+        *_on_skipped(content),
+        *_on_the_fit_below(content),
+    ]
+    if content["verdict"] != "unknown" and (doubt := nameless_text(content)):
+        sentences.append(doubt)
+    if content.get("could_hide"):
+        sentences.append(could_hide_text(content["could_hide"]))
+    return Verdict(_LEVELS[content["verdict"]], headline(content), tuple(sentences))
+
+
+def headline(content: Mapping[str, Any]) -> str:
+    """The verdict of a diagnosis in one line.
+
+    Parameters
+    ----------
+    content : mapping
+        The content of diagnosis.json.
+
+    Returns
+    -------
+    str
+        One to three short sentences.
+
+    Examples
+    --------
+    >>> headline({"verdict": "consistent", "named": [], "ambiguous_with": []})
+    'Nothing is missing: the model explains the data.'
+    """
+    verdict, named, sets = content["verdict"], content["named"], content["ambiguous_with"]
+    if verdict == "consistent":
+        return "Nothing is missing: the model explains the data."
+    if verdict == "unknown":
+        return "Something is missing that no candidate explains."
+    if verdict == "ambiguous":
+        choices = "; and ".join(either_or([plain(name) for name in names]) for names in sets)
+        sure = [plain(name) for name in named if not any(name in names for names in sets)]
+        besides = f" Besides: {listed(sure)}." if sure else ""
+        return f"Something is missing: {choices}. This campaign cannot tell which.{besides}"
+    if named == ["noise_level"]:
+        return "No effect is missing, but the noise is larger than stated."
+    return f"Found what is missing: {listed([plain(name) for name in named])}."
+
+
+def _on_disagreement(content: Mapping[str, Any]) -> str:
+    """Where the base model disagrees with the data."""
+    windows = content["disagreement"]
+    if not windows:
+        searched = (
+            "The residuals of the base model were searched in every channel, slew and time window: "
+        )
+        if content["steps"]:
+            return f"{searched}no stretch alone exceeds the noise, all together do."
+        return f"{searched}nowhere are they more than noise explains."
+    worst = windows[0]
+    place = window_text(worst, content.get("slew_start", {}).get(worst["slew"], 0.0))
+    p_value = worst["p_value"]
+    if content["verdict"] == "consistent":
+        often = (
+            f"one campaign of {round(1.0 / p_value)}"
+            if p_value > _RARE
+            else "fewer than one campaign of 1000"
+        )
+        return (
+            f"The most conspicuous stretch of the residuals is {place}. "
+            f"Noise alone makes one like it in {often}, and no candidate explains it."
+        )
+    hit = {window["channel"] for window in windows}
+    sensors = listed([CHANNEL_NAMES[channel] for channel in CHANNELS if channel in hit])
+    n_slews = len({window["slew"] for window in windows})
+    return (
+        f"The base model disagrees with the data of the {sensors} "
+        f"in {n_slews} slew{'s' if n_slews > 1 else ''}, most clearly in {place} "
+        f"({probability(p_value)} by chance anywhere in the campaign)."
+    )
+
+
+def _on_named_effects(content: Mapping[str, Any]) -> list[str]:
+    if content["verdict"] == "unknown":
+        return []
+    return [step_text(step, content["candidates"]) for step in content["steps"]]
+
+
+def _on_noise(content: Mapping[str, Any]) -> list[str]:
+    """Sensors that are louder than stated."""
+    louder = {CHANNEL_NAMES[c]: factor for c, factor in content["noise"].items() if factor > 1.0}
+    if content["verdict"] == "unknown":
+        # What is fast and unexplained passes for noise.
+        return [
+            f"From sample to sample the {sensor} scatters {factor:.2f} times as much "
+            "as campaign.toml states; what is missing may be part of that."
+            for sensor, factor in louder.items()
+        ]
+    return [
+        f"The noise of the {sensor} is {factor:.2f} times what campaign.toml states "
+        "(of its loudest axis, if they differ). Correct it there; the fit below takes it so."
+        for sensor, factor in louder.items()
+    ]
+
+
+def _on_next_slews(content: Mapping[str, Any]) -> list[str]:
+    """The next correction slew, and the slews that would settle what is ambiguous."""
+    sentences = []
+    if content.get("correction_slew"):
+        sentences.append(correction_text(content["correction_slew"]))
+    for names in content["ambiguous_with"]:
+        sentences.append(
+            f"{listed([plain(name) for name in names]).capitalize()} would look so alike "
+            "in this campaign that naming one of them would be a guess."
+        )
+    return sentences + [separating_text(slew) for slew in content.get("separating", [])]
+
+
+def _on_what_is_unknown(content: Mapping[str, Any]) -> list[str]:
+    if content["verdict"] != "unknown":
+        return []
+    if content.get("why_unknown") == "imitation":
+        tried = listed([plain(step["added"]) for step in content["steps"]])
+        sentences = [
+            f"Adding {tried} would bring the residuals down to the noise, "
+            "but something without a name explains them better (a signal of free shape, "
+            "or in proportion to a rate, momentum, field or time): what is named would be "
+            "an imitation of something that is not among the candidates."
+        ]
+    else:
+        n_tried = sum(candidate["p_value"] is not None for candidate in content["candidates"])
+        sentences = [
+            f"None of the {n_tried} candidates brings the residuals down to the noise, "
+            "so none is named."
+        ]
+    if content["unknown"]:
+        sentences.append(f"What is left looks like this: {content['unknown']['description']}.")
+    return sentences
+
+
+def _on_skipped(content: Mapping[str, Any]) -> list[str]:
+    skipped = [plain(candidate["effect"]) for candidate in content["skipped"]]
+    return [f"Not tried for lack of columns: {listed(skipped)}."] if skipped else []
+
+
+def _on_the_fit_below(content: Mapping[str, Any]) -> list[str]:
+    """Which model the numbers further down the page are of."""
+    steps = content["steps"]
+    if content["verdict"] == "unknown":
+        return [
+            "The fit below is the base model's: "
+            "what is missing may shift J and K by more than their sd."
+        ]
+    if not steps:
+        return ["The fit below is the base model's."]
+    if content.get("alternatives"):
+        effects = listed([plain(step["added"]) for step in steps])
+        sentences = [f"The fit below includes {effects}. {averaging_text(content)}"]
+    else:
+        sentences = [
+            "The fit below includes the named effects: J and K are estimated together with them."
+        ]
+    if any(step["added"] == "inertia_change" for step in steps):
+        sentences.append(
+            "J is the tensor before its change. "
+            "For the next slew add the change, element by element."
+        )
+    return sentences

@@ -1,0 +1,224 @@
+"""Can I trust this fit? The verdict on the content of summary.json."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from bayes_inertia.physics.packing import CHANNELS
+from bayes_inertia.report.criteria import Criteria, criteria_of
+from bayes_inertia.report.formatting import listed, typeset
+from bayes_inertia.report.residual_wording import channel_verdict
+from bayes_inertia.report.uncertainty import names_by_determination
+from bayes_inertia.report.verdict import Level, Verdict
+
+
+def fit_verdict(summary: Mapping[str, Any], n_slews: int) -> Verdict:
+    """Can the result be trusted, why, and which uncertainty to use.
+
+    Parameters
+    ----------
+    summary : mapping
+        The content of summary.json, see `Posterior.summary`.
+    n_slews : int
+        Slews of the campaign.
+
+    Returns
+    -------
+    Verdict
+        The answer first, then the reasons.
+    """
+    criteria, rows, fit = criteria_of(summary), summary["parameters"], summary["fit"]
+    gates = {gate["name"]: gate for gate in summary["gates"]}
+    converged, explained = (_passed(gates, name) for name in ("converged", "explained"))
+    has_robust = any(row["robust_sd"] is not None for row in rows.values())
+    too_large, too_small = ([], []) if explained else _misfits(fit, criteria)
+    failed = [typeset(gate["says"]) for gate in gates.values() if _failed_besides(gate)]
+    undetermined = names_by_determination(rows, criteria)["not determined"]
+    sentences = [_on_sampler(converged, summary["diagnostics"], criteria)]
+    if explained:
+        says = (
+            gates["explained"]["says"] if "explained" in gates else "the residuals are as predicted"
+        )
+        sentences.append(f"The model explains the data: {typeset(says)}.")
+    else:
+        sentences += _on_misfit(too_large, too_small, has_robust)
+    sentences += [f"{text[0].upper()}{text[1:]}." for text in failed]
+    sentences += _on_starts(fit["starts_agreeing"])
+    if explained and not failed:
+        sentences.append(_on_uncertainty(rows, n_slews, has_robust))
+    sentences += _on_undetermined(undetermined)
+    level, title = _headline(
+        converged=converged,
+        explained=explained,
+        too_large=bool(too_large),
+        another_failed=bool(failed),
+        all_starts_agree=fit["starts_agreeing"][0] >= fit["starts_agreeing"][1],
+        all_determined=not undetermined,
+    )
+    return Verdict(level, title, tuple(sentences))
+
+
+def _passed(gates: Mapping[str, Mapping[str, Any]], name: str) -> bool:
+    return gates[name]["passed"] if name in gates else True
+
+
+def _failed_besides(gate: Mapping[str, Any]) -> bool:
+    """Whether a gate failed that has no sentences of its own here."""
+    return not gate["passed"] and gate["name"] not in ("converged", "explained")
+
+
+def _headline(
+    *,
+    converged: bool,
+    explained: bool,
+    too_large: bool,
+    another_failed: bool,
+    all_starts_agree: bool,
+    all_determined: bool,
+) -> tuple[Level, str]:
+    """The worst that is so, in one line."""
+    if not converged and not explained:
+        return "bad", (
+            "Do not use these numbers yet: the sampler has not converged, "
+            "and the model does not explain the data."
+        )
+    if not converged:
+        return "bad", "Do not use these numbers yet: the sampler has not converged."
+    if not explained and too_large:
+        return "bad", (
+            "Use with care: the model does not explain the data, something is missing from it."
+        )
+    if not explained:
+        return "caution", (
+            "Usable, but the stated noise is wrong: the residuals are smaller than it predicts."
+        )
+    if another_failed:
+        return "bad", "Do not use these numbers yet: a gate failed."
+    if not all_starts_agree:
+        return "caution", (
+            "Usable with care: not every start of the optimizer led to this solution."
+        )
+    if not all_determined:
+        return "caution", (
+            "The fit can be trusted, but this campaign does not determine every parameter."
+        )
+    return "good", "Yes, these numbers can be trusted."
+
+
+def _on_sampler(converged: bool, diagnostics: Mapping[str, Any], criteria: Criteria) -> str:
+    rhat, tau = diagnostics["nested_rhat_max"], diagnostics["tau_max"]
+    effective = min(diagnostics["ess_bulk_min"], diagnostics["ess_tail_min"])
+    if converged:
+        return (
+            "The sampler has converged: independently started ensembles agree "
+            f"(nested R-hat {rhat:.4f}, "
+            f"at least {effective:,.0f} effective samples of every parameter)."
+        )
+    kept = diagnostics["steps"] - diagnostics["discarded"]
+    reasons = []
+    if rhat >= criteria.nested_rhat_below:
+        reasons.append(
+            f"its ensembles disagree (nested R-hat {rhat:.3f}, "
+            f"wanted below {criteria.nested_rhat_below:g})"
+        )
+    if effective < criteria.effective_samples:
+        reasons.append(
+            f"it has only {effective:,.0f} effective samples of the worst parameter "
+            f"(wanted {criteria.effective_samples:g})"
+        )
+    if kept < criteria.autocorrelation_times * tau:
+        reasons.append(
+            f"{kept} kept steps are too few for an autocorrelation time of {tau:.1f} steps "
+            f"(wanted {criteria.autocorrelation_times:g} times it)"
+        )
+    return (
+        f"The sampler has not converged: {listed(reasons) or 'its gate failed'}. "
+        "Run it for more steps before using any number below."
+    )
+
+
+def _misfits(fit: Mapping[str, Any], criteria: Criteria) -> tuple[list[str], list[str]]:
+    """Channels whose residuals are too large or structured, and those whose are too small."""
+    too_large, too_small = [], []
+    for channel in CHANNELS:
+        verdict = channel_verdict(fit, channel, criteria)
+        if verdict.startswith(("too large", "structured")):
+            too_large.append(channel)
+        elif verdict.startswith("smaller"):
+            too_small.append(channel)
+    total = fit["reduced_chi2"]["total"]
+    if not too_large and not too_small and total is not None:
+        (too_large if total > 1.0 else too_small).append("all channels together")
+    return too_large, too_small
+
+
+def _on_misfit(too_large: list[str], too_small: list[str], has_robust: bool) -> list[str]:
+    if too_large:
+        return [
+            f"The residuals ({listed(too_large)}) are larger, or more structured, "
+            "than the model and the stated noise predict: an effect is missing.",
+            "Use the robust sd: it is what the slews themselves support. "
+            "Do not read the model's sd as the uncertainty."
+            if has_robust
+            else "With too few slews for a robust sd, no uncertainty below can be defended: "
+            "treat the sd as a lower limit.",
+            "Run “bayes-inertia diagnose” to find the missing effect. "
+            "A bias of the estimate that all slews share shows in neither sd.",
+        ]
+    if too_small:
+        return [
+            f"The residuals ({listed(too_small)}) are smaller than the stated noise: "
+            "the sd is probably too large, not too small.",
+            "Correct the stated sigma of that sensor in campaign.toml and fit again.",
+        ]
+    return []
+
+
+def _on_starts(agreeing: Sequence[int]) -> list[str]:
+    if agreeing[0] >= agreeing[1]:
+        return []
+    return [
+        f"Only {agreeing[0]} of {agreeing[1]} starts of the optimizer reached this solution; "
+        "the others ended in worse ones. Check the signs and units of the telemetry."
+    ]
+
+
+def _on_uncertainty(rows: Mapping[str, Any], n_slews: int, has_robust: bool) -> str:
+    """Which uncertainty to use where the model explains the data."""
+    if not has_robust:
+        too_few = f"{n_slews} slews are" if n_slews != 1 else "One slew is"
+        return (
+            f"{too_few} too few for a robust sd: the quoted sd is the model's own. "
+            "It is right if the model and the stated noise are."
+        )
+    # Relative error of a standard deviation from n values.
+    error = 1.0 / math.sqrt(2.0 * max(n_slews - 1, 1))
+    wide = [
+        name
+        for name, row in rows.items()
+        if row["robust_sd"] is not None and row["robust_sd"] > (1.0 + 2.0 * error) * row["sd"]
+    ]
+    own_error = (
+        f"a robust sd from {n_slews} slews is itself uncertain by about {100.0 * error:.0f} %"
+    )
+    if wide:
+        return (
+            f"The slews scatter more than the model's sd for {listed(wide)}: "
+            f"use the quoted (larger) uncertainty, and mind that {own_error}."
+        )
+    return (
+        "Use the quoted uncertainty, the larger of the two in each row; "
+        f"the model's sd and what the slews support agree ({own_error})."
+    )
+
+
+def _on_undetermined(names: list[str]) -> list[str]:
+    if not names:
+        return []
+    them = "it" if len(names) == 1 else "them"
+    return [
+        f"Not determined by this campaign: {listed(names)}. "
+        f"What is printed for {them} is mostly the prior."
+    ]

@@ -1,0 +1,337 @@
+"""Numbers, units and lists as they are printed, by the page, the pictures and the terminal alike.
+
+Printed text has typographic signs: a real minus, superscripts, dashes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+ARCSEC = math.pi / (180.0 * 3600.0)  # [rad]
+CHANNEL_NAMES = {
+    "rate": "rate sensor",
+    "attitude": "star tracker",
+    "momentum": "wheel momentum",
+    "total": "all channels",
+}
+NOT_GIVEN = "–"
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def exponent(mean: float, sd: float) -> int:
+    """Power of ten that is factored out of a number in print.
+
+    Parameters
+    ----------
+    mean : float
+        The number.
+    sd : float
+        Its uncertainty, in the same unit.
+
+    Returns
+    -------
+    int
+        A multiple of three; 0 for numbers that read well as they are.
+
+    Examples
+    --------
+    >>> exponent(3.3, 1e-4), exponent(1.6e-3, 1e-5), exponent(2e-6, 1e-5)
+    (0, -3, -6)
+    """
+    size = max(abs(mean), sd)
+    return 0 if size == 0 or 5e-3 <= size < 1e4 else 3 * math.floor(math.log10(size) / 3.0 + 1e-9)
+
+
+def number(value: float, sd: float, power: int = 0) -> str:
+    """A value, rounded where its uncertainty has its second digit.
+
+    Parameters
+    ----------
+    value : float
+        The value.
+    sd : float
+        Its uncertainty, in the same unit; without a positive one, four digits are printed.
+    power : int
+        The value is printed in units of 10^power.
+
+    Returns
+    -------
+    str
+        The digits, without unit.
+
+    Examples
+    --------
+    >>> number(3.3311733, 0.000196), number(0.0016886, 1.4e-5, -3), number(1234.5, 200.0)
+    ('3.33117', '1.689', '1230')
+    """
+    if not (math.isfinite(value) and sd > 0 and math.isfinite(sd)):
+        return f"{value / 10.0**power:.4g}"
+    decimals = 1 - math.floor(math.log10(sd / 10.0**power))
+    rounded = round(value / 10.0**power, decimals)
+    return with_minus_sign(f"{rounded:.{max(0, decimals)}f}")
+
+
+def unit_text(unit: str, power: int = 0) -> str:
+    """A unit, with the power of ten that was factored out of the number.
+
+    Parameters
+    ----------
+    unit : str
+        As parameters carry it, "kg m^2"; empty for a pure number.
+    power : int
+        See `exponent`.
+
+    Returns
+    -------
+    str
+        A dash where there is neither unit nor power.
+
+    Examples
+    --------
+    >>> unit_text("kg m^2", -3), unit_text("")
+    ('10⁻³ kg m²', '–')
+    """
+    factor = f"10{str(power).translate(_SUPERSCRIPT)}" if power else ""
+    parts = (factor, unit.replace("^2", "²").replace("^3", "³"))
+    return " ".join(part for part in parts if part) or NOT_GIVEN
+
+
+def value_text(value: Mapping[str, Any]) -> str:
+    """A value with its sd and its unit.
+
+    Parameters
+    ----------
+    value : mapping
+        Its `mean`, `sd` and `unit`.
+
+    Returns
+    -------
+    str
+        All three, with a power of ten where that is shorter.
+
+    Examples
+    --------
+    >>> value_text({"mean": 2.31e-6, "sd": 1.1e-7, "unit": "N m"})
+    '(2.31 ± 0.11) 10⁻⁶ N m'
+    """
+    mean, sd, unit = value["mean"], value["sd"], value["unit"]
+    power = exponent(mean, sd)
+    both = f"{number(mean, sd, power)} ± {number(sd, sd, power)}"
+    if power:
+        return f"({both}) {unit_text(unit, power)}"
+    return f"{both} {unit_text(unit)}" if unit else both
+
+
+def tenths(value: float) -> str:
+    """A score or log Bayes factor: nobody decides anything by its second decimal.
+
+    Parameters
+    ----------
+    value : float
+        A pure number.
+
+    Returns
+    -------
+    str
+        One decimal; none from a thousand on.
+
+    Examples
+    --------
+    >>> tenths(2254.3), tenths(602.94), tenths(-1.0748), tenths(-0.0056)
+    ('2,254', '602.9', '−1.1', '0.0')
+    """
+    text = f"{value:,.0f}" if abs(value) >= 1000.0 else f"{value:.1f}"
+    return "0.0" if text == "-0.0" else with_minus_sign(text)
+
+
+def p_value_text(p: float) -> str:
+    """A p-value as a cell of a table.
+
+    Parameters
+    ----------
+    p : float
+        The p-value.
+
+    Returns
+    -------
+    str
+        One digit.
+
+    Examples
+    --------
+    >>> p_value_text(0.03), p_value_text(1e-300), p_value_text(2.3e-7)
+    ('0.03', '< 1e-100', '2e-07')
+    """
+    return "< 1e-100" if p < 1e-100 else f"{p:.1g}"
+
+
+def probability(p: float) -> str:
+    """A p-value in a sentence.
+
+    Parameters
+    ----------
+    p : float
+        The p-value.
+
+    Returns
+    -------
+    str
+        One digit, after "p".
+
+    Examples
+    --------
+    >>> probability(0.03), probability(1e-300)
+    ('p = 0.03', 'p < 1e-100')
+    """
+    text = p_value_text(p)
+    return f"p {text}" if text.startswith("<") else f"p = {text}"
+
+
+def vector_text(components: Sequence[float]) -> str:
+    """The components of a unit vector.
+
+    Parameters
+    ----------
+    components : sequence of float
+        Of any length.
+
+    Returns
+    -------
+    str
+        Two decimals each, without brackets.
+
+    Examples
+    --------
+    >>> vector_text([0.0, 0.6, -0.8])
+    '0.00, 0.60, −0.80'
+    """
+    return with_minus_sign(", ".join(f"{x:.2f}" for x in components))
+
+
+def arcsec_text(angle: float) -> str:
+    """An angle in whole arc seconds, below ten with two digits.
+
+    Parameters
+    ----------
+    angle : float
+        The angle [rad].
+
+    Returns
+    -------
+    str
+        The digits, without unit.
+
+    Examples
+    --------
+    >>> arcsec_text(8e-5), arcsec_text(8e-6)
+    ('17', '1.7')
+    """
+    arcsec = angle / ARCSEC
+    return f"{arcsec:.0f}" if arcsec >= 10.0 else f"{arcsec:.2g}"
+
+
+def with_minus_sign(text: str) -> str:
+    """The text of a number with a real minus in place of the hyphen.
+
+    Parameters
+    ----------
+    text : str
+        Printed numbers.
+
+    Returns
+    -------
+    str
+        The same, typeset.
+
+    Examples
+    --------
+    >>> with_minus_sign("-0.5")
+    '−0.5'
+    """
+    return text.replace("-", "−")
+
+
+def plain(name: str) -> str:
+    """The name of an effect in print.
+
+    Parameters
+    ----------
+    name : str
+        Its canonical name.
+
+    Returns
+    -------
+    str
+        Words with spaces.
+
+    Examples
+    --------
+    >>> plain("wheel_command_lag")
+    'wheel command lag'
+    """
+    return name.replace("_", " ")
+
+
+def listed(items: Sequence[str]) -> str:
+    """Items as a list in a sentence.
+
+    Parameters
+    ----------
+    items : sequence of str
+        None, one or several.
+
+    Returns
+    -------
+    str
+        The items, with "and" before the last.
+
+    Examples
+    --------
+    >>> listed(["a", "b", "c"]), listed(["a"])
+    ('a, b and c', 'a')
+    """
+    return " and ".join([", ".join(items[:-1]), items[-1]] if len(items) > 1 else list(items))
+
+
+def either_or(items: Sequence[str]) -> str:
+    """Alternatives in a sentence.
+
+    Parameters
+    ----------
+    items : sequence of str
+        None, one or several.
+
+    Returns
+    -------
+    str
+        The items, with "either" before the first and "or" before the last.
+
+    Examples
+    --------
+    >>> either_or(["a", "b", "c"])
+    'either a, b or c'
+    """
+    return f"either {', '.join(items[:-1])} or {items[-1]}" if len(items) > 1 else "".join(items)
+
+
+def typeset(text: str) -> str:
+    """A sentence written for a terminal, as the page prints it.
+
+    Parameters
+    ----------
+    text : str
+        With backquotes, `chi^2` and `robust_sd`.
+
+    Returns
+    -------
+    str
+        The same, typeset.
+
+    Examples
+    --------
+    >>> typeset("reduced chi^2 2.7: use `diagnose` and robust_sd")
+    'reduced χ² 2.7: use diagnose and robust sd'
+    """
+    return text.replace("`", "").replace("chi^2", "χ²").replace("robust_sd", "robust sd")

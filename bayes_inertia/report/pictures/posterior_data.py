@@ -1,0 +1,222 @@
+"""What the pictures draw, read out of a posterior's tree.
+
+Padding becomes NaN, quaternions become small angles.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.maths.values import array_dataclass
+
+
+@array_dataclass
+class ChannelSeries:
+    """One channel of all slews; NaN wherever nothing was measured.
+
+    Parameters
+    ----------
+    slews, components : list of str
+        Names of the slews and of the channel's components.
+    time : (slews, rows) array
+        Time in the campaign [s].
+    measured, predicted : (slews, rows, components) array
+        In the unit of the channel.
+    spread : (slews, rows, components) array
+        Standard deviation of the predictive draws, in the unit of the channel.
+    residual : (slews, rows, components) array
+        Measured minus predicted at the optimum, in stated sigmas.
+    """
+
+    slews: list[str]
+    components: list[str]
+    time: np.ndarray
+    measured: np.ndarray
+    predicted: np.ndarray
+    spread: np.ndarray
+    residual: np.ndarray
+
+
+def channel_series(posterior: Posterior, name: str) -> ChannelSeries | None:
+    """One channel of the telemetry, as measured and as predicted.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        A finished fit.
+    name : str
+        "rate" or "momentum".
+
+    Returns
+    -------
+    ChannelSeries or None
+        None where the fit did not predict it: no data, or it was the model's input.
+    """
+    tree = posterior.tree
+    if name not in tree["posterior_predictive"] or name not in tree["observed_data"]:
+        return None
+    measured = tree["observed_data"][name]
+    values = measured.values
+    if not np.isfinite(values).any():
+        return None
+    draws = tree["posterior_predictive"][name].values
+    draws = draws.reshape(-1, *draws.shape[2:])
+    residual = tree["estimate"][f"residual_{name}"].values.reshape(values.shape)
+    last = measured.dims[-1]
+    components = (
+        [str(wheel) for wheel in measured[last].values]
+        if last == "wheel"
+        else [f"axis {i + 1}" for i in range(values.shape[-1])]
+    )
+    return ChannelSeries(
+        slews=[str(slew) for slew in measured["slew"].values],
+        components=components,
+        time=tree["constant_data"]["time"].values,
+        measured=values,
+        predicted=draws.mean(0, dtype=float),
+        spread=draws.std(0, dtype=float),
+        residual=np.where(np.isfinite(values), residual, np.nan),
+    )
+
+
+@array_dataclass
+class AttitudeMisfit:
+    """Star-tracker misfits at the fixes of all slews; NaN in padding.
+
+    Parameters
+    ----------
+    slews : list of str
+        Names of the slews.
+    time : (slews, fixes) array
+        Time in the campaign [s].
+    angle_B : (slews, fixes, 3) array
+        Measured minus predicted attitude as a small rotation in body axes [rad].
+    whitened : (slews, fixes, 3) array
+        The same in stated sigmas.
+    after : (slews, fixes) array of bool
+        Whether the fix lies in the second half of its slew.
+    """
+
+    slews: list[str]
+    time: np.ndarray
+    angle_B: np.ndarray
+    whitened: np.ndarray
+    after: np.ndarray
+
+
+def attitude_misfit(posterior: Posterior) -> AttitudeMisfit | None:
+    """Measured against predicted attitude, q_meas = q dq(e).
+
+    Parameters
+    ----------
+    posterior : Posterior
+        A finished fit.
+
+    Returns
+    -------
+    AttitudeMisfit or None
+        None without star-tracker fixes.
+    """
+    tree = posterior.tree
+    if "attitude" not in tree["posterior_predictive"] or "fix_time" not in tree["constant_data"]:
+        return None
+    measured = tree["observed_data"]["attitude"].values
+    time = tree["constant_data"]["fix_time"].values
+    valid = np.isfinite(time) & np.isfinite(measured).all(-1)
+    if not valid.any():
+        return None
+    draws = tree["posterior_predictive"]["attitude"].values
+    draws = draws.reshape(-1, *draws.shape[2:])[:, valid]
+    angle = np.full((*time.shape, 3), np.nan)
+    # scipy rather than `quaternion.log`: nothing to compile.
+    # Its q is body-to-inertial, so that q^-1 q_meas is in body axes too.
+    angle[valid] = np.mean(
+        [
+            (Rotation.from_quat(q).inv() * Rotation.from_quat(measured[valid])).as_rotvec()
+            for q in draws
+        ],
+        axis=0,
+    )
+    rows = tree["constant_data"]["time"].values
+    middle = 0.5 * (np.nanmin(rows, 1) + np.nanmax(rows, 1))
+    whitened = tree["estimate"]["residual_attitude"].values.reshape(angle.shape)
+    return AttitudeMisfit(
+        slews=[str(slew) for slew in tree["observed_data"]["attitude"]["slew"].values],
+        time=time,
+        angle_B=angle,
+        whitened=np.where(valid[..., None], whitened, np.nan),
+        after=time > middle[:, None],
+    )
+
+
+def n_slews(posterior: Posterior) -> int:
+    """How many slews the campaign has.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        A finished fit.
+
+    Returns
+    -------
+    int
+        At least one.
+    """
+    return int(posterior.tree["estimate"].sizes["slew"])
+
+
+def n_ensembles(posterior: Posterior) -> int:
+    """How many independent ensembles the chains come from (chains are ordered by ensemble).
+
+    Parameters
+    ----------
+    posterior : Posterior
+        A finished fit.
+
+    Returns
+    -------
+    int
+        At least one.
+    """
+    return int(posterior.tree["posterior_predictive"].sizes["chain"])
+
+
+def robust_covariance(posterior: Posterior) -> np.ndarray | None:
+    """Covariance that the slews themselves support.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        A finished fit.
+
+    Returns
+    -------
+    (d, d) array or None
+        Of the fitted parameters, in their units; None from too few slews.
+    """
+    covariance = posterior.tree["estimate"]["robust_covariance"].values
+    return covariance if np.isfinite(covariance).all() else None
+
+
+def worst_slews(posterior: Posterior, most: int) -> list[int]:
+    """The slews whose data fit worst.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        A finished fit.
+    most : int
+        How many at most.
+
+    Returns
+    -------
+    list of int
+        Their indices, in the order flown.
+    """
+    estimate = posterior.tree["estimate"]
+    per_datum = estimate["slew_chi2"].values.sum(-1) / np.maximum(
+        estimate["slew_n_data"].values.sum(-1), 1
+    )
+    return sorted(np.argsort(-per_datum, kind="stable")[:most].tolist())

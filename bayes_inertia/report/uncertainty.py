@@ -1,0 +1,194 @@
+"""Which uncertainty to quote, and how far it says that a parameter is determined."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from bayes_inertia.report.criteria import Criteria
+
+Source = Literal["sd", "robust sd"]
+
+
+@dataclass(frozen=True)
+class QuotedSd:
+    """The uncertainty to use: the larger of the model's sd and the robust sd.
+
+    Parameters
+    ----------
+    sd : float
+        The uncertainty, in the parameter's unit.
+    source : {"sd", "robust sd"}
+        Which of the two it is.
+    """
+
+    sd: float
+    source: Source
+
+
+def quoted_sd(sd: float, robust_sd: float | None) -> QuotedSd:
+    """The uncertainty to quote.
+
+    Parameters
+    ----------
+    sd : float
+        The model's sd.
+    robust_sd : float or None
+        What the slews themselves support, in the same unit; None from too few slews.
+
+    Returns
+    -------
+    QuotedSd
+        The larger of the two.
+
+    Examples
+    --------
+    >>> quoted_sd(1.0, 2.0), quoted_sd(1.0, None)
+    (QuotedSd(sd=2.0, source='robust sd'), QuotedSd(sd=1.0, source='sd'))
+    """
+    if robust_sd is not None and robust_sd > sd:
+        return QuotedSd(robust_sd, "robust sd")
+    return QuotedSd(sd, "sd")
+
+
+def contraction(sd: float, prior_sd: float) -> float:
+    """Share of the prior variance that the data removed.
+
+    Parameters
+    ----------
+    sd, prior_sd : float
+        Of one parameter, in the same unit.
+
+    Returns
+    -------
+    float
+        Between 0 and 1.
+
+    Examples
+    --------
+    >>> contraction(0.5, 1.0), contraction(1.2, 1.0)
+    (0.75, 0.0)
+    """
+    return max(0.0, 1.0 - (sd / prior_sd) ** 2)
+
+
+def contraction_text(share: float, criteria: Criteria) -> str:
+    """Contraction in print, rounded down: it never seems to reach a threshold that it misses.
+
+    Parameters
+    ----------
+    share : float
+        See `contraction`.
+    criteria : Criteria
+        Where more digits begin.
+
+    Returns
+    -------
+    str
+        Two to four decimals.
+
+    Examples
+    --------
+    >>> [contraction_text(share, Criteria()) for share in (0.9999977, 0.541, 0.98765)]
+    ['> 0.9999', '0.54', '0.987']
+    """
+    if share > 0.9999:
+        return "> 0.9999"
+    decimals = 2 if share < criteria.determined_above else 3 if share < 0.99 else 4
+    return f"{math.floor(share * 10**decimals) / 10**decimals:.{decimals}f}"
+
+
+def determination(share: float, criteria: Criteria) -> str:
+    """How far the campaign determines a parameter.
+
+    Parameters
+    ----------
+    share : float
+        See `contraction`.
+    criteria : Criteria
+        The thresholds.
+
+    Returns
+    -------
+    str
+        "determined", "partly determined" or "not determined".
+
+    Examples
+    --------
+    >>> [determination(share, Criteria()) for share in (0.99, 0.6, 0.2)]
+    ['determined', 'partly determined', 'not determined']
+    """
+    if share >= criteria.determined_above:
+        return "determined"
+    return "partly determined" if share > criteria.observable_above else "not determined"
+
+
+def determination_of(row: Mapping[str, Any], criteria: Criteria) -> str:
+    """How far the quoted uncertainty says that a parameter is determined.
+
+    Parameters
+    ----------
+    row : mapping
+        The parameter's row in summary.json.
+    criteria : Criteria
+        The thresholds.
+
+    Returns
+    -------
+    str
+        See `determination`.
+    """
+    share = contraction(quoted_sd(row["sd"], row["robust_sd"]).sd, row["prior_sd"])
+    return determination(share, criteria)
+
+
+def names_by_determination(rows: Mapping[str, Any], criteria: Criteria) -> dict[str, list[str]]:
+    """Names of parameters by how far they are determined.
+
+    Parameters
+    ----------
+    rows : mapping
+        The parameters of summary.json.
+    criteria : Criteria
+        The thresholds.
+
+    Returns
+    -------
+    dict of str to list of str
+        One list, which may be empty, for each answer of `determination`.
+    """
+    names: dict[str, list[str]] = {
+        "determined": [],
+        "partly determined": [],
+        "not determined": [],
+    }
+    for name, row in rows.items():
+        names[determination_of(row, criteria)].append(name)
+    return names
+
+
+def interval_90(row: Mapping[str, Any]) -> tuple[float, float]:
+    """The 90 % interval that belongs to the quoted uncertainty.
+
+    It is the posterior's, widened about its median where the robust sd is the larger.
+
+    Parameters
+    ----------
+    row : mapping
+        The parameter's row in summary.json.
+
+    Returns
+    -------
+    low, high : float
+        In the parameter's unit.
+
+    Examples
+    --------
+    >>> interval_90({"q05": -1.6, "q50": 0.0, "q95": 1.7, "sd": 1.0, "robust_sd": 2.0})
+    (-3.2, 3.4)
+    """
+    factor = quoted_sd(row["sd"], row["robust_sd"]).sd / row["sd"] if row["sd"] > 0 else 1.0
+    median = row["q50"]
+    return median + factor * (row["q05"] - median), median + factor * (row["q95"] - median)

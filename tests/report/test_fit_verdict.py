@@ -1,0 +1,108 @@
+"""Can I trust it? The verdict on a summary."""
+
+import pytest
+
+from bayes_inertia.report.fit_verdict import fit_verdict
+
+LARGE = {"rate": 2.0, "attitude": 1.0, "momentum": 1.0, "total": 1.5}
+
+
+SMALL = {"rate": 0.5, "attitude": 1.0, "momentum": 1.0, "total": 0.8}
+
+
+ONLY_TOTAL = {"rate": 1.04, "attitude": 1.04, "momentum": 1.04, "total": 1.08}
+
+
+@pytest.fixture
+def summary_of(attributes):
+    """A function that makes a summary of two parameters, changed."""
+    return lambda **changes: _changed(attributes("good"), **changes)
+
+
+def _changed(summary: dict, **changes) -> dict:
+    row = {"mean": 1.0, "sd": 1e-3, "robust_sd": 1.1e-3, "prior_sd": 0.1}
+    summary["parameters"] = {"Jxx": row, "K1": row}
+    passed = {gate["name"]: gate["passed"] for gate in summary["gates"]} | changes.pop("passed", {})
+    summary["gates"] = [
+        {"name": name, "passed": value, "says": "it says"} for name, value in passed.items()
+    ]
+    for key in ("sd", "robust_sd"):
+        if key in changes:
+            summary["parameters"] = summary["parameters"] | {"K1": row | {key: changes[key]}}
+    summary["fit"] = summary["fit"] | {
+        key: changes[key]
+        for key in ("reduced_chi2", "p_white", "starts_agreeing")
+        if key in changes
+    }
+    summary["diagnostics"] = summary["diagnostics"] | changes.get("diagnostics", {})
+    return summary
+
+
+@pytest.mark.parametrize(
+    ("changes", "level", "says"),
+    [
+        ({}, "good", "agree"),
+        ({"robust_sd": 5e-3}, "good", "scatter more than the model's sd for K1"),
+        ({"sd": 0.09}, "caution", "Not determined by this campaign: K1"),
+        ({"starts_agreeing": [1, 3]}, "caution", "Only 1 of 3 starts"),
+        (
+            {"passed": {"converged": False}, "diagnostics": {"nested_rhat_max": 1.3}},
+            "bad",
+            "disagree (nested R-hat 1.300",
+        ),
+        (
+            {"passed": {"converged": False}, "diagnostics": {"ess_tail_min": 120.0}},
+            "bad",
+            "only 120 effective samples",
+        ),
+        (
+            {"passed": {"converged": False}, "diagnostics": {"tau_max": 40.0}},
+            "bad",
+            "50 kept steps are too few",
+        ),
+        (
+            {"passed": {"explained": False}, "reduced_chi2": LARGE},
+            "bad",
+            "residuals (rate) are larger",
+        ),
+        (
+            {
+                "passed": {"explained": False},
+                "p_white": {"rate": 0.3, "attitude": None, "momentum": 1e-9, "total": None},
+            },
+            "bad",
+            "residuals (momentum)",
+        ),
+        (
+            {"passed": {"explained": False}, "reduced_chi2": ONLY_TOTAL},
+            "bad",
+            "all channels together",
+        ),
+        (
+            {"passed": {"explained": False}, "reduced_chi2": SMALL},
+            "caution",
+            "smaller than the stated noise",
+        ),
+        ({"passed": {"another": False}}, "bad", "It says."),
+    ],
+)
+def test_verdicts(summary_of, changes, level, says):
+    verdict = fit_verdict(summary_of(**changes), n_slews=5)
+    assert verdict.level == level
+    assert says in " ".join(verdict.sentences)
+
+
+def test_without_a_robust_sd_a_misfit_leaves_no_uncertainty_to_use(summary_of):
+    summary = summary_of(passed={"explained": False}, reduced_chi2=LARGE)
+    for row in summary["parameters"].values():
+        row["robust_sd"] = None
+    said = " ".join(fit_verdict(summary, n_slews=1).sentences)
+    assert "no uncertainty below can be defended" in said
+    assert "Use the robust sd" not in said
+
+
+def test_the_limits_that_were_used_are_named(summary_of):
+    summary = summary_of(passed={"converged": False}, diagnostics={"nested_rhat_max": 1.3})
+    said = fit_verdict(summary | {"criteria": {"nested_rhat_below": 1.05}}, n_slews=5)
+    assert "wanted below 1.05" in said.sentences[0]
+    assert "wanted below 1.01" in fit_verdict(summary, n_slews=5).sentences[0]

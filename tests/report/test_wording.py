@@ -1,0 +1,139 @@
+"""Numbers, residuals, correlations and limits in words."""
+
+import re
+
+import pytest
+from jinja2 import Environment, StrictUndefined
+
+from bayes_inertia.report.criteria import Criteria, criteria_of
+from bayes_inertia.report.formatting import number
+from bayes_inertia.report.parameter_wording import correlation_sentences
+from bayes_inertia.report.residual_wording import channel_verdict
+from bayes_inertia.report.section import packaged
+from bayes_inertia.report.uncertainty import determination
+
+
+def page_of(template: str, **context) -> str:
+    """The text of a section's body."""
+    body = Environment(undefined=StrictUndefined).from_string(packaged(template)).render(**context)
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", body))
+
+
+@pytest.mark.parametrize(
+    ("reduced", "interval", "p_white", "expected"),
+    [
+        (None, None, None, "no data"),
+        (1.0, (0.9, 1.1), None, "as predicted"),
+        (1.11, (0.9, 1.1), 0.2, "borderline"),
+        (1.3, (0.9, 1.1), 0.2, "too large"),
+        (1.3, (0.9, 1.1), 1e-8, "too large and structured in time"),
+        (1.0, (0.9, 1.1), 1e-8, "structured in time"),
+        (0.5, (0.9, 1.1), 0.2, "smaller than the stated noise"),
+    ],
+)
+def test_channel_verdicts(reduced, interval, p_white, expected):
+    fit = {
+        "reduced_chi2": {"rate": reduced},
+        "interval_99": {"rate": interval},
+        "p_white": {"rate": p_white},
+    }
+    assert channel_verdict(fit, "rate", Criteria()) == expected
+
+
+@pytest.mark.parametrize(
+    ("value", "sd", "power", "expected"),
+    [
+        (-0.01180, 8.6e-5, 0, "−0.011800"),
+        (99.96, 1.2, 0, "100.0"),
+        (1.6886e-3, 1.4e-5, -3, "1.689"),
+        (0.0, 1.8e-4, -6, "0"),
+        (5.0, 0.0, 0, "5"),
+        (1.0, float("nan"), 0, "1"),
+    ],
+)
+def test_numbers_are_rounded_by_their_uncertainty(value, sd, power, expected):
+    assert number(value, sd, power) == expected
+
+
+@pytest.mark.parametrize(
+    ("drive", "effects", "channels", "wheels", "slews", "says", "does_not_say"),
+    [
+        (
+            "measured",
+            [],
+            [],
+            3,
+            1,
+            ["momentum is the input", "no star-tracker fixes", "has 1 slew:", "common gain"],
+            ["its momentum residuals"],
+        ),
+        (
+            "commanded",
+            ["wheel_torque_gain"],
+            ["attitude", "momentum"],
+            3,
+            8,
+            ["commanded torques are the input", "comes from their prior", "its momentum residuals"],
+            ["star-tracker"],
+        ),
+        (
+            "commanded",
+            [],
+            ["attitude"],
+            3,
+            8,
+            ["there are no tachometers"],
+            ["its momentum residuals"],
+        ),
+        (
+            "commanded",
+            [],
+            ["attitude"],
+            0,
+            8,
+            ["there are no wheels", "ratios"],
+            ["common gain", "commanded torques"],
+        ),
+        (
+            "commanded",
+            ["inertia_change"],
+            ["attitude", "momentum"],
+            3,
+            8,
+            ["J is the tensor before its change"],
+            [],
+        ),
+    ],
+)
+def test_limits(drive, effects, channels, wheels, slews, says, does_not_say):
+    said = page_of(
+        "limits.html",
+        drive=drive,
+        effects=effects,
+        channels=channels,
+        wheels=wheels,
+        n_slews=slews,
+    )
+    assert [s for s in says if s not in said] == []
+    assert [s for s in does_not_say if s in said] == []
+
+
+@pytest.mark.parametrize(
+    ("r", "expected"),
+    [
+        (0.5, None),
+        (-0.95, "−0.95): raising one while"),
+        (0.9871, "+0.987): raising or lowering both"),
+        (-0.99999, "beyond −0.999"),
+    ],
+)
+def test_correlation_sentences(r, expected):
+    said = correlation_sentences(["Jxx", "K1"], [[1.0, r], [r, 1.0]])
+    assert [expected in s for s in said] == ([True] if expected else [])
+
+
+def test_the_limits_that_were_used_decide_what_counts_as_determined():
+    strict = criteria_of({"criteria": {"determined_above": 0.99, "observable_above": 0.95}})
+    assert determination(0.93, Criteria()) == "determined"
+    assert determination(0.97, strict) == "partly determined"
+    assert determination(0.93, strict) == "not determined"
