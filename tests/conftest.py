@@ -19,7 +19,8 @@ from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.parameters import Normal, vector
-from bayes_inertia.physics.simulator import SlewInput, Start, idle_slew, simulate
+from bayes_inertia.physics.simulator import simulate
+from bayes_inertia.physics.slew_input import SlewInput, Start, idle_slew
 
 PRIOR_TENSOR = np.array([[3.2, -0.02, 0.01], [-0.02, 2.2, 0.03], [0.01, 0.03, 1.9]])
 SKEW_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.6, 0.64, 0.48))

@@ -120,7 +120,8 @@ def test_the_baseline_flies_what_the_package_flies(benchmark):
     import jax.numpy as jnp
 
     from bayes_inertia.physics.forward_model import Model
-    from bayes_inertia.physics.simulator import Start, simulate
+    from bayes_inertia.physics.simulator import simulate
+    from bayes_inertia.physics.slew_input import Start
 
     campaign, truth = benchmark.the_campaign(benchmark.QUICK, 2026)
     campaign = campaign.subset([1])

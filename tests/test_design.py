@@ -51,9 +51,9 @@ from bayes_inertia.flight.spacecraft import (
 )
 from bayes_inertia.inference.optimizer import estimate, move_to
 from bayes_inertia.maths import inertia_tensor, quaternion
-from bayes_inertia.physics.check_effect import small_campaign
 from bayes_inertia.physics.effects import ConstantTorque, StarTrackerShift, by_name
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.small_campaign import small_campaign
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 DEGREE = math.pi / 180.0

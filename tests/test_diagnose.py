@@ -41,7 +41,7 @@ from bayes_inertia.physics.effects import (
 )
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import Normal, ParameterSpace, scalar
-from bayes_inertia.physics.simulator import idle_slew
+from bayes_inertia.physics.slew_input import idle_slew
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
 from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict, headline
 from bayes_inertia.report.fit_sections import standard_sections

@@ -8,8 +8,8 @@ import pytest
 from bayes_inertia.diagnosis.driven_disturbances import CONSTANT, drivers, log_evidence
 from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.inference.optimizer import estimate
-from bayes_inertia.physics.check_effect import small_campaign
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.small_campaign import small_campaign
 
 TIME = "time in the campaign"
 

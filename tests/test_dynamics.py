@@ -14,7 +14,8 @@ from scipy.spatial.transform import Rotation
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.packing import refined_grid
-from bayes_inertia.physics.simulator import Start, simulate, total_momentum_N
+from bayes_inertia.physics.simulator import simulate
+from bayes_inertia.physics.slew_input import Start
 
 J = np.array([[3.2, -0.2, 0.1], [-0.2, 2.2, 0.3], [0.1, 0.3, 1.9]])
 WHEEL_SETS = {
@@ -54,6 +55,13 @@ def run(slew, start, J_B=J, effects=(), values=None, drive="commanded"):
         lambda rows: rows[:n],
         _run(slew, start, jnp.asarray(J_B), ActiveEffects(effects, values or {}), drive)[0],
     )
+
+
+def total_momentum_N(trajectory, inertia_B, wheel_axes_B, spin_inertia):
+    """J w + G H (n, 3) [N m s] in inertial axes: constant where no external torque acts."""
+    locked = inertia_B + inertia_tensor.wheel_spin_tensor(wheel_axes_B, spin_inertia)
+    momentum_B = trajectory.rate_B @ locked + trajectory.wheel_momentum @ wheel_axes_B.T
+    return quaternion.to_inertial(trajectory.attitude, momentum_B)
 
 
 def start_with(wheels, rate=RATE, attitude=ATTITUDE):

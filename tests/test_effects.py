@@ -26,7 +26,7 @@ from bayes_inertia.errors import EffectError
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.physics.active_effects import ActiveEffects
-from bayes_inertia.physics.check_effect import check_effect, small_campaign
+from bayes_inertia.physics.check_effect import check_effect
 from bayes_inertia.physics.effect import Effect, State, Trajectory
 from bayes_inertia.physics.effects import (
     LIBRARY,
@@ -37,7 +37,9 @@ from bayes_inertia.physics.effects import (
 )
 from bayes_inertia.physics.forward_model import Model, predict_all
 from bayes_inertia.physics.parameters import Normal, scalar, vector
-from bayes_inertia.physics.simulator import Start, idle_slew, simulate
+from bayes_inertia.physics.simulator import simulate
+from bayes_inertia.physics.slew_input import Start, idle_slew
+from bayes_inertia.physics.small_campaign import small_campaign
 
 SHARED = Path(__file__).resolve().parents[2] / "shared" / "data"
 J = np.array([[3.2, -0.02, 0.01], [-0.02, 2.2, 0.03], [0.01, 0.03, 1.9]])

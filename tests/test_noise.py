@@ -8,8 +8,8 @@ import pytest
 
 from bayes_inertia.app.measured_noise import with_measured_noise
 from bayes_inertia.diagnosis.noise_level import noise_factors, white_factor
-from bayes_inertia.physics.check_effect import small_campaign
 from bayes_inertia.physics.effects import RateSensorNonlinearity
+from bayes_inertia.physics.small_campaign import small_campaign
 
 
 def noise(n, *sigmas, seed=3):

@@ -24,7 +24,8 @@ from bayes_inertia.observability.degeneracy import data_information, stated_dege
 from bayes_inertia.observability.result import commands_worth, in_windows, sentence
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.simulator import Start, idle_slew, simulate
+from bayes_inertia.physics.simulator import simulate
+from bayes_inertia.physics.slew_input import Start, idle_slew
 
 
 @pytest.fixture(scope="module")

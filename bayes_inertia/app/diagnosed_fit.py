@@ -23,7 +23,7 @@ from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.sampler import Progress, Settings
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY
-from bayes_inertia.physics.simulator import Drive
+from bayes_inertia.physics.slew_input import Drive
 
 # Enough for limits of 95 %: samples of an effect with states of its own take minutes.
 DIAGNOSED_SETTINGS = Settings(target_ess=2_000.0)

@@ -17,7 +17,7 @@ from bayes_inertia.inference.posterior import Posterior, build
 from bayes_inertia.inference.sampler import Progress, Settings, sample
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.simulator import Drive
+from bayes_inertia.physics.slew_input import Drive
 
 
 def fit(

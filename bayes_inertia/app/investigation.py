@@ -23,7 +23,7 @@ from bayes_inertia.diagnosis.unexplained import Unknown, unknown_torque
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY
-from bayes_inertia.physics.simulator import Drive
+from bayes_inertia.physics.slew_input import Drive
 
 
 @dataclass(frozen=True)

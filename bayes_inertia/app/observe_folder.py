@@ -21,7 +21,7 @@ from bayes_inertia.observability.analysis import observe
 from bayes_inertia.observability.result import FORMAT, Observability
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.simulator import Drive
+from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.report.pictures.figure_file import write_png
 from bayes_inertia.report.pictures.observability import draw_observability
 

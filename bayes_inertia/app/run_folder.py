@@ -27,7 +27,7 @@ from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.sampler import Progress, Settings
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.simulator import Drive
+from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
 from bayes_inertia.report.fit_sections import standard_sections
 from bayes_inertia.report.page import write_report

@@ -18,7 +18,7 @@ from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import ParameterSpace
-from bayes_inertia.physics.simulator import idle_slew
+from bayes_inertia.physics.slew_input import idle_slew
 
 _ANGLE = np.radians(60.0)
 

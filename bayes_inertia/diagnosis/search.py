@@ -41,7 +41,7 @@ from bayes_inertia.maths.linear_algebra import VISIBLE
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, FlexibleMode
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.simulator import Drive
+from bayes_inertia.physics.slew_input import Drive
 
 FLEXIBLE = "flexible_mode"
 # By how much log evidence to first order may be wrong, for candidates worth a refit as rivals.

@@ -31,15 +31,14 @@ from bayes_inertia.flight.control_law import (
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.effect import Trajectory
-from bayes_inertia.physics.simulator import (
-    Motion,
-    SlewInput,
-    Start,
+from bayes_inertia.physics.equations_of_motion import (
+    SlewState,
     advance,
     grid_rows,
     prepare,
     rate_and_wheel_momentum,
 )
+from bayes_inertia.physics.slew_input import SlewInput, Start
 
 # Relaxation ends when no command changes by more than this fraction of the largest.
 RELAXATION_TOLERANCE = 1e-9
@@ -310,7 +309,7 @@ def _control_period(loop: _Loop, context, body, bias_snapshot: Array, carry, row
     believed = _propagated(reference, believed, last_rate, rate, fix)
     command = wheel_command(law, reference, believed, rate, momentum)
 
-    def substep(motion: Motion, point) -> tuple[Motion, Motion]:
+    def substep(motion: SlewState, point) -> tuple[SlewState, SlewState]:
         torque = tuple(u + command[k] for k, u in enumerate(point["torque"][0]))
         inputs = point | {"torque": (torque, torque)}
         return advance(motion, inputs, body, context, loop.active), motion
@@ -319,7 +318,7 @@ def _control_period(loop: _Loop, context, body, bias_snapshot: Array, carry, row
     return (motion, believed, rate), (path, command, reading, momentum, fix)
 
 
-def _measure(loop: _Loop, context, body, motion: Motion, row) -> tuple[Array, Array, Array]:
+def _measure(loop: _Loop, context, body, motion: SlewState, row) -> tuple[Array, Array, Array]:
     """Rate reading (3,), tachometer momentum (wheels,) and star-tracker fix (4,) at a row."""
     plant, terms, noise = loop.plant, row["terms"], row["noise"]
     rate_B, momentum = rate_and_wheel_momentum(motion, body, context, loop.active)
@@ -345,7 +344,7 @@ def _propagated(
 
 
 def _ask_hooks(
-    loop: _Loop, context, body, path: Motion, command: Array
+    loop: _Loop, context, body, path: SlewState, command: Array
 ) -> tuple[Trajectory, _HookTerms]:
     """The trajectory on the grid, and what the whole-history hooks make of it."""
     rate_B, momentum = jax.vmap(

@@ -24,7 +24,7 @@ from bayes_inertia.maths.values import Vector
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.packing import pack
-from bayes_inertia.physics.simulator import SlewInput, Start
+from bayes_inertia.physics.slew_input import SlewInput, Start
 
 # Stands for a limit that the hardware does not have, in any unit.
 _UNLIMITED = 1e30

@@ -6,7 +6,6 @@ of one shape share compiled code, and `Data` its arrays.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -24,7 +23,8 @@ from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.effect import Effect, Trajectory
 from bayes_inertia.physics.packing import Arrays, Reference, Telemetry, pack
 from bayes_inertia.physics.parameters import Normal, Parameter, ParameterSpace, scalar
-from bayes_inertia.physics.simulator import Drive, SlewInput, Start, simulate
+from bayes_inertia.physics.simulator import simulate
+from bayes_inertia.physics.slew_input import Drive, SlewInput, Start
 
 # Slow shapes of tachometer noise that move the attitude; the rest acts only on its own sample.
 _TACHOMETER_MODES = 12
@@ -147,10 +147,6 @@ class Model:
     def n_slews(self) -> int:
         """Number of slews."""
         return len(self.campaign.slews)
-
-    def with_effects(self, effects: Sequence[Effect]) -> Model:
-        """The same campaign and drive with other effects."""
-        return Model(self.campaign, tuple(effects), self.drive)
 
     def draw_prior(self, rng: np.random.Generator, n: int) -> np.ndarray:
         """n draws (n, d) of the prior; every J among them is physical."""

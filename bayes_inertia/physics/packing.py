@@ -16,7 +16,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.physics.effect import SlewContext
-from bayes_inertia.physics.simulator import SlewInput
+from bayes_inertia.physics.slew_input import SlewInput
 
 CHANNELS = ("rate", "attitude", "momentum")
 # Rows are padded to a multiple of this so that campaigns of similar length share compiled code.

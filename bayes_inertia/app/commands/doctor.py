@@ -38,7 +38,8 @@ def _energy_drift() -> float:
     """Largest relative change of the energy of a body that tumbles freely for 100 s."""
     import jax.numpy as jnp
 
-    from bayes_inertia.physics.simulator import Start, idle_slew, simulate
+    from bayes_inertia.physics.simulator import simulate
+    from bayes_inertia.physics.slew_input import Start, idle_slew
 
     slew = idle_slew(np.arange(100.0))
     start = Start(jnp.array([0.01, 0.02, 0.01]), jnp.array([0.0, 0.0, 0.0, 1.0]), jnp.zeros(0))

@@ -62,7 +62,7 @@ class EachSlew(Effect):
         Examples
         --------
         >>> from bayes_inertia.physics.effects.wheel_command_lag import WheelCommandLag
-        >>> from bayes_inertia.physics.check_effect import small_campaign
+        >>> from bayes_inertia.physics.small_campaign import small_campaign
         >>> EachSlew.of(WheelCommandLag(), small_campaign()).parameters(small_campaign())[0].names[:2]
         ('tau_1', 'tau_2')
         """

@@ -1,0 +1,396 @@
+"""The equations of motion of one slew, and one Runge-Kutta step of them.
+
+The state is the attitude and the TOTAL momentum in inertial axes M_N, not the body rate: without
+external torque M_N is constant to rounding, and the rate follows from
+`J w = C(q) M_N - G H` (commanded drive, H' = u) or `J_locked w = C(q) M_N - G h` (measured drive,
+h the tachometer momentum). This is the integral of Ferguson's eq 6. Vectors are tuples of
+components, which compiled code handles faster than short arrays.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from bayes_inertia.maths import quaternion
+from bayes_inertia.maths.inertia_tensor import wheel_spin_tensor
+from bayes_inertia.physics.active_effects import ActiveEffects
+from bayes_inertia.physics.components import (
+    Components,
+    between,
+    columns,
+    following,
+    runge_kutta_4,
+    stacked,
+    unit,
+)
+from bayes_inertia.physics.effect import SlewContext, State
+from bayes_inertia.physics.slew_input import Drive, SlewInput, Start
+
+
+class SlewState(NamedTuple):
+    """The state that is integrated along a slew.
+
+    Parameters
+    ----------
+    attitude : tuple of 4 Array
+        Components of the quaternion, body from inertial, scalar last.
+    momentum_N : tuple of 3 Array
+        Total angular momentum in inertial axes [N m s].
+    wheel : tuple of Array
+        One absolute momentum H a wheel [N m s] in the commanded drive; unused in the measured one.
+    own : tuple of Array
+        Each effect's own states (k,).
+    """
+
+    attitude: Components
+    momentum_N: Components
+    wheel: Components
+    own: Components
+
+
+class MassProperties(NamedTuple):
+    """Constants of one slew.
+
+    Parameters
+    ----------
+    inverse : (3, 3) array
+        Inverse of the tensor that turns momentum into rate [1/(kg m^2)]: of J in the commanded
+        drive, of J_locked in the measured one.
+    locked : (3, 3) array
+        J_locked, the inertia of everything with the wheels locked [kg m^2].
+    axes_B : (3, wheels) array
+        Spin axes of the wheels as columns, body frame.
+    spin_inertia : (wheels,) array
+        Spin inertias of the wheels [kg m^2].
+    """
+
+    inverse: Array
+    locked: Array
+    axes_B: Array
+    spin_inertia: Array
+
+
+def prepare(
+    slew: SlewInput,
+    start: Start,
+    inertia_B: Array,
+    active: ActiveEffects,
+    drive: Drive = "commanded",
+) -> tuple[MassProperties, SlewState, Array]:
+    """What the integration of one slew begins with.
+
+    Parameters
+    ----------
+    slew : SlewInput
+        What was commanded or measured.
+    start : Start
+        The state at the first row.
+    inertia_B : (3, 3) array
+        J of everything except the wheels' spin [kg m^2].
+    active : ActiveEffects
+        What else acts.
+    drive : "commanded" or "measured", optional
+        What drives the model.
+
+    Returns
+    -------
+    mass : MassProperties
+        The constants of this slew.
+    state : SlewState
+        The state at the first row.
+    torque : (n, wheels) array
+        The torque that the wheels deliver for the commanded one [N m].
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.slew_input import idle_slew
+    >>> q = jnp.array([0.0, 0.0, 0.0, 1.0])
+    >>> start = Start(jnp.array([0.1, 0.0, 0.0]), q, jnp.zeros(0))
+    >>> slew = idle_slew([0.0, 1.0])
+    >>> prepare(slew, start, 2.0 * jnp.eye(3), ActiveEffects())[1].momentum_N[0].item()
+    0.2
+    """
+    context = slew.context
+    axes, torque = context.wheel_axes_B, context.torque
+    for effect, p in active:
+        inertia_B = effect.inertia(p, context, inertia_B)
+        axes = effect.wheel_axes(p, context, axes)
+        torque = effect.delivered_torque(p, context, torque)
+    own = tuple(effect.initial_state(p, context, start.rate_B) for effect, p in active)
+    locked = inertia_B + wheel_spin_tensor(axes, context.spin_inertia)
+    relative = start.wheel_momentum if drive == "commanded" else slew.momentum[0]
+    internal = internal_momentum(active, context, own)
+    momentum_B = locked @ start.rate_B + axes @ relative + internal
+    wheel = relative + context.spin_inertia * (axes.T @ start.rate_B)
+    inverse = jnp.linalg.inv(inertia_B if drive == "commanded" else locked)
+    momentum_N = quaternion.to_inertial(start.attitude, momentum_B)
+    state = SlewState(tuple(start.attitude), tuple(momentum_N), tuple(wheel), own)
+    return MassProperties(inverse, locked, axes, context.spin_inertia), state, torque
+
+
+def grid_rows(slew: SlewInput, torque: Array) -> dict:
+    """What `advance` reads at each grid point.
+
+    Parameters
+    ----------
+    slew : SlewInput
+        What was commanded or measured.
+    torque : (n, wheels) array
+        Torque delivered to the wheels and held over each step [N m].
+
+    Returns
+    -------
+    dict
+        `time` and `step` (n,) [s]; `torque`, `wheel`, `field` and `position` as components at
+        the two ends of each step.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.slew_input import idle_slew
+    >>> sorted(grid_rows(idle_slew([0.0, 1.0]), jnp.zeros((2, 0))))
+    ['field', 'position', 'step', 'time', 'torque', 'wheel']
+    """
+    inputs = {
+        "torque": torque,
+        "wheel": slew.momentum,
+        "field": slew.magnetic_field_N,
+        "position": slew.position_N,
+    }
+    rows: dict = {key: (columns(x), columns(following(x))) for key, x in inputs.items()}
+    return rows | {"time": slew.context.time, "step": slew.context.step}
+
+
+def advance(
+    state: SlewState,
+    row: dict,
+    mass: MassProperties,
+    context: SlewContext,
+    active: ActiveEffects,
+    drive: Drive = "commanded",
+) -> SlewState:
+    """Integrate over one grid step. A step of zero length changes nothing.
+
+    Parameters
+    ----------
+    state : SlewState
+        The state at the step's beginning.
+    row : dict
+        One point of `grid_rows`.
+    mass : MassProperties
+        The constants of this slew.
+    context : SlewContext
+        What effects may know of this slew.
+    active : ActiveEffects
+        What else acts.
+    drive : "commanded" or "measured", optional
+        What drives the model.
+
+    Returns
+    -------
+    SlewState
+        The state at the step's end, its quaternion of unit length.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.slew_input import idle_slew
+    >>> q = jnp.array([0.0, 0.0, 0.0, 1.0])
+    >>> start = Start(jnp.array([0.1, 0.0, 0.0]), q, jnp.zeros(0))
+    >>> slew, nothing = idle_slew([0.0, 1.0]), ActiveEffects()
+    >>> mass, state, torque = prepare(slew, start, jnp.eye(3), nothing)
+    >>> row = jax.tree.map(lambda rows: rows[0], grid_rows(slew, torque))
+    >>> advance(state, row, mass, slew.context, nothing).attitude[0].round(4).item()
+    0.05
+    """
+
+    def slope(at: float, x: SlewState) -> SlewState:
+        return _slope(at, x, row, mass, context, active, drive)
+
+    later = runge_kutta_4(slope, state, row["step"])
+    return later._replace(attitude=unit(later.attitude))
+
+
+def rate_and_wheel_momentum(
+    state: SlewState, mass: MassProperties, context: SlewContext, active: ActiveEffects
+) -> tuple[Array, Array]:
+    """What turns at one instant of the commanded drive.
+
+    Parameters
+    ----------
+    state : SlewState
+        The state at that instant.
+    mass : MassProperties
+        The constants of this slew.
+    context : SlewContext
+        What effects may know of this slew.
+    active : ActiveEffects
+        What else acts.
+
+    Returns
+    -------
+    rate_B : (3,) array
+        Body rate [rad/s].
+    wheel_momentum : (wheels,) array
+        Wheel momentum relative to the body [N m s].
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.slew_input import idle_slew
+    >>> q = jnp.array([0.0, 0.0, 0.0, 1.0])
+    >>> start = Start(jnp.array([0.1, 0.0, 0.0]), q, jnp.zeros(0))
+    >>> slew, nothing = idle_slew([0.0, 1.0]), ActiveEffects()
+    >>> mass, state, _ = prepare(slew, start, 2.0 * jnp.eye(3), nothing)
+    >>> rate_and_wheel_momentum(state, mass, slew.context, nothing)[0].tolist()
+    [0.1, 0.0, 0.0]
+    """
+    wheel = stacked(state.wheel)
+    momentum_B = jnp.stack(quaternion.to_body_components(state.attitude, state.momentum_N))
+    rate = mass.inverse @ (
+        momentum_B - mass.axes_B @ wheel - internal_momentum(active, context, state.own)
+    )
+    return rate, wheel - mass.spin_inertia * (rate @ mass.axes_B)
+
+
+def rate_components(
+    mass: MassProperties,
+    attitude: Components,
+    momentum_N: Components,
+    wheel: Components,
+    internal: Array | None = None,
+) -> Components:
+    """Body rate from total momentum.
+
+    Parameters
+    ----------
+    mass : MassProperties
+        The constants of this slew.
+    attitude : tuple of 4 Array
+        Quaternion, body from inertial. Runge-Kutta's inner stages leave the unit sphere; with C(q)
+        of the unit quaternion the error is a quarter as large and does not depend on the choice
+        of inertial axes: give the unit quaternion.
+    momentum_N : tuple of 3 Array
+        Total momentum in inertial axes [N m s].
+    wheel : tuple of Array
+        Wheel momenta [N m s]: absolute with the inverse of J, relative with that of J_locked.
+    internal : (3,) array, optional
+        Momentum that the effects' own states carry, body frame [N m s].
+
+    Returns
+    -------
+    tuple of 3 Array
+        Body rate [rad/s].
+
+    Examples
+    --------
+    >>> mass = MassProperties(0.5 * jnp.eye(3), 2.0 * jnp.eye(3), jnp.zeros((3, 0)), jnp.zeros(0))
+    >>> rate_components(mass, (0.0, 0.0, 0.0, 1.0), (0.2, 0.0, 0.0), ())[0].item()
+    0.1
+    """
+    momentum_B = quaternion.to_body_components(attitude, momentum_N)
+    momentum_B = [
+        m - sum(mass.axes_B[i, k] * h for k, h in enumerate(wheel))
+        for i, m in enumerate(momentum_B)
+    ]
+    if internal is not None:
+        momentum_B = [m - internal[i] for i, m in enumerate(momentum_B)]
+    return tuple(sum(mass.inverse[i, j] * momentum_B[j] for j in range(3)) for i in range(3))
+
+
+def internal_momentum(active: ActiveEffects, context: SlewContext, own: Components) -> Array:
+    """Momentum that the effects' own states carry.
+
+    Parameters
+    ----------
+    active : ActiveEffects
+        What acts.
+    context : SlewContext
+        What effects may know of this slew.
+    own : tuple of Array
+        Each effect's own states (k,), or (n, k) for a whole slew.
+
+    Returns
+    -------
+    (3,) or (n, 3) array
+        Angular momentum in the body frame [N m s].
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.slew_input import idle_slew
+    >>> internal_momentum(ActiveEffects(), idle_slew([0.0, 1.0]).context, ()).tolist()
+    [0.0, 0.0, 0.0]
+    """
+    total = jnp.zeros(3)
+    for (effect, p), states in zip(active, own, strict=True):
+        if effect.acts("internal_momentum"):
+            hook = effect.internal_momentum
+            total = total + (
+                hook(p, context, states)
+                if states.ndim == 1
+                else jax.vmap(lambda x, h=hook, p=p: h(p, context, x))(states)
+            )
+    return total
+
+
+def _slope(
+    at: float,
+    x: SlewState,
+    row: dict,
+    mass: MassProperties,
+    context: SlewContext,
+    active: ActiveEffects,
+    drive: Drive,
+) -> SlewState:
+    """Time derivative of the state, `at` a fraction of the step after its beginning."""
+    wheel = x.wheel if drive == "commanded" else between(at, row["wheel"])
+    attitude = unit(x.attitude)
+    internal = None
+    if active.act("internal_momentum"):
+        internal = internal_momentum(active, context, x.own)
+    rate = rate_components(mass, attitude, x.momentum_N, wheel, internal)
+    attitude_rate = quaternion.rate_of_components(x.attitude, rate)
+    if not active:
+        return SlewState(attitude_rate, _zeros(x.momentum_N), row["torque"][0], ())
+    external, wheel_torque, own_rates = _effect_slopes(
+        at, x._replace(attitude=attitude), row, mass, context, active, drive, rate, wheel
+    )
+    momentum_rate = _zeros(x.momentum_N)
+    if active.act("body_torque"):
+        momentum_rate = quaternion.to_inertial_components(attitude, tuple(external))
+    total = tuple(u + wheel_torque[k] for k, u in enumerate(row["torque"][0]))
+    return SlewState(attitude_rate, momentum_rate, total, own_rates)
+
+
+def _effect_slopes(
+    at: float,
+    x: SlewState,
+    row: dict,
+    mass: MassProperties,
+    context: SlewContext,
+    active: ActiveEffects,
+    drive: Drive,
+    rate: Components,
+    wheel: Components,
+) -> tuple[Array, Array, Components]:
+    """External torque (3,), further torque on the wheels (wheels,), rates of all own states."""
+    rate_B, momentum = jnp.stack(rate), stacked(wheel)
+    relative = (
+        momentum - mass.spin_inertia * (rate_B @ mass.axes_B) if drive == "commanded" else momentum
+    )
+    field, position = (jnp.stack(between(at, row[key])) for key in ("field", "position"))
+    t = row["time"] + at * row["step"]
+    external, wheel_torque, own_rates = jnp.zeros(3), jnp.zeros_like(relative), []
+    for (effect, p), own in zip(active, x.own, strict=True):
+        state = State(jnp.stack(x.attitude), rate_B, relative, own, mass.locked, field, position)
+        if effect.acts("body_torque"):
+            external = external + effect.body_torque(p, context, t, state)
+        if effect.acts("wheel_torque"):
+            wheel_torque = wheel_torque + effect.wheel_torque(p, context, t, state)
+        own_rates.append(effect.state_rate(p, context, t, state))
+    return external, wheel_torque, tuple(own_rates)
+
+
+def _zeros(components: Components) -> Components:
+    return tuple(jnp.zeros_like(c) for c in components)

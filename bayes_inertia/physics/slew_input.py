@@ -1,0 +1,110 @@
+"""What the simulator is given: one slew's inputs on its grid, and the state that it begins in."""
+
+from __future__ import annotations
+
+from typing import Literal, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from bayes_inertia.physics.effect import SlewContext
+
+Drive = Literal["commanded", "measured"]
+
+
+class SlewInput(NamedTuple):
+    """Everything the simulator needs of one slew, on its grid of n points.
+
+    Parameters
+    ----------
+    context : SlewContext
+        Grid, commanded torques, hardware.
+    momentum : (n, wheels) array
+        Wheel momentum relative to the body that drives the `measured` mode [N m s]; the
+        `commanded` drive does not use it.
+    magnetic_field_N : (n, 3) array
+        Magnetic field in inertial axes [T], zero where unknown.
+    position_N : (n, 3) array
+        Position from the Earth's centre in inertial axes [m], zero where unknown.
+    """
+
+    context: SlewContext
+    momentum: Array
+    magnetic_field_N: Array
+    position_N: Array
+
+
+class Start(NamedTuple):
+    """The state at a slew's first row.
+
+    Parameters
+    ----------
+    rate_B : (3,) array
+        Body rate [rad/s].
+    attitude : (4,) array
+        Quaternion, body from inertial, scalar last.
+    wheel_momentum : (wheels,) array
+        Wheel momentum relative to the body [N m s].
+    """
+
+    rate_B: Array
+    attitude: Array
+    wheel_momentum: Array
+
+
+def idle_slew(
+    time: np.ndarray,
+    wheels: int = 0,
+    wheel_axes_B: np.ndarray | None = None,
+    spin_inertia: np.ndarray | None = None,
+    torque: np.ndarray | None = None,
+) -> SlewInput:
+    """A slew whose wheels are left alone, unless torques are given.
+
+    Parameters
+    ----------
+    time : (n,) array
+        The grid, from the slew's own zero [s].
+    wheels : int, optional
+        How many wheels, where `wheel_axes_B` does not say it.
+    wheel_axes_B : (3, wheels) array, optional
+        Unit spin axes as columns, body frame.
+    spin_inertia : (wheels,) array, optional
+        Spin inertias [kg m^2]; zero by default.
+    torque : (n, wheels) array, optional
+        Motor torques on the wheels [N m]; zero by default.
+
+    Returns
+    -------
+    SlewInput
+        The only slew of a campaign, without magnetic field or position.
+
+    Examples
+    --------
+    >>> idle_slew([0.0, 1.0]).context.step.tolist()
+    [1.0, 0.0]
+    """
+    time = jnp.asarray(time, dtype=float)
+    n = len(time)
+    axes = (
+        jnp.zeros((3, wheels)) if wheel_axes_B is None else jnp.asarray(wheel_axes_B, dtype=float)
+    )
+    wheels = axes.shape[1]
+    spin = jnp.zeros(wheels) if spin_inertia is None else jnp.asarray(spin_inertia, dtype=float)
+    torque = jnp.zeros((n, wheels)) if torque is None else jnp.asarray(torque, dtype=float)
+    step = jnp.append(jnp.diff(time), 0.0)
+    context = SlewContext(
+        index=jnp.asarray(0),
+        slews=jnp.asarray(1),
+        start=jnp.asarray(0.0),
+        middle=0.5 * (time[0] + time[-1]),
+        time=time,
+        step=step,
+        torque=torque,
+        wheel_axes_B=axes,
+        spin_inertia=spin,
+        boresight_B=jnp.array([0.0, 0.0, 1.0]),
+        rate_axes=jnp.eye(3),
+    )
+    return SlewInput(context, jnp.zeros((n, wheels)), jnp.zeros((n, 3)), jnp.zeros((n, 3)))
