@@ -10,7 +10,8 @@ from bayes_inertia.design.after_campaign import plan_after
 from bayes_inertia.flight.final_errors import predict_correction_slew
 from bayes_inertia.flight.follow_on import spacecraft_at
 from bayes_inertia.flight.mission import Mission
-from bayes_inertia.flight.plan import Orbit, Plan, PlannedSlew
+from bayes_inertia.flight.orbit import Orbit
+from bayes_inertia.flight.plan import Plan, PlannedSlew
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft, spin_tensor
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.maths import inertia_tensor

@@ -1,13 +1,16 @@
-"""The closed loop of one slew as compiled code: plant, sensors and controller, one step a control period.
+"""The closed loop of one slew as compiled code: plant, sensors and controller.
 
-The controller (`bayes_inertia.flight.control_law`) knows attitude and rate from RATE SENSORS ALONE during
-the motion. It propagates the attitude with scaled readings, beginning with the star tracker's mean attitude
-in the rest before the slew. What it gets wrong in the scale factors therefore stays in the final attitude,
-as in Ferguson's paper.
+One step is one control period.
 
-The plant is `bayes_inertia.physics.simulator`. Effects that act at an instant act inside the loop. Effects
-whose hook needs the whole history (a lag, a sensor's delay) are found by waveform relaxation: fly, ask the
-hooks what they make of that history, fly again with the difference as a given input, until nothing changes.
+The controller (`bayes_inertia.flight.control_law`) knows attitude and rate from RATE SENSORS ALONE
+during the motion. It propagates the attitude with scaled readings, beginning with the star
+tracker's mean attitude in the rest before the slew. What it gets wrong in the scale factors
+therefore stays in the final attitude, as in Ferguson's paper.
+
+The plant is `bayes_inertia.physics.equations_of_motion`. Effects that act at an instant act inside the loop.
+Effects whose hook needs the whole history (a lag, a sensor's delay) are found by waveform
+relaxation: fly, ask the hooks what they make of that history, fly again with the difference as a
+given input, until nothing changes.
 """
 
 from __future__ import annotations
@@ -130,8 +133,12 @@ class FlownSlew(NamedTuple):
 
 
 class _HookTerms(NamedTuple):
-    """What whole-history hooks add: to the delivered torque (grid, wheels), the sensor-axis rates (n, 3), the
-    star tracker (n, 3) [rad], the tachometers (n, wheels); and the `commands` (grid, wheels) that they saw."""
+    """What whole-history hooks add, and the `commands` (grid, wheels) [N m] that they saw.
+
+    They add to the delivered `torque` (grid, wheels) [N m], the sensor-axis rates `rate_S` (n, 3)
+    [rad/s], the star tracker's `attitude` (n, 3) [rad] and the tachometers' `momentum` (n, wheels)
+    [N m s].
+    """
 
     torque: Array
     rate_S: Array
@@ -203,13 +210,15 @@ def fly_slew(
     *,
     substeps: int = 1,
 ) -> FlownSlew:
-    """One slew in closed loop; a pure function that JAX can differentiate (forward mode where there are effects).
+    """One slew in closed loop; a pure function that JAX can differentiate.
+
+    Where effects act, only in forward mode.
 
     Parameters
     ----------
     slew : SlewInput
-        Integration grid of n rows with `substeps` points each, and the environment on it. Its torques and
-        momenta are not used.
+        Integration grid of n rows with `substeps` points each, and the environment on it. Its
+        torques and momenta are not used.
     schedule : SlewSchedule
         What the controller is to fly.
     plant : Plant
@@ -301,7 +310,7 @@ def _rows(loop: _Loop, grid: Any, terms: _HookTerms) -> dict[str, Any]:
 
 
 def _control_period(loop: _Loop, context, body, bias_snapshot: Array, carry, row):
-    """One control period: measure, propagate the believed attitude, command, and let the plant move."""
+    """One control period: measure, propagate the attitude, command, let the plant move."""
     motion, believed, last_rate = carry
     reading, momentum, fix = _measure(loop, context, body, motion, row)
     law, reference = loop.law, row["reference"]
@@ -334,7 +343,7 @@ def _measure(loop: _Loop, context, body, motion: SlewState, row) -> tuple[Array,
 def _propagated(
     reference: ReferenceMotion, attitude: Array, last_rate_B: Array, rate_B: Array, fix: Array
 ) -> Array:
-    """The believed attitude (4,) at a row: propagated from the row before, and moved to the mean of the fixes."""
+    """The believed attitude (4,): propagated, and moved to the mean of the fixes."""
     attitude = quaternion.multiply(
         attitude, quaternion.exp(0.5 * reference.elapsed * (last_rate_B + rate_B))
     )
@@ -370,7 +379,7 @@ def _ask_hooks(
 
 
 def _final_errors(schedule: SlewSchedule, attitude: Array, fixes: Array) -> tuple[Array, Array]:
-    """Rotation vectors (3,) [rad] from the target to the final attitude, true and as the star tracker measures it."""
+    """Rotation vectors (3,) [rad] from target to final attitude: the true one, the tracker's."""
     target = target_attitude(schedule)
     true = quaternion.error(target, attitude[schedule.n_rows - 1])
     return true, schedule.final_fix_weight @ quaternion.error(target, fixes)

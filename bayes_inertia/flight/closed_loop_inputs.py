@@ -1,11 +1,11 @@
-"""What the closed loop takes in, from plan, mission and controller: grids, schedules, start states, noise, all as arrays."""
+"""What the closed loop takes in, as arrays: schedules, start states, control law and noise."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -13,44 +13,27 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.errors import CampaignError, EffectError
+from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.closed_loop import Plant, SensorNoise
 from bayes_inertia.flight.control_law import ControlLaw, SlewSchedule
+from bayes_inertia.flight.integration_grids import integration_grid
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft
 from bayes_inertia.maths.values import Vector
 from bayes_inertia.physics.active_effects import ActiveEffects
-from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.packing import pack
 from bayes_inertia.physics.slew_input import SlewInput, Start
 
 # Stands for a limit that the hardware does not have, in any unit.
 _UNLIMITED = 1e30
 
 
-class IntegrationGrid(NamedTuple):
-    """Integration grids of all slews.
-
-    Parameters
-    ----------
-    slews : SlewInput
-        Grids and environment, with a leading axis of slews.
-    n_rows : int
-        Telemetry rows, padded.
-    substeps : int
-        Integration steps a row.
-    """
-
-    slews: SlewInput
-    n_rows: int
-    substeps: int
-
-
 @dataclass(frozen=True, eq=False)
 class ClosedLoopInputs:
-    """The arguments of `closed_loop.fly_slews` (slews on a leading axis) or, of one slew, of `closed_loop.fly_slew`.
+    """The arguments of `closed_loop.fly_slews` or, for one slew, of `closed_loop.fly_slew`.
+
+    Those of all slews have a leading axis of slews.
 
     Parameters
     ----------
@@ -174,61 +157,6 @@ def closed_loop_inputs(
     )
 
 
-def integration_grid(campaign: Campaign, effects: Sequence[Effect]) -> IntegrationGrid:
-    """The grids that a `Model` of the flown campaign will integrate on.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        The plan as a campaign that has not been flown.
-    effects : sequence of Effect
-        What acts.
-
-    Returns
-    -------
-    IntegrationGrid
-        Padded to whole rows.
-
-    Raises
-    ------
-    EffectError
-        If an effect needs columns that the campaign lacks.
-    """
-    for effect in effects:
-        for column in effect.needs:
-            if any(getattr(slew, column) is None for slew in campaign.slews):
-                raise EffectError(
-                    f"needs {column}",
-                    where=effect.name,
-                    advice="give the plan an [orbit], or leave the effect out",
-                )
-    steps = [step for step in (effect.max_step(campaign) for effect in effects) if step is not None]
-    arrays = pack(campaign, max_step=min(steps) if steps else None)
-    n_rows = arrays.telemetry.rate.shape[1]
-    substeps = int(arrays.telemetry.sample[0, 1])
-    missing = n_rows * substeps - arrays.slews.context.time.shape[1]
-    return IntegrationGrid(_padded(arrays.slews, missing), n_rows, substeps)
-
-
-def _padded(slews: SlewInput, missing: int) -> SlewInput:
-    """Grids with `missing` more points at their end: time stands still there, all else stays as it was last."""
-    if missing == 0:
-        return slews
-
-    def pad(x: jnp.ndarray, mode: str) -> np.ndarray:
-        return np.pad(x, [(0, 0), (0, missing)] + [(0, 0)] * (x.ndim - 2), mode=mode)
-
-    context = slews.context._replace(
-        step=pad(slews.context.step, "constant"),
-        time=pad(slews.context.time, "edge"),
-        torque=pad(slews.context.torque, "edge"),
-    )
-    fields = ("momentum", "magnetic_field_N", "position_N")
-    return slews._replace(
-        context=context, **{key: pad(getattr(slews, key), "edge") for key in fields}
-    )
-
-
 def stacked(parts: Sequence[Any]) -> Any:
     """Pytrees of one structure as one pytree, with a new leading axis.
 
@@ -300,7 +228,7 @@ def start_states(
     controller: Controller,
     rng: np.random.Generator | None = None,
 ) -> Start:
-    """Start states of all slews: at the last target, with the campaign's first total momentum in the wheels.
+    """Start states of all slews: at the last target, with the campaign's first total momentum.
 
     Parameters
     ----------

@@ -1,7 +1,7 @@
-"""The attitude controller as pure functions: the motion it wants at every control period, and the wheel torques it commands.
+"""The attitude controller as pure functions: the motion it wants, the torques it commands.
 
-It follows the planned rotation about a body-fixed axis. It feeds forward the torque that its own inertia
-tensor asks for, and feeds back the attitude and rate that it believes.
+It follows the planned rotation about a body-fixed axis. It feeds forward the torque that its own
+inertia tensor asks for, and feeds back the attitude and rate that it believes.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ class SlewSchedule(NamedTuple):
     time : (n,) array
         Times of the rows [s].
     fix_gain : (n,) array
-        Share of each star-tracker fix before the motion in the mean attitude so far; 0 where there is none.
+        Share of each star-tracker fix before the motion in the mean attitude so far; 0 where there
+        is none.
     final_fix_weight : (n,) array
         Weight of each fix after the motion in the mean final attitude.
     """
@@ -184,8 +185,8 @@ def wheel_command(
 ) -> Array:
     """Motor torques that the controller commands.
 
-    Inverse dynamics of the planned motion (paper eq 6), and feedback of what differs from it. Saturation
-    scales all wheels together, which keeps the torque's direction.
+    Inverse dynamics of the planned motion (paper eq 6), and feedback of what differs from it.
+    Saturation scales all wheels together, which keeps the torque's direction.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
-"""Final attitude errors of a slew if each draw of J and K were the truth, and the correction slew that they ask for.
+"""Final attitude errors and correction slews if each draw of J and K were the truth.
 
-A correction slew is the rotation between the attitude that the fast slew reached and its target, as the star
-tracker sees it afterwards. It is largely the error of the controller's scale factors times the slew's angle:
-`bayes_inertia.flight.closed_loop` says why.
+A correction slew is the rotation between the attitude that the fast slew reached and its target, as
+the star tracker sees it afterwards. It is largely the error of the controller's scale factors times
+the slew's angle: `bayes_inertia.flight.closed_loop` says why.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ import numpy as np
 from bayes_inertia.flight.closed_loop import Plant, fly_slew
 from bayes_inertia.flight.closed_loop_inputs import (
     control_law,
-    integration_grid,
     rate_bias,
     sensor_noise,
     slew_schedule,
     stacked,
     start_states,
 )
+from bayes_inertia.flight.integration_grids import integration_grid
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
@@ -43,13 +43,13 @@ def predict_final_errors(
     seed: int | None = None,
     values: Mapping[str, Mapping[str, np.ndarray]] | None = None,
 ) -> np.ndarray:
-    """Final attitude error of one slew of a plan if each draw were the truth, flown with the same controller.
+    """Final attitude error of one slew if each draw were the truth; the controller stays the same.
 
     Parameters
     ----------
     thetas : (n, 9) array
-        Jxx Jyy Jzz Jxy Jxz Jyz [kg m^2] and K of each draw, such as draws of a posterior. J is J_locked where
-        the mission's prior says so.
+        Jxx Jyy Jzz Jxy Jxz Jyz [kg m^2] and K of each draw, such as draws of a posterior. J is
+        J_locked where the mission's prior says so.
     plan : Plan
         What is flown.
     mission : Mission
@@ -61,8 +61,8 @@ def predict_final_errors(
     seed : int, optional
         Of noise, bias and rest errors; None for none.
     values : dict, optional
-        {effect: {parameter: (n, ...)}}, the effects' parameters in each draw; None for the spacecraft's own
-        in all draws.
+        {effect: {parameter: (n, ...)}}, the effects' parameters in each draw; None for the
+        spacecraft's own in all draws.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""What follows a campaign: its spacecraft as a fit describes it, and a plan that begins where it ended."""
+"""What follows a campaign: its spacecraft by a fit, and a plan that begins where it ended."""
 
 from __future__ import annotations
 
@@ -19,7 +19,8 @@ def spacecraft_at(campaign: Campaign, theta: np.ndarray) -> Spacecraft:
     campaign : Campaign
         Its wheels and sensors are taken over.
     theta : (d,) array
-        J's six elements [kg m^2] as the campaign's prior names them, then K1, K2, K3; the rest is not used.
+        J's six elements [kg m^2] as the campaign's prior names them, then K1, K2, K3; the rest is
+        not used.
 
     Returns
     -------

@@ -20,7 +20,7 @@ from bayes_inertia.flight.spacecraft import (
 
 @dataclass(frozen=True)
 class Mission:
-    """A spacecraft and the knowledge of its inertia tensor before flight: what all plans of a mission share.
+    """A spacecraft, and what was known of its inertia tensor before flight.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Mission:
         return np.array([J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2], *K])
 
     def at_prior_mean(self) -> Mission:
-        """The mission if all that was known before flight were exactly right, and nothing else acted.
+        """The mission if what was known before flight were exactly right, and nothing else acted.
 
         Returns
         -------
@@ -107,7 +107,7 @@ class Mission:
 
 
 def most_like_mission() -> Mission:
-    """A microsatellite like MOST in Ferguson's simulations (his Table 1), with J known to 2 to 4 % before flight.
+    """A microsatellite like MOST in Ferguson's simulations (his Table 1), J known to 2 to 4 %.
 
     Returns
     -------

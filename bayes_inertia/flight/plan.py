@@ -1,8 +1,8 @@
-"""What to fly: slews about given axes, the rests around them with star-tracker fixes, and the file an operator reads.
+"""What to fly: slews about given axes, and the rests around them with star-tracker fixes.
 
-A slew turns about an axis fixed in the body: a rest with fixes, a ramp up, a coast, a ramp down, time to
-settle, and a rest with fixes again. `angle_and_rate` is written in `jax.numpy`, so that a slew's
-consequences can be differentiated with respect to its axis, angle and rate.
+A slew turns about an axis fixed in the body: a rest with fixes, a ramp up, a coast, a ramp down,
+time to settle, and a rest with fixes again. `angle_and_rate` is written in `jax.numpy`, so that a
+slew's consequences can be differentiated with respect to its axis, angle and rate.
 """
 
 from __future__ import annotations
@@ -19,11 +19,10 @@ from jax import Array
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.maths.values import Vector
 
 Profile = Literal["trapezoid", "smooth"]
-_EARTH_GM = 3.986004418e14  # [m^3/s^2]
-_EARTH_DIPOLE = 7.75e15  # [T m^3], axial term of the geomagnetic field
 
 
 def _require(condition: bool, key: str, what: str, advice: str) -> None:
@@ -31,7 +30,7 @@ def _require(condition: bool, key: str, what: str, advice: str) -> None:
         raise CampaignError(what, where=f"key {key}", advice=advice)
 
 
-def _positive(value: float, key: str) -> None:
+def _require_positive(value: float, key: str) -> None:
     _require(
         bool(np.isfinite(value)) and value > 0.0,
         key,
@@ -46,13 +45,27 @@ class PlannedSlew:
 
     Parameters
     ----------
-    axis_B : axis in body axes (made a unit vector). angle : [rad], positive; turn the axis round for the other sense.
-    rate : largest rate [rad/s], not reached by a short slew. acceleration : limit of the angular acceleration [rad/s^2].
-    profile : "trapezoid" (constant acceleration in the ramps) or "smooth" (versine ramps, acceleration without jumps).
-    duration : of the whole telemetry [s]; None for no longer than needed.
+    axis_B : tuple of 3 floats
+        Axis of the slew in the body frame; made a unit vector.
+    angle : float
+        Angle of the slew [rad], positive. Turn the axis round for the other sense.
+    rate : float
+        Largest rate [rad/s]. A short slew does not reach it.
+    acceleration : float
+        Limit of the angular acceleration [rad/s^2].
+    profile : "trapezoid" or "smooth"
+        Constant acceleration in the ramps, or versine ramps, whose acceleration does not jump.
+    duration : float, optional
+        Of the whole telemetry [s]; None for no longer than needed.
 
-    Raises `CampaignError` for an angle, rate or acceleration that is not positive, an axis of no length, an unknown profile.
+    Raises
+    ------
+    CampaignError
+        If angle, rate or acceleration is not positive, the axis has no length, or the profile is
+        unknown.
 
+    Examples
+    --------
     >>> slew = PlannedSlew((0., 0., 2.), math.radians(30.0))
     >>> slew.axis_B, round(slew.motion_time, 9)
     ((0.0, 0.0, 1.0), 50.0)
@@ -65,27 +78,12 @@ class PlannedSlew:
     profile: Profile = "trapezoid"
     duration: float | None = None
 
-    def __post_init__(self):
-        axis = np.asarray(self.axis_B, dtype=float)
-        good = (
-            axis.shape == (3,)
-            and bool(np.all(np.isfinite(axis)))
-            and bool(np.linalg.norm(axis) > 0.0)
-        )
-        _require(
-            good,
-            "slews.axis",
-            f"{self.axis_B!r} is no direction",
-            "give three numbers, not all zero",
-        )
-        norm = float(np.linalg.norm(axis))
-        # What has unit length to rounding stays as it is, so that reading what was written changes no digit.
-        axis = axis if abs(norm - 1.0) < 1e-15 else axis / norm
-        object.__setattr__(self, "axis_B", tuple(axis.tolist()))
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "axis_B", _unit_axis(self.axis_B))
         for key in ("angle", "rate", "acceleration"):
-            _positive(getattr(self, key), f"slews.{key}")
+            _require_positive(getattr(self, key), f"slews.{key}")
         if self.duration is not None:
-            _positive(self.duration, "slews.duration")
+            _require_positive(self.duration, "slews.duration")
         _require(
             self.profile in get_args(Profile),
             "slews.profile",
@@ -101,6 +99,32 @@ class PlannedSlew:
         return self.angle / peak + ramp_factor * peak / self.acceleration
 
 
+def _unit_axis(axis_B: Vector) -> tuple[float, ...]:
+    """The axis as a unit vector."""
+    axis = np.asarray(axis_B, dtype=float)
+    is_direction = (
+        axis.shape == (3,) and bool(np.all(np.isfinite(axis))) and bool(np.linalg.norm(axis) > 0.0)
+    )
+    _require(
+        is_direction,
+        "slews.axis",
+        f"{axis_B!r} is no direction",
+        "give three numbers, not all zero",
+    )
+    return _normalised(axis)
+
+
+def _normalised(vector: np.ndarray) -> tuple[float, ...]:
+    """A vector (n,) at unit length.
+
+    What has unit length to rounding stays as it is, so that reading what was written changes no
+    digit.
+    """
+    norm = float(np.linalg.norm(vector))
+    unit = vector if abs(norm - 1.0) < 1e-15 else vector / norm
+    return tuple(unit.tolist())
+
+
 def _ramp_factor(profile: Profile) -> float:
     """Ramp time times acceleration limit over peak rate."""
     return math.pi / 2.0 if profile == "smooth" else 1.0
@@ -109,11 +133,34 @@ def _ramp_factor(profile: Profile) -> float:
 def angle_and_rate(
     angle: Array, rate: Array, acceleration: Array, smooth: Array, t: Array
 ) -> tuple[Array, Array]:
-    """Angle turned [rad] and rate [rad/s] at times t [s] after the beginning of the motion; all arguments broadcast.
+    """Angle turned and rate of a slew; all arguments broadcast.
 
-    `smooth` (bool) chooses versine ramps. A slew too short for `rate` has a lower peak and no coast.
+    A slew too short for `rate` has a lower peak and no coast.
 
-    >>> [x.tolist() for x in angle_and_rate(2.0, 2.0**-5, 2.0**-10, False, jnp.array([-1.0, 16.0, 99.0]))]
+    Parameters
+    ----------
+    angle : array
+        Angle of the slew [rad].
+    rate : array
+        Largest rate [rad/s].
+    acceleration : array
+        Limit of the angular acceleration [rad/s^2].
+    smooth : array of bool
+        Whether the ramps are versines.
+    t : array
+        Time after the beginning of the motion [s].
+
+    Returns
+    -------
+    angle : array
+        Angle turned [rad].
+    rate : array
+        Rate [rad/s].
+
+    Examples
+    --------
+    >>> t = jnp.array([-1.0, 16.0, 99.0])
+    >>> [x.tolist() for x in angle_and_rate(2.0, 2.0**-5, 2.0**-10, False, t)]
     [[0.0, 0.125, 2.0], [0.0, 0.015625, 0.0]]
     """
     factor = jnp.where(smooth, math.pi / 2.0, 1.0)
@@ -133,71 +180,47 @@ def angle_and_rate(
 
 
 @dataclass(frozen=True)
-class Orbit:
-    """A circular orbit about the Earth, for effects that need position or magnetic field.
-
-    Parameters
-    ----------
-    radius [m], inclination [rad], node : right ascension of the ascending node [rad],
-    argument : angle from the node at the campaign's beginning [rad].
-
-    >>> float(np.linalg.norm(Orbit().position_N(np.array([10.0]))).round(3))
-    7197428.0
-    """
-
-    radius: float = 7.197428e6
-    inclination: float = math.radians(98.7)
-    node: float = math.radians(40.0)
-    argument: float = math.radians(10.0)
-
-    def __post_init__(self):
-        _require(
-            self.radius > 6.0e6,
-            "orbit.radius_km",
-            f"{self.radius / 1e3:.6g} km lies inside the Earth",
-            "give the distance from the Earth's centre",
-        )
-
-    def position_N(self, time: np.ndarray) -> np.ndarray:
-        """Position (n, 3) [m] at times (n,) [s] of the campaign."""
-        u = self.argument + math.sqrt(_EARTH_GM / self.radius**3) * np.asarray(time)
-        cos_i, sin_i, cos_n, sin_n = (
-            math.cos(self.inclination),
-            math.sin(self.inclination),
-            math.cos(self.node),
-            math.sin(self.node),
-        )
-        along, across = (
-            np.array([cos_n, sin_n, 0.0]),
-            np.array([-sin_n * cos_i, cos_n * cos_i, sin_i]),
-        )
-        return self.radius * (np.cos(u)[:, None] * along + np.sin(u)[:, None] * across)
-
-    def magnetic_field_N(self, time: np.ndarray) -> np.ndarray:
-        """Field (n, 3) [T] of a dipole along the Earth's axis, at times (n,) [s] of the campaign."""
-        position = self.position_N(time)
-        up = position / self.radius
-        south = np.array([0.0, 0.0, -1.0])
-        return _EARTH_DIPOLE / self.radius**3 * (3.0 * (up @ south)[:, None] * up - south)
-
-
-@dataclass(frozen=True)
 class Plan:
     """A campaign to be flown.
 
-    Each slew's telemetry begins with `rest_before`, in which the star tracker gives fixes every `fix_spacing` from
-    `first_fix` on; after the motion and `settle` follow fixes over `rest_after`. Between two slews, `pause` long, the
-    spacecraft corrects its attitude to the last target.
+    The telemetry of each slew begins with a rest, in which the star tracker gives fixes. After the
+    motion and some time to settle follow fixes in a second rest. Between two slews the spacecraft
+    corrects its attitude to the last target.
 
     Parameters
     ----------
-    slews : what to fly. start_attitude : (4,) body from inertial, scalar last.
-    wheel_momentum : of each wheel at the beginning [N m s]; empty for wheels at rest.
-    telemetry_period, rest_before, first_fix, fix_spacing, settle, rest_after, pause : [s].
-    orbit : where the environment comes from; None for a campaign without it.
+    name : str
+        Name of the campaign.
+    slews : tuple of PlannedSlew
+        What to fly, at least one slew.
+    start_attitude : tuple of 4 floats
+        Quaternion before the first slew, body from inertial, scalar last.
+    wheel_momentum : tuple of floats
+        Momentum of each wheel at the beginning [N m s]; empty for wheels at rest.
+    telemetry_period : float
+        Time from row to row [s].
+    rest_before : float
+        Rest before the motion [s].
+    first_fix : float
+        Time of the first fix in that rest [s].
+    fix_spacing : float
+        Time between fixes [s].
+    settle : float
+        Time to settle after the motion [s].
+    rest_after : float
+        Rest with fixes after that [s].
+    pause : float
+        Time between the telemetry of two slews [s].
+    orbit : Orbit, optional
+        Where the environment comes from; None for a campaign without it.
 
-    Raises `CampaignError` for times that do not fit each other or the telemetry period.
+    Raises
+    ------
+    CampaignError
+        If times do not fit each other or the telemetry period.
 
+    Examples
+    --------
     >>> Plan("one", (PlannedSlew((1., 0., 0.), math.radians(30.0)),)).durations
     (115.0,)
     """
@@ -216,23 +239,34 @@ class Plan:
     orbit: Orbit | None = None
     durations: tuple[float, ...] = field(init=False, repr=False, compare=False)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "slews", tuple(self.slews))
         object.__setattr__(self, "wheel_momentum", tuple(float(h) for h in self.wheel_momentum))
         _require(len(self.slews) > 0, "slews", "the plan has no slew", "add at least one [[slews]]")
+        self._check_times()
+        attitude = np.asarray(self.start_attitude, dtype=float)
+        norm = float(np.linalg.norm(attitude)) if attitude.shape == (4,) else math.nan
+        _require(
+            abs(norm - 1.0) < 1e-3,
+            "start_attitude",
+            "no unit quaternion",
+            "give four numbers, scalar last",
+        )
+        object.__setattr__(self, "start_attitude", _normalised(attitude))
+        object.__setattr__(self, "durations", tuple(self._duration(slew) for slew in self.slews))
+
+    def _check_times(self) -> None:
+        """Raise for times that do not fit each other or the telemetry period."""
         for key in ("telemetry_period", "rest_before", "fix_spacing", "settle", "rest_after"):
-            _positive(getattr(self, key), key)
+            _require_positive(getattr(self, key), key)
         for key in ("first_fix", "pause"):
-            _require(
-                bool(np.isfinite(getattr(self, key))) and getattr(self, key) >= 0.0,
-                key,
-                f"{getattr(self, key)!r} is negative",
-                "give seconds",
-            )
+            value = getattr(self, key)
+            is_time = bool(np.isfinite(value)) and value >= 0.0
+            _require(is_time, key, f"{value!r} is negative", "give seconds")
         for key in ("rest_before", "fix_spacing"):
-            parts = getattr(self, key) / self.telemetry_period
+            periods = getattr(self, key) / self.telemetry_period
             _require(
-                abs(parts - round(parts)) < 1e-6,
+                abs(periods - round(periods)) < 1e-6,
                 key,
                 f"{getattr(self, key)!r} s is no multiple of telemetry_period",
                 "choose one that is",
@@ -243,19 +277,9 @@ class Plan:
             "the first fix comes after the rest",
             "make it smaller than rest_before",
         )
-        attitude = np.asarray(self.start_attitude, dtype=float)
-        norm = float(np.linalg.norm(attitude)) if attitude.shape == (4,) else math.nan
-        _require(
-            abs(norm - 1.0) < 1e-3,
-            "start_attitude",
-            "no unit quaternion",
-            "give four numbers, scalar last",
-        )
-        attitude = attitude if abs(norm - 1.0) < 1e-15 else attitude / norm
-        object.__setattr__(self, "start_attitude", tuple(attitude.tolist()))
-        object.__setattr__(self, "durations", tuple(self._duration(slew) for slew in self.slews))
 
     def _duration(self, slew: PlannedSlew) -> float:
+        """Duration of a slew's telemetry [s], whole telemetry periods."""
         rows = math.ceil(
             (self.rest_before + slew.motion_time + self.settle + self.rest_after)
             / self.telemetry_period
@@ -299,28 +323,68 @@ class Plan:
         )
 
     def times(self, i: int) -> np.ndarray:
-        """Telemetry times (n,) of slew i [s] from its own first row."""
+        """Telemetry times of one slew.
+
+        Parameters
+        ----------
+        i : int
+            Which slew, from 0.
+
+        Returns
+        -------
+        (n,) array
+            From the slew's own first row [s].
+
+        Examples
+        --------
+        >>> paper_like_plan().times(0)[:3].tolist()
+        [0.0, 0.25, 0.5]
+        """
         return self.telemetry_period * np.arange(
             round(self.durations[i] / self.telemetry_period) + 1
         )
 
     def fixes(self, i: int) -> tuple[np.ndarray, np.ndarray]:
-        """Rows of slew i with a star-tracker fix before its motion and after it."""
+        """Rows of one slew that have a star-tracker fix.
+
+        Parameters
+        ----------
+        i : int
+            Which slew, from 0.
+
+        Returns
+        -------
+        before : (n,) array of int
+            Rows before the motion.
+        after : (m,) array of int
+            Rows after it.
+
+        Examples
+        --------
+        >>> [rows[:3].tolist() for rows in paper_like_plan().fixes(0)]
+        [[32, 36, 40], [412, 416, 420]]
+        """
         spacing = round(self.fix_spacing / self.telemetry_period)
-        first, begin = (
-            math.ceil(self.first_fix / self.telemetry_period - 1e-6),
-            round(self.rest_before / self.telemetry_period),
-        )
+        first = math.ceil(self.first_fix / self.telemetry_period - 1e-6)
+        motion_start = round(self.rest_before / self.telemetry_period)
         last = len(self.times(i)) - 1
-        span = math.floor(self.rest_after / self.telemetry_period + 1e-6)
-        return np.arange(first, begin, spacing), np.arange(
-            last - span // spacing * spacing, last + 1, spacing
-        )
+        rest_rows = math.floor(self.rest_after / self.telemetry_period + 1e-6)
+        first_after = last - rest_rows // spacing * spacing
+        return np.arange(first, motion_start, spacing), np.arange(first_after, last + 1, spacing)
 
 
 def paper_like_plan() -> Plan:
-    """Five slews of 30 to 60 degrees at 1 deg/s about the body axes and two diagonals, as in Ferguson's simulations of MOST.
+    """Five slews of 30 to 60 degrees at 1 deg/s about the body axes and two diagonals.
 
+    So Ferguson simulates MOST.
+
+    Returns
+    -------
+    Plan
+        With an orbit, and wheels that turn at the beginning.
+
+    Examples
+    --------
     >>> paper_like_plan().starts
     (0.0, 415.0, 845.0, 1290.0, 1715.0)
     """

@@ -12,10 +12,11 @@ from typing import Any
 
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import read_bytes, text_of, write_atomically
-from bayes_inertia.flight.plan import Orbit, Plan, PlannedSlew
+from bayes_inertia.flight.orbit import Orbit
+from bayes_inertia.flight.plan import Plan, PlannedSlew
 
 FORMAT = "bayes-inertia-plan/1"
-_DEGREE = math.pi / 180.0
+_DEGREE = math.pi / 180.0  # [rad]
 # Key in the file -> field and factor to SI; a factor of None marks what is no single number.
 _SLEW = {
     "axis": ("axis_B", None),
@@ -48,17 +49,41 @@ _PLAN = {
         )
     },
 }
-_LISTS = {"axis_B": 3, "start_attitude": 4, "wheel_momentum": None}
+# Fields that are lists, and how long; None for any length.
+_LIST_LENGTHS = {"axis_B": 3, "start_attitude": 4, "wheel_momentum": None}
 
 
 def write_plan(plan: Plan, path: str | Path, *, overwrite: bool = False) -> Path:
-    """Write a plan as TOML that `read_plan` reads back; angles go through degrees, so they agree to rounding.
+    """Write a plan as TOML that `read_plan` reads back.
 
-    Returns the path. Raises `OutputError` if another file is in the way and not to be overwritten.
+    Angles go through degrees, so they agree to rounding.
 
+    Parameters
+    ----------
+    plan : Plan
+        What to write.
+    path : str or Path
+        The file.
+    overwrite : bool
+        Whether another file of this name may be replaced.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    OutputError
+        If another file is in the way and not to be overwritten.
+
+    Examples
+    --------
     >>> from tempfile import TemporaryDirectory
     >>> from bayes_inertia.flight.plan import paper_like_plan
-    >>> with TemporaryDirectory() as folder: read_plan(write_plan(paper_like_plan(), Path(folder, "plan.toml"))) == paper_like_plan()
+    >>> with TemporaryDirectory() as folder:
+    ...     path = write_plan(paper_like_plan(), Path(folder, "plan.toml"))
+    ...     read_plan(path) == paper_like_plan()
     True
     """
     import tomlkit
@@ -66,13 +91,13 @@ def write_plan(plan: Plan, path: str | Path, *, overwrite: bool = False) -> Path
     path = Path(path)
     document = tomlkit.document()
     document["format"] = FORMAT
-    for key, value in _rendered(plan, _PLAN).items():
+    for key, value in _table(plan, _PLAN).items():
         document[key] = value
     if plan.orbit is not None:
-        document["orbit"] = _rendered(plan.orbit, _ORBIT)
+        document["orbit"] = _table(plan.orbit, _ORBIT)
     slews = tomlkit.aot()
     for slew in plan.slews:
-        slews.append(tomlkit.item(_rendered(slew, _SLEW)))
+        slews.append(tomlkit.item(_table(slew, _SLEW)))
     document["slews"] = slews
     text = tomlkit.dumps(document)
     if path.exists() and not overwrite and text_of(read_bytes(path), str(path)) != text:
@@ -85,19 +110,34 @@ def write_plan(plan: Plan, path: str | Path, *, overwrite: bool = False) -> Path
 def read_plan(path: str | Path) -> Plan:
     """The plan in a TOML file.
 
-    Raises `CampaignError` naming the line or key of anything unknown, missing, of the wrong type or impossible.
+    Parameters
+    ----------
+    path : str or Path
+        The file.
 
+    Returns
+    -------
+    Plan
+        What it says, angles in radians.
+
+    Raises
+    ------
+    CampaignError
+        If anything is unknown, missing, of the wrong type or impossible; it names the line or key.
+
+    Examples
+    --------
     >>> read_plan("no/such/plan.toml")
     Traceback (most recent call last):
-    bayes_inertia.errors.CampaignError: no/such/plan.toml: cannot be read (No such file or directory); check that it is a readable file
+    bayes_inertia.errors.CampaignError: no/such/plan.toml: cannot be read ...
     """
     label = str(path)
     text = text_of(read_bytes(Path(path)), label)
     try:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        found = re.search(r"line (\d+)", str(error))
-        where = f"{label}, line {found[1]}" if found else label
+        line = re.search(r"line (\d+)", str(error))
+        where = f"{label}, line {line[1]}" if line else label
         raise CampaignError(
             f"not valid TOML ({error})",
             where=where,
@@ -110,6 +150,7 @@ def read_plan(path: str | Path) -> Plan:
 
 
 def _plan(document: dict[str, Any]) -> Plan:
+    """The plan that a TOML document describes."""
     if document.pop("format", None) != FORMAT:
         raise CampaignError(
             "missing or of another version", where="key format", advice=f'write format = "{FORMAT}"'
@@ -124,7 +165,7 @@ def _plan(document: dict[str, Any]) -> Plan:
     fields = _fields(document, _PLAN, "", required=("name",), known=("format", "slews", "orbit"))
     if orbit is not None:
         fields["orbit"] = Orbit(**_fields(orbit, _ORBIT, "orbit."))
-    flown = tuple(
+    planned = tuple(
         PlannedSlew(
             **_fields(
                 slew, _SLEW, f"slews[{i + 1} of {len(slews)}].", required=("axis", "angle_deg")
@@ -132,7 +173,7 @@ def _plan(document: dict[str, Any]) -> Plan:
         )
         for i, slew in enumerate(slews)
     )
-    return Plan(slews=flown, **fields)
+    return Plan(slews=planned, **fields)
 
 
 def _fields(
@@ -141,7 +182,8 @@ def _fields(
     place: str,
     required: tuple[str, ...] = (),
     known: tuple[str, ...] = (),
-) -> dict:
+) -> dict[str, Any]:
+    """Fields and their values in SI, from a table of the file at `place`."""
     if not isinstance(table, dict):
         raise CampaignError(
             "not a table of keys",
@@ -150,13 +192,7 @@ def _fields(
         )
     for key in table:
         if key not in keys:
-            near = difflib.get_close_matches(key, [*keys, *known], 1, 0.5)
-            advice = (
-                f'did you mean "{near[0]}"?'
-                if near
-                else f"known here: {', '.join([*keys, *known])}"
-            )
-            raise CampaignError("unknown key", where=f"key {place}{key}", advice=advice)
+            raise _unknown_key(key, place, [*keys, *known])
     for key in required:
         if key not in table:
             raise CampaignError("missing key", where=f"key {place}{key}", advice="add it")
@@ -165,48 +201,63 @@ def _fields(
     }
 
 
+def _unknown_key(key: str, place: str, known: list[str]) -> CampaignError:
+    """The error for a key that is not known, with the nearest one that is."""
+    near = difflib.get_close_matches(key, known, 1, 0.5)
+    advice = f'did you mean "{near[0]}"?' if near else f"known here: {', '.join(known)}"
+    return CampaignError("unknown key", where=f"key {place}{key}", advice=advice)
+
+
 def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def _value(value: Any, name: str, factor: float | None, where: str) -> Any:
+    """The value of a field in SI."""
     if factor is not None:
-        if not _is_number(value):
-            raise CampaignError(
-                f"{value!r} is not a finite number",
-                where=where,
-                advice="write a number without quotes",
-            )
-        return math.radians(value) if factor == _DEGREE else value * factor
-    if name in _LISTS:
-        n = _LISTS[name]
-        if (
-            not isinstance(value, list)
-            or not all(_is_number(x) for x in value)
-            or n not in (None, len(value))
-        ):
-            raise CampaignError(
-                f"{value!r} is not a list of {n or 'one or more'} numbers",
-                where=where,
-                advice="write [1.0, 0.0, ...]",
-            )
-        return tuple(float(x) for x in value)
+        return _number(value, factor, where)
+    if name in _LIST_LENGTHS:
+        return _numbers(value, _LIST_LENGTHS[name], where)
     if not isinstance(value, str):
         raise CampaignError(f"{value!r} is not text", where=where, advice="write text in quotes")
     return value
 
 
-def _rendered(part: Any, keys: Mapping[str, tuple[str, float | None]]) -> dict[str, Any]:
+def _number(value: Any, factor: float, where: str) -> float:
+    """A number times its factor to SI."""
+    if not _is_number(value):
+        raise CampaignError(
+            f"{value!r} is not a finite number",
+            where=where,
+            advice="write a number without quotes",
+        )
+    return math.radians(value) if factor == _DEGREE else value * factor
+
+
+def _numbers(value: Any, n: int | None, where: str) -> tuple[float, ...]:
+    """A list of n numbers; of any length if n is None."""
+    is_list = isinstance(value, list) and all(_is_number(x) for x in value)
+    if not is_list or n not in (None, len(value)):
+        raise CampaignError(
+            f"{value!r} is not a list of {n or 'one or more'} numbers",
+            where=where,
+            advice="write [1.0, 0.0, ...]",
+        )
+    return tuple(float(x) for x in value)
+
+
+def _table(part: Any, keys: Mapping[str, tuple[str, float | None]]) -> dict[str, Any]:
+    """A plan, slew or orbit as keys and values of the file."""
     values = ((key, getattr(part, name), factor) for key, (name, factor) in keys.items())
-    return {key: _shown(value, factor) for key, value, factor in values if value is not None}
+    return {key: _file_value(value, factor) for key, value, factor in values if value is not None}
 
 
-def _shown(value: Any, factor: float | None) -> Any:
+def _file_value(value: Any, factor: float | None) -> Any:
+    """A value in the unit of the file, with the fewest digits that read back as the same number."""
     if factor is None:
         return list(value) if isinstance(value, tuple) else value
-    # The fewest digits that read back as the same number.
-    shown = math.degrees(value) if factor == _DEGREE else value / factor
-    candidates = [float(f"{shown:.{digits}g}") for digits in range(6, 18)]
+    in_unit = math.degrees(value) if factor == _DEGREE else value / factor
+    candidates = [float(f"{in_unit:.{digits}g}") for digits in range(6, 18)]
     exact = [
         x for x in candidates if (math.radians(x) if factor == _DEGREE else x * factor) == value
     ]

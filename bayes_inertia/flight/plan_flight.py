@@ -60,7 +60,7 @@ class Flight:
 
     @property
     def correction_slews(self) -> np.ndarray:
-        """Angle (slews,) [rad] of the correction slew needed after each slew, as the star tracker measures it."""
+        """Angle (slews,) [rad] of the correction slew after each slew, by the star tracker."""
         return np.linalg.norm(self.measured_error_B, axis=1)
 
 
@@ -74,17 +74,19 @@ def fly(
 ) -> Flight:
     """Fly a plan in closed loop.
 
-    Between slews the spacecraft is brought to the last target, at rest, with the total momentum that the
-    campaign began with.
+    Between slews the spacecraft is brought to the last target, at rest, with the total momentum
+    that the campaign began with.
 
     Parameters
     ----------
     plan : Plan
         What to fly.
     mission : Mission
-        The spacecraft as it is, and the inertia tensor that the campaign states as known before flight.
+        The spacecraft as it is, and the inertia tensor that the campaign states as known before
+        flight.
     seed : int or None
-        Of noise, bias and rest errors. None for a flight without any of them; the bias then is its prior mean.
+        Of noise, bias and rest errors. None for a flight without any of them; the bias then is its
+        prior mean.
     controller : Controller, optional
         None for one that believes the prior.
     name : str, optional

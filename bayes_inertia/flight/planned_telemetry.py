@@ -1,4 +1,4 @@
-"""A plan as the campaign that it will be: hardware, times and planned motion, before anything has been flown."""
+"""A plan as the campaign that it will be, before anything has been flown."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _ROW_MULTIPLE = 32
 
 
 def planned_campaign(plan: Plan, mission: Mission, name: str | None = None) -> Campaign:
-    """The plan as a campaign of perfect telemetry that has not been flown: planned motion, no torques.
+    """The plan as a campaign that has not been flown: planned motion, no torques.
 
     Parameters
     ----------

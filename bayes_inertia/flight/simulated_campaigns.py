@@ -1,4 +1,4 @@
-"""Simulated campaigns: one written to a folder with its truth, or one of many in a calibration study."""
+"""Simulated campaigns: one written to a folder with its truth, or one of many in a study."""
 
 from __future__ import annotations
 
@@ -43,7 +43,8 @@ def simulate(
     plan : Plan
         What to fly.
     mission : Mission
-        The spacecraft as it is, and the inertia tensor that the campaign states as known before flight.
+        The spacecraft as it is, and the inertia tensor that the campaign states as known before
+        flight.
     out_folder : str or Path
         Where to write; made if it is absent.
     seed : int
@@ -95,7 +96,7 @@ def simulate(
 def simulate_most(
     plan: Plan, out_folder: str | Path, seed: int, hidden: Sequence[str] = ()
 ) -> Flight:
-    """Fly a plan with the MOST-like spacecraft of Ferguson's Table 1, and write the campaign folder.
+    """Fly a plan with the MOST-like spacecraft of Ferguson's Table 1; write the campaign folder.
 
     Parameters
     ----------
@@ -106,8 +107,9 @@ def simulate_most(
     seed : int
         Of noise, bias, rest errors and drawn effects.
     hidden : sequence of str
-        Effects that act and that the campaign does not mention. Each is `name` (parameters drawn from their
-        priors) or `name.parameter=value[,value...]` (parameters not named are at their null).
+        Effects that act and that the campaign does not mention. Each is `name` (parameters drawn
+        from their priors) or `name.parameter=value[,value...]` (parameters not named are at their
+        null).
 
     Returns
     -------
@@ -130,7 +132,7 @@ def simulate_most(
 
 @dataclass(frozen=True)
 class _Request:
-    """A request like `wheel_command_lag.tau=0.12`; `parameter` is empty for an effect that is to be drawn."""
+    """A request like `wheel_command_lag.tau=0.12`; without `parameter` the effect is drawn."""
 
     effect: str
     parameter: str
@@ -246,7 +248,8 @@ def draw_spacecraft(
     effects : sequence of Effect
         What else acts.
     values : dict, optional
-        {effect: {parameter: value}}. The values of effects that it does not name are drawn from their priors.
+        {effect: {parameter: value}}. The values of effects that it does not name are drawn from
+        their priors.
 
     Returns
     -------
@@ -359,7 +362,8 @@ def draw_flight(
     effects : sequence of Effect
         What else acts.
     values : dict, optional
-        {effect: {parameter: value}}. The values of effects that it does not name are drawn from their priors.
+        {effect: {parameter: value}}. The values of effects that it does not name are drawn from
+        their priors.
     vary : bool
         Whether the plan is varied first, see `vary_plan`.
     controller : Controller, optional
@@ -373,7 +377,8 @@ def draw_flight(
     Raises
     ------
     CampaignError
-        If hardly any draw of the inertia prior is physical, or the plan does not fit the spacecraft.
+        If hardly any draw of the inertia prior is physical, or the plan does not fit the
+        spacecraft.
     """
     rng = np.random.default_rng(seed)
     mission = Mission(draw_spacecraft(template, rng, effects, values), template.inertia)

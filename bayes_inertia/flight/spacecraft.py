@@ -24,14 +24,34 @@ class Spacecraft:
 
     Parameters
     ----------
-    inertia_B : (3, 3) [kg m^2], of everything except the wheels' spin.
-    scale_factor : true K. rate_sensor : its axes and noise, and what was known of K and bias before flight.
-    bias : true rate bias [rad/s]; None draws it from the sensor's prior in every flight.
-    effects, values : what else acts, and {effect: {parameter: value}} at which strength.
+    inertia_B : (3, 3) array
+        Inertia tensor of everything except the wheels' spin [kg m^2].
+    scale_factor : tuple of 3 floats
+        True K of the rate sensor.
+    wheels : tuple of Wheel
+        Reaction wheels.
+    rate_sensor : RateSensor
+        Its axes and noise, and what was known of K and bias before flight.
+    star_tracker : StarTracker, optional
+        None for a spacecraft without one.
+    bias : tuple of 3 floats, optional
+        True rate bias [rad/s]; None draws it from the sensor's prior in every flight.
+    effects : tuple of Effect
+        What else acts.
+    values : dict
+        {effect: {parameter: value}}, how strongly.
 
-    Raises `CampaignError` for an inertia tensor that no body has, `EffectError` for an effect without values.
+    Raises
+    ------
+    CampaignError
+        If no body has this inertia tensor.
+    EffectError
+        If an effect has no values.
 
-    >>> Spacecraft(np.diag([3., 2., 2.]), (1.01, 1.0, 1.0), (), RateSensor(sigma=2e-5)).scale_factor
+    Examples
+    --------
+    >>> craft = Spacecraft(np.diag([3., 2., 2.]), (1.01, 1.0, 1.0), (), RateSensor(sigma=2e-5))
+    >>> craft.scale_factor
     (1.01, 1.0, 1.0)
     """
 
@@ -44,7 +64,7 @@ class Spacecraft:
     effects: tuple[Effect, ...] = ()
     values: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "inertia_B", InertiaPrior(self.inertia_B, 1.0, 1.0).tensor)
         object.__setattr__(self, "scale_factor", tuple(float(k) for k in self.scale_factor))
         object.__setattr__(self, "wheels", tuple(self.wheels))
@@ -80,11 +100,29 @@ class Controller:
 
     Parameters
     ----------
-    inertia_B : (3, 3) [kg m^2], without the wheels' spin: feedforward and gains. scale_factor : K that scales the readings.
-    bandwidth [rad/s], damping : natural frequency and damping ratio of the attitude loop.
-    snapshot_time : how long before each slew readings at rest are averaged for the bias [s]; 0 trusts the sensor's prior.
-    rest_rate_sigma [rad/s], rest_attitude_sigma [rad] : how still and how well aimed the rest before a slew is.
+    inertia_B : (3, 3) array
+        Inertia tensor without the wheels' spin [kg m^2], for feedforward and gains.
+    scale_factor : tuple of 3 floats
+        K by which it multiplies the readings of the rate sensor.
+    bandwidth : float
+        Natural frequency of the attitude loop [rad/s].
+    damping : float
+        Damping ratio of the attitude loop.
+    snapshot_time : float
+        How long before each slew readings at rest are averaged for the bias [s]; 0 takes a single
+        reading.
+    rest_rate_sigma : float
+        How still the rest before a slew is [rad/s].
+    rest_attitude_sigma : float
+        How well aimed the rest before a slew is [rad].
 
+    Raises
+    ------
+    CampaignError
+        If bandwidth or damping is not positive.
+
+    Examples
+    --------
     >>> Controller(np.eye(3)).scale_factor
     (1.0, 1.0, 1.0)
     """
@@ -97,7 +135,7 @@ class Controller:
     rest_rate_sigma: float = 1e-5
     rest_attitude_sigma: float = 5e-5
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         object.__setattr__(self, "inertia_B", np.array(self.inertia_B, dtype=float))
         for key in ("bandwidth", "damping"):
             if not getattr(self, key) > 0.0:
@@ -115,7 +153,29 @@ class Controller:
         wheels: Sequence[Wheel] = (),
         **settings: float,
     ) -> Controller:
-        """A controller that believes what was known before flight."""
+        """A controller that believes what was known before flight.
+
+        Parameters
+        ----------
+        prior : InertiaPrior
+            Its tensor is believed, less the wheels' spin if that is included.
+        sensor : RateSensor
+            Its nominal K is believed.
+        wheels : sequence of Wheel
+            Reaction wheels.
+        **settings : float
+            Further fields, such as `bandwidth`.
+
+        Returns
+        -------
+        Controller
+            See `Mission.controller` for a shorter way.
+
+        Examples
+        --------
+        >>> Controller.from_prior(most_like_prior(), RateSensor(sigma=2e-5)).scale_factor
+        (1.0, 1.0, 1.0)
+        """
         return cls(
             without_spin(prior.tensor, prior.includes_wheel_spin, wheels),
             sensor.scale_factor,
@@ -124,8 +184,17 @@ class Controller:
 
 
 def most_like_spacecraft() -> Spacecraft:
-    """A microsatellite like MOST in Ferguson's simulations: three wheels, a star tracker with 5" across and 30" about its boresight.
+    """A microsatellite like MOST in Ferguson's simulations.
 
+    It has three wheels, and a star tracker with 5" across and 30" about its boresight.
+
+    Returns
+    -------
+    Spacecraft
+        With the true J and K of Ferguson's Table 1.
+
+    Examples
+    --------
     >>> most_like_spacecraft().scale_factor
     (1.01, 1.02, 0.98)
     """
@@ -141,8 +210,15 @@ def most_like_spacecraft() -> Spacecraft:
 
 
 def most_like_prior() -> InertiaPrior:
-    """What is known of the MOST-like spacecraft before flight: each moment of inertia is 2 to 4 % wrong.
+    """What is known of the MOST-like spacecraft before flight: each moment is 2 to 4 % wrong.
 
+    Returns
+    -------
+    InertiaPrior
+        Of `most_like_spacecraft`.
+
+    Examples
+    --------
     >>> most_like_prior().relative_sigma
     0.04
     """

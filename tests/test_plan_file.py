@@ -1,0 +1,57 @@
+"""Plans in files: what is written is read back, and errors say where."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from bayes_inertia.errors import CampaignError, OutputError
+from bayes_inertia.flight.plan import PlannedSlew, paper_like_plan
+from bayes_inertia.flight.plan_file import read_plan, write_plan
+
+
+def test_plan_file_round_trip(tmp_path):
+    plan = replace(
+        paper_like_plan(),
+        slews=(PlannedSlew((1.0, 2.0, 3.0), 0.3, 0.02, 5e-4, "smooth", 140.0),),
+        orbit=None,
+        pause=0.0,
+    )
+    path = write_plan(plan, tmp_path / "plan.toml")
+    again = read_plan(path)
+    assert again.slews[0].axis_B == plan.slews[0].axis_B
+    assert again.slews[0].angle == pytest.approx(plan.slews[0].angle, rel=1e-15)
+    assert replace(again, slews=plan.slews) == plan
+    write_plan(plan, path)  # the same content is not in its own way
+    with pytest.raises(OutputError, match="would overwrite"):
+        write_plan(paper_like_plan(), path)
+    write_plan(paper_like_plan(), path, overwrite=True)
+    assert read_plan(path) == paper_like_plan()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            "angle_deg",
+            "angle_degree",
+            r'slews\[1 of 5\]\.angle_degree: unknown key; did you mean "angle_deg"\?',
+        ),
+        ("angle_deg = 30.0", "angle_deg = -30.0", "turn|positive"),
+        ("angle_deg = 30.0", 'angle_deg = "30"', "is not a finite number"),
+        ("angle_deg = 30.0\n", "", "missing key"),
+        ('profile = "trapezoid"', 'profile = "square"', "choose trapezoid or smooth"),
+        ("settle_s = 33.0", "settle_s = 33.0.0", r"line \d+: not valid TOML"),
+        ("rest_before_s = 20.0", "rest_before_s = 20.1", "multiple of telemetry_period"),
+        ("bayes-inertia-plan/1", "bayes-inertia-plan/2", "write format"),
+    ],
+)
+def test_plan_file_errors_say_where(tmp_path, old, new, message):
+    path = write_plan(paper_like_plan(), tmp_path / "plan.toml")
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))
+    with pytest.raises(CampaignError, match=message) as caught:
+        read_plan(path)
+    assert str(path) in str(caught.value)

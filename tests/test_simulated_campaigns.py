@@ -1,0 +1,96 @@
+"""Simulated campaigns: in a folder with their truth, and drawn for studies."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bayes_inertia
+from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.errors import OutputError
+from bayes_inertia.flight.mission import Mission, most_like_mission
+from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.flight.planned_telemetry import planned_campaign
+from bayes_inertia.flight.simulated_campaigns import draw_flight, draw_spacecraft, simulate
+from bayes_inertia.flight.spacecraft import (
+    Spacecraft,
+)
+
+EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
+
+
+@pytest.fixture(scope="module")
+def mission() -> Mission:
+    return most_like_mission()
+
+
+@pytest.fixture(scope="module")
+def craft(mission) -> Spacecraft:
+    return mission.spacecraft
+
+
+def test_simulated_campaign_is_written_with_its_truth(mission, craft, tmp_path):
+    flight = simulate(paper_like_plan(), mission, tmp_path / "run", 5)
+    again = read_campaign(tmp_path / "run")
+    for a, b in zip(flight.campaign.slews, again.slews, strict=True):
+        for key in (
+            "time",
+            "rate",
+            "attitude",
+            "wheel_torque",
+            "wheel_momentum",
+            "magnetic_field_N",
+            "position_N",
+        ):
+            np.testing.assert_array_equal(getattr(a, key), getattr(b, key))
+    truth = json.loads((tmp_path / "run" / "truth.json").read_text())
+    np.testing.assert_array_equal(truth["J_kgm2"], craft.inertia_B)
+    np.testing.assert_array_equal(truth["b_radps"], flight.spacecraft.bias)
+    assert truth["seed"] == 5
+    assert set(json.loads((EXAMPLE / "truth.json").read_text())) - set(truth) <= {
+        "bdot_radps2",
+        "star_tracker_rotation_B",
+        "star_tracker_shift_B",
+        "vary",
+        "integration_dt_s",
+    }
+    simulate(paper_like_plan(), mission, tmp_path / "run", 5)
+    with pytest.raises(OutputError, match="overwrite"):
+        simulate(paper_like_plan(), mission, tmp_path / "run", 6)
+
+
+def test_studies_draw_truth_from_the_prior(mission, craft):
+    template = planned_campaign(paper_like_plan(), mission)
+    rng = np.random.default_rng(8)
+    drawn = np.array(
+        [
+            np.concatenate([Mission(c, mission.prior).theta, c.bias])
+            for c in (draw_spacecraft(template, rng) for _ in range(300))
+        ]
+    )
+    sensor, prior = craft.rate_sensor, mission.prior
+    mean = np.concatenate([prior.elements, sensor.scale_factor, sensor.bias])
+    sd = np.concatenate([prior.sd, sensor.scale_factor_sigma, sensor.bias_sigma])
+    # The prior's tensor is far from the edge of the physical ones, so that hardly any draw is
+    # refused. Four sigma of 24 numbers.
+    assert np.all(np.abs(drawn.mean(axis=0) - mean) < 4.0 * sd / math.sqrt(300))
+    assert np.all(np.abs(drawn.std(axis=0) / sd - 1.0) < 4.0 / math.sqrt(600))
+
+
+def test_studies_vary_the_slews_and_keep_their_length(mission):
+    template = planned_campaign(paper_like_plan(), mission)
+    flights = [draw_flight(template, paper_like_plan(), seed) for seed in (1, 2)]
+    lengths = {len(s.time) for f in flights for s in f.campaign.slews}
+    assert len(lengths) == 1
+    angles = np.array([[s.angle for s in f.campaign.slews] for f in flights])
+    assert len(np.unique(angles)) == angles.size
+    assert angles.min() >= math.radians(20.0)
+    assert angles.max() <= math.radians(60.0)
+    repeated = draw_flight(template, paper_like_plan(), 2)
+    np.testing.assert_array_equal(
+        repeated.campaign.slews[3].rate, flights[1].campaign.slews[3].rate
+    )
