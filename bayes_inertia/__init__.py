@@ -1,4 +1,6 @@
-"""bayes_inertia: inertia tensor and rate-sensor scale factors of a spacecraft from slew telemetry, with honest uncertainty.
+"""Inertia tensor and rate-sensor scale factors of a spacecraft, with honest uncertainty.
+
+They are estimated from the telemetry of a few slews.
 
 In a notebook::
 
@@ -18,42 +20,114 @@ import jax
 
 # Attitude residuals of arc seconds on angles of radians need double precision.
 jax.config.update("jax_enable_x64", True)
-# Ensembles run in threads, and each waits for its own result: asynchronous dispatch only makes them fight over the cores.
+# Ensembles run in threads, and each waits for its own result: asynchronous dispatch only makes them
+# fight over the cores.
 jax.config.update("jax_cpu_enable_async_dispatch", False)
 
 __version__ = "0.1.0"
 
-# Further public names and where they live, loaded on first use: plots and reports take a second to import.
+# Public names and the modules they live in, loaded on first use: plots and reports take a second to
+# import.
 _PUBLIC = {
+    # Campaigns: what was flown.
     "Campaign": "campaign.campaign",
-    "Contender": "design.comparison",
-    "Design": "design.designer",
-    "Effect": "physics.effect",
     "InertiaPrior": "campaign.inertia_prior",
-    "KeepOut": "design.limits",
-    "LIBRARY": "physics.effects",
-    "Limits": "design.limits",
-    "Margin": "design.margins",
-    "Model": "physics.forward_model",
-    "Posterior": "inference.posterior",
     "RateSensor": "campaign.hardware",
-    "Settings": "inference.sampler",
     "Slew": "campaign.slew",
     "StarTracker": "campaign.hardware",
     "Wheel": "campaign.hardware",
+    "read_campaign": "campaign.reader",
+    "write_campaign": "campaign.writer",
+    # The model: parameters, effects, simulated motion.
+    "CheckedEffect": "physics.check_effect",
+    "Drive": "physics.simulator",
+    "Effect": "physics.effect",
+    "LIBRARY": "physics.effects",
+    "LogNormal": "physics.parameters",
+    "Model": "physics.forward_model",
+    "Normal": "physics.parameters",
+    "Parameter": "physics.parameters",
+    "ParameterSpace": "physics.parameters",
+    "SlewContext": "physics.effect",
+    "State": "physics.effect",
+    "Trajectory": "physics.effect",
     "check_effect": "physics.check_effect",
-    "compare_plans": "design.comparison",
-    "design_plan": "design.designer",
-    "diagnose": "diagnosis.search",
-    "diagnose_and_fit": "app.diagnosed_fit",
+    "scalar": "physics.parameters",
+    "vector": "physics.parameters",
+    # Flights: plans and simulated campaigns.
+    "Controller": "flight.spacecraft",
+    "Flight": "flight.plan_flight",
+    "Mission": "flight.mission",
+    "Orbit": "flight.plan",
+    "Plan": "flight.plan",
+    "PlannedSlew": "flight.plan",
+    "Spacecraft": "flight.spacecraft",
+    "fly": "flight.plan_flight",
+    "most_like_prior": "flight.spacecraft",
+    "most_like_spacecraft": "flight.spacecraft",
+    "paper_like_plan": "flight.plan",
+    "read_plan": "flight.plan_file",
+    "simulate": "flight.simulated_campaigns",
+    "write_plan": "flight.plan_file",
+    # Fits.
+    "ChannelTest": "inference.residual_tests",
+    "Estimate": "inference.laplace",
+    "Posterior": "inference.posterior",
+    "Settings": "inference.sampler",
     "estimate": "inference.optimizer",
     "fit": "app.fit_campaign",
-    "next_slew": "design.designer",
+    # What a campaign tells.
+    "Arrival": "observability.result",
+    "Degeneracy": "observability.degeneracy",
+    "Direction": "observability.result",
+    "Observability": "observability.result",
+    "ParameterView": "observability.result",
     "observe": "observability.analysis",
-    "read_campaign": "campaign.reader",
+    # What is missing in the model.
+    "Alternative": "diagnosis.model_averaging",
+    "Candidate": "diagnosis.result",
+    "Cells": "diagnosis.residual_scan",
+    "DiagnosedFit": "app.diagnosed_fit",
+    "Diagnosis": "diagnosis.result",
+    "Disagreement": "diagnosis.residual_scan",
+    "History": "diagnosis.free_signal",
+    "Investigation": "app.investigation",
+    "Match": "diagnosis.unexplained",
+    "Rival": "diagnosis.result",
+    "Rules": "diagnosis.search",
+    "Spectrum": "diagnosis.unexplained",
+    "Step": "diagnosis.result",
+    "Undetected": "diagnosis.blind_spots",
+    "Unknown": "diagnosis.unexplained",
+    "Window": "diagnosis.residual_scan",
+    "diagnose": "diagnosis.search",
+    "diagnose_and_fit": "app.diagnosed_fit",
+    "investigate": "app.investigation",
+    # What to fly next.
+    "Achieved": "design.comparison",
+    "Contender": "design.comparison",
+    "CorrectionForecast": "design.correction_slew",
+    "Design": "design.designer",
+    "Goal": "design.goals",
+    "KeepOut": "design.limits",
+    "Limits": "design.limits",
+    "Margin": "design.margins",
+    "Separation": "design.separating_slew",
+    "compare_plans": "design.comparison",
+    "design_plan": "design.designer",
+    "next_slew": "design.designer",
     "separating_slew": "design.separating_slew",
-    "write_campaign": "campaign.writer",
+    # Reports.
+    "Picture": "report.section",
+    "Section": "report.section",
     "write_report": "report.page",
+    # Errors.
+    "BayesInertiaError": "errors",
+    "CampaignError": "errors",
+    "DesignError": "errors",
+    "EffectError": "errors",
+    "EstimateError": "errors",
+    "OutputError": "errors",
 }
 
 __all__ = sorted(_PUBLIC)
