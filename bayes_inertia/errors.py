@@ -8,12 +8,17 @@ class BayesInertiaError(Exception):
 
     Parameters
     ----------
-    what : what is wrong, one sentence.
-    where : the file, line or key that it concerns (may be empty).
-    advice : what to do about it (may be empty).
+    what : str
+        What is wrong, one sentence.
+    where : str
+        The file, line or key that it concerns; may be empty.
+    advice : str
+        What to do about it; may be empty.
 
-    >>> str(BayesInertiaError("no such column", where="slew_01.csv, key rate", advice="name a column of the table"))
-    'slew_01.csv, key rate: no such column; name a column of the table'
+    Examples
+    --------
+    >>> str(BayesInertiaError("no such column", where="slew_01.csv", advice="name another"))
+    'slew_01.csv: no such column; name another'
     """
 
     def __init__(self, what: str, *, where: str = "", advice: str = ""):
@@ -21,8 +26,20 @@ class BayesInertiaError(Exception):
         super().__init__(f"{where + ': ' if where else ''}{what}{'; ' + advice if advice else ''}")
 
     def inside(self, place: str) -> BayesInertiaError:
-        """The same error with `place` (a file, say) written before where it happened.
+        """The same error with another place written before where it happened.
 
+        Parameters
+        ----------
+        place : str
+            A file, say.
+
+        Returns
+        -------
+        BayesInertiaError
+            Of the same kind.
+
+        Examples
+        --------
         >>> str(BayesInertiaError("not positive", where="sigma").inside("campaign.toml"))
         'campaign.toml, sigma: not positive'
         """

@@ -7,7 +7,7 @@ import inspect
 import subprocess
 import sys
 import typing
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -40,8 +40,9 @@ PUBLIC = set(
 # Fields that a user hands on and does not take apart: what they hold is the engine's own.
 ENGINE_FIELDS = {
     "Model": {"structure", "data"},
-    "Estimate": {"point", "stated", "information", "starts"},
+    "Estimate": {"point", "stated", "white", "information", "starts"},
 }
+
 
 def is_described(value: Any) -> bool:
     """Whether a public value is a function or class with a text of its own."""
@@ -51,7 +52,9 @@ def is_described(value: Any) -> bool:
 FUNCTIONS = sorted(n for n in PUBLIC if inspect.isfunction(getattr(bi, n, None)))
 CLASSES = sorted(n for n in PUBLIC if inspect.isclass(getattr(bi, n, None)))
 # What hints may name that a module imports for type checking only.
-FOR_HINTS = {"xr": xarray} | {name: getattr(bi, name) for name in CLASSES}
+FOR_HINTS = {"xr": xarray, "Mapping": Mapping, "Sequence": Sequence} | {
+    name: getattr(bi, name) for name in CLASSES
+}
 
 
 def test_the_public_names_are_these():
