@@ -12,13 +12,18 @@ from bayes_inertia.physics.parameters import Normal, vector
 
 @dataclass(frozen=True)
 class ConstantTorque(Effect):
-    """A body-fixed external torque, the same in all slews (outgassing, a leak, pressure on a fixed face).
+    """A body-fixed external torque, the same in all slews.
+
+    Outgassing, a leak, or pressure on a fixed face.
 
     Parameters
     ----------
-    sigma : prior sd [N m]; None takes 3 % of J w / T, the torque that would make the observed motion:
-        5e-6 N m for a microsatellite's slew, the size of its environmental torques.
+    sigma : float or None, optional
+        Prior sd [N m]; None takes 3 % of J w / T, the torque that would make the observed
+        motion: 5e-6 N m for a microsatellite's slew, the size of its environmental torques.
 
+    Examples
+    --------
     >>> ConstantTorque(sigma=1e-5).parameters(None)[0].names
     ('torque_x', 'torque_y', 'torque_z')
     """

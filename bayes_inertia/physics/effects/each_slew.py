@@ -16,11 +16,13 @@ from bayes_inertia.physics.parameters import Parameter
 
 @dataclass(frozen=True)
 class EachSlew(Effect):
-    """An effect that differs from slew to slew: a torque that depends on the weather, a sensor that was bumped in between.
+    """An effect that differs from slew to slew.
 
-    Its parameters are those of `inner` once for every slew, each with inner's prior, so that one
-    slew tells nothing of the next. What is found to need this may be real, or may be a shared
-    cause that the inner effect describes badly. Make it with `EachSlew.of`.
+    A torque that depends on the weather, or a sensor that was bumped in between.
+
+    Its parameters are those of `inner` once for every slew, each with inner's prior, so that
+    one slew tells nothing of the next. What is found to need this may be real, or may be a
+    shared cause that the inner effect describes badly. Make it with `EachSlew.of`.
 
     Of a slew after the campaign only the prior is known. `afterwards` therefore is the inner
     effect as it is then, with parameters to be drawn from its prior. The hooks themselves do

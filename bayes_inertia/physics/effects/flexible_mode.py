@@ -17,22 +17,36 @@ _STEPS_A_PERIOD = 12.0
 
 @dataclass(frozen=True)
 class FlexibleMode(Effect):
-    """A mode with coordinate eta, clamped-base frequency W = 2 pi frequency, damping ratio z, and coupling vector delta.
+    """A vibration mode: coordinate eta, frequency, damping ratio z, coupling vector delta.
 
-    eta'' + 2 z W eta' + W^2 eta = -delta . w',  total momentum J w + G H + delta eta'  (Hughes 1986, section 4.4; J is the
-    tensor of the whole undeformed spacecraft). With p = eta' + delta . w as the second state nothing needs w':
-    total momentum = (J - delta delta^T) w + G H + delta p,  eta' = p - delta . w,  p' = -2 z W eta' - W^2 eta.
-    Every slew begins undeformed. With the base free the mode rings at W / sqrt(1 - delta^T J_rest^-1 delta), faster than W;
-    delta and -delta are one mode. Frequency and damping do nothing at zero coupling, which is therefore a stationary point of
-    the posterior: `fit` and `diagnose` begin at the ringing that the residuals show best (`oscillator`).
+    The frequency W = 2 pi frequency is that of the clamped base.
+
+    eta'' + 2 z W eta' + W^2 eta = -delta . w', total momentum J w + G H + delta eta' (Hughes
+    1986, section 4.4; J is the tensor of the whole undeformed spacecraft). With p = eta' +
+    delta . w as the second state nothing needs w': total momentum = (J - delta delta^T) w + G H
+    + delta p, eta' = p - delta . w, p' = -2 z W eta' - W^2 eta. Every slew begins undeformed.
+    With the base free the mode rings at W / sqrt(1 - delta^T J_rest^-1 delta), faster than W;
+    delta and -delta are one mode. Frequency and damping do nothing at zero coupling, which is
+    therefore a stationary point of the posterior: `fit` and `diagnose` begin at the ringing
+    that the residuals show best (`oscillator`).
 
     Parameters
     ----------
-    sigma : prior sd of delta's components [kg^0.5 m]; None takes 10 % of sqrt(J): delta^2 is 1 % of J.
-    frequency : prior median [Hz]; None takes 30 periods in a slew, or a quarter of the highest frequency that the
-        telemetry's sampling resolves, whichever is lower. frequency_spread : sd of its logarithm.
-    damping : prior median of z; 0.005 is a usual figure for deployed structures. damping_spread : sd of its logarithm.
+    sigma : float or None, optional
+        Prior sd of delta's components [kg^0.5 m]; None takes 10 % of sqrt(J): delta^2 is 1 % of
+        J.
+    frequency : float or None, optional
+        Prior median [Hz]; None takes 30 periods in a slew, or a quarter of the highest
+        frequency that the telemetry's sampling resolves, whichever is lower.
+    frequency_spread : float, optional
+        Sd of its logarithm.
+    damping : float, optional
+        Prior median of z; 0.005 is a usual figure for deployed structures.
+    damping_spread : float, optional
+        Sd of its logarithm.
 
+    Examples
+    --------
     >>> [p.name for p in FlexibleMode(sigma=0.1, frequency=0.5).parameters(None)]
     ['coupling', 'frequency', 'damping']
     """

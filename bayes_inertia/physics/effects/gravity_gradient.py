@@ -14,16 +14,24 @@ from bayes_inertia.physics.parameters import Normal, scalar
 
 @dataclass(frozen=True)
 class GravityGradient(Effect):
-    """Torque 3 mu / r^5 (r x J_locked r) of a spherical planet (Hughes 1986, eq 8.1.18), times `factor`: 0 without it, 1 in full.
+    """The gravity-gradient torque of a spherical planet, times a factor.
 
-    r is the telemetered position from the planet's centre, turned into body axes; J_locked is the tensor that is being
-    estimated, as it is in the slew. The factor should come out near 1 or not differ from 0; anything else means that
-    another torque imitates it.
+    The torque is 3 mu / r^5 (r x J_locked r) (Hughes 1986, eq 8.1.18); the factor is 0 without
+    it and 1 in full.
+
+    r is the telemetered position from the planet's centre, turned into body axes; J_locked is
+    the tensor that is being estimated, as it is in the slew. The factor should come out near 1
+    or not differ from 0; anything else means that another torque imitates it.
 
     Parameters
     ----------
-    sigma : prior sd of the factor, centred on 0. mu : gravitational parameter [m^3/s^2], the Earth's by default.
+    sigma : float, optional
+        Prior sd of the factor, centred on 0.
+    mu : float, optional
+        Gravitational parameter [m^3/s^2], the Earth's by default.
 
+    Examples
+    --------
     >>> GravityGradient().parameters(None)[0].names
     ('factor',)
     """

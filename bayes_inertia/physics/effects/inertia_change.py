@@ -14,15 +14,22 @@ from bayes_inertia.physics.parameters import Normal, vector
 
 @dataclass(frozen=True)
 class InertiaChange(Effect):
-    """From one slew on the tensor is J + change (a deployment, fuel used, an antenna moved); J is what it was before.
+    """From one slew on the tensor is J + change; J is what it was before.
+
+    A deployment, fuel used, an antenna moved.
 
     A campaign of one slew cannot show it.
 
     Parameters
     ----------
-    sigma : prior sd of each element [kg m^2]; None takes 3 % of the mean moment of inertia.
-    from_slew : number of the first slew with the new tensor, counted from 0; None takes the last half of the campaign.
+    sigma : float or None, optional
+        Prior sd of each element [kg m^2]; None takes 3 % of the mean moment of inertia.
+    from_slew : int or None, optional
+        Number of the first slew with the new tensor, counted from 0; None takes the last half
+        of the campaign.
 
+    Examples
+    --------
     >>> InertiaChange(sigma=0.1).parameters(None)[0].names[:2]
     ('change_Jxx', 'change_Jyy')
     """

@@ -20,10 +20,14 @@ class MagneticDipole(Effect):
 
     Parameters
     ----------
-    sigma : prior sd of each component [A m^2]; None takes the dipole whose torque in the campaign's mean field is 3 % of
-        J w / T: a few tenths of an A m^2 for a microsatellite, two or three times the milliampere square metre per
-        kilogram that NASA SP-8018 expects of one without magnetic cleanliness.
+    sigma : float or None, optional
+        Prior sd of each component [A m^2]; None takes the dipole whose torque in the campaign's
+        mean field is 3 % of J w / T: a few tenths of an A m^2 for a microsatellite, two or
+        three times the milliampere square metre per kilogram that NASA SP-8018 expects of one
+        without magnetic cleanliness.
 
+    Examples
+    --------
     >>> MagneticDipole(sigma=0.1).parameters(None)[0].unit
     'A m^2'
     """

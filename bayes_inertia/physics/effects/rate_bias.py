@@ -13,15 +13,21 @@ from bayes_inertia.physics.parameters import Normal, vector
 
 @dataclass(frozen=True)
 class RateBias(Effect):
-    """A constant bias of the rate sensor beyond the prior that the campaign file states: C_rate w + b + bias.
+    """A constant bias of the rate sensor beyond the prior that the campaign file states.
 
-    A small bias within that prior is always fitted as a nuisance; this one is for a sensor whose bias moved
-    after calibration (turn-on to turn-on shifts of MEMS and fibre-optic gyros are several times the in-run figure).
+    The sensor reads C_rate w + b + bias before its scale factors.
+
+    A small bias within that prior is always fitted as a nuisance; this one is for a sensor
+    whose bias moved after calibration (turn-on to turn-on shifts of MEMS and fibre-optic gyros
+    are several times the in-run figure).
 
     Parameters
     ----------
-    sigma : prior sd [rad/s]; None takes ten times the largest `bias_sigma` of the campaign.
+    sigma : float or None, optional
+        Prior sd [rad/s]; None takes ten times the largest `bias_sigma` of the campaign.
 
+    Examples
+    --------
     >>> RateBias(sigma=1e-5).parameters(None)[0].names
     ('bias_x', 'bias_y', 'bias_z')
     """

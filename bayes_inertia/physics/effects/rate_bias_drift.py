@@ -13,15 +13,21 @@ from bayes_inertia.physics.parameters import Normal, vector
 
 @dataclass(frozen=True)
 class RateBiasDrift(Effect):
-    """The rate bias changes linearly in CAMPAIGN time, through zero at the campaign's middle (warming up, ageing).
+    """The rate bias changes linearly in CAMPAIGN time (warming up, ageing).
 
-    Counting from the middle keeps the drift apart from the mean bias, which is a nuisance of its own.
+    It passes through zero at the campaign's middle.
+
+    Counting from the middle keeps the drift apart from the mean bias, which is a nuisance of
+    its own.
 
     Parameters
     ----------
-    sigma : prior sd [rad/s^2]; None lets the bias move ten times the largest `bias_sigma` of the campaign
-        between its middle and its end.
+    sigma : float or None, optional
+        Prior sd [rad/s^2]; None lets the bias move ten times the largest `bias_sigma` of the
+        campaign between its middle and its end.
 
+    Examples
+    --------
     >>> RateBiasDrift(sigma=1e-8).parameters(None)[0].unit
     'rad/s^2'
     """

@@ -16,17 +16,22 @@ from bayes_inertia.physics.parameters import Normal, scalar
 class RateSensorDelay(Effect):
     """The rate sensor reports what was true tau >= 0 earlier: w(t - tau).
 
-    Held torques make the rate piecewise linear between samples, so that linear interpolation is exact up to
-    gyroscopic terms. Only delays: a feedback controller answers the noise of a reading with the torque that follows it,
-    so that a reading "predicted" from what came after it would agree with its own noise.
-    Before the first row the rate is continued linearly where no torque is commanded there (a body in free flight), and
-    held otherwise: the torques before it are unknown.
+    Held torques make the rate piecewise linear between samples, so that linear interpolation is
+    exact up to gyroscopic terms. Only delays: a feedback controller answers the noise of a
+    reading with the torque that follows it, so that a reading "predicted" from what came after
+    it would agree with its own noise. Before the first row the rate is continued linearly where
+    no torque is commanded there (a body in free flight), and held otherwise: the torques before
+    it are unknown.
 
     Parameters
     ----------
-    sigma : prior scale of tau [s]; None takes 1/1000 of a slew's duration (a tenth of a second for a microsatellite's
-        slew, filters and buses are that slow; half a millisecond for a body thrown by hand).
+    sigma : float or None, optional
+        Prior scale of tau [s]; None takes 1/1000 of a slew's duration (a tenth of a second for
+        a microsatellite's slew, filters and buses are that slow; half a millisecond for a body
+        thrown by hand).
 
+    Examples
+    --------
     >>> RateSensorDelay(sigma=0.1).parameters(None)[0].names
     ('tau',)
     """

@@ -12,14 +12,20 @@ from bayes_inertia.physics.parameters import Normal, vector
 
 @dataclass(frozen=True)
 class RateSensorMisalignment(Effect):
-    """The rate sensor is turned as one unit by a small rotation vector a (body axes): each row c_i of C_rate becomes exp([a]x) c_i.
+    """The rate sensor is turned as one unit by a small rotation vector a (body axes).
+
+    Each row c_i of C_rate becomes exp([a]x) c_i.
 
     The sensor then reads C_rate C(a) w instead of C_rate w.
 
     Parameters
     ----------
-    sigma : prior sd of each angle [rad]; 3e-3 (0.2 deg) is common for a sensor box that was bolted, not surveyed.
+    sigma : float, optional
+        Prior sd of each angle [rad]; 3e-3 (0.2 deg) is common for a sensor box that was bolted,
+        not surveyed.
 
+    Examples
+    --------
     >>> RateSensorMisalignment().parameters(None)[0].names
     ('angle_x', 'angle_y', 'angle_z')
     """

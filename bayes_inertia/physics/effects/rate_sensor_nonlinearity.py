@@ -15,13 +15,17 @@ from bayes_inertia.physics.parameters import Normal, vector
 class RateSensorNonlinearity(Effect):
     """Each sensor axis reads s + quadratic s^2 + cubic s^3 where it should read s.
 
-    A quadratic term is a difference of scale factor between the two senses of rotation; a cubic one bends both ends.
+    A quadratic term is a difference of scale factor between the two senses of rotation; a cubic
+    one bends both ends.
 
     Parameters
     ----------
-    sigma : prior sd of each term's share of the reading at the campaign's largest rate; 0.003 is the linearity
-        of a low-cost MEMS gyro over its range.
+    sigma : float, optional
+        Prior sd of each term's share of the reading at the campaign's largest rate; 0.003 is
+        the linearity of a low-cost MEMS gyro over its range.
 
+    Examples
+    --------
     >>> RateSensorNonlinearity().sigma
     0.003
     """

@@ -12,16 +12,23 @@ from bayes_inertia.physics.parameters import Normal, vector
 
 @dataclass(frozen=True)
 class StarTrackerMisalignment(Effect):
-    """A constant rotation a between the star tracker's frame and the body: q_meas = q * exp(a), for all fixes alike.
+    """A constant rotation a between the star tracker's frame and the body.
 
-    Each slew's start attitude is free, so the fixes before a slew say nothing about a. The slew does: the tracker
-    sees it about exp(-a) n instead of n, so that the part of a across the slew's axis n shows in the fixes after it,
-    2 sin(angle/2) |n x a| large. A single slew axis leaves the rotation about that axis unobservable; two determine all of a.
+    q_meas = q * exp(a), for all fixes alike.
+
+    Each slew's start attitude is free, so the fixes before a slew say nothing about a. The slew
+    does: the tracker sees it about exp(-a) n instead of n, so that the part of a across the
+    slew's axis n shows in the fixes after it, 2 sin(angle/2) |n x a| large. A single slew axis
+    leaves the rotation about that axis unobservable; two determine all of a.
 
     Parameters
     ----------
-    sigma : prior sd of each angle [rad]; 3e-3 (0.2 deg), as for a tracker whose alignment was not surveyed.
+    sigma : float, optional
+        Prior sd of each angle [rad]; 3e-3 (0.2 deg), as for a tracker whose alignment was not
+        surveyed.
 
+    Examples
+    --------
     >>> StarTrackerMisalignment().parameters(None)[0].names
     ('angle_x', 'angle_y', 'angle_z')
     """

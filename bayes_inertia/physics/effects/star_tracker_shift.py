@@ -16,16 +16,20 @@ from bayes_inertia.physics.parameters import Normal, vector
 class StarTrackerShift(Effect):
     """Fixes in the second half of each slew are turned by exp(shift) against those in the first half.
 
-    The method reads the tracker before and after each slew; an alignment that differs between the two (the bench
-    warms in the new attitude, stray light or aberration bends one of them) enters every slew's rotation angle directly.
-    The shift is the same in all slews. A jump BETWEEN two slews needs no parameter of its own: each slew's start
-    attitude is free, and what remains of it is `star_tracker_misalignment`.
+    The method reads the tracker before and after each slew; an alignment that differs between
+    the two (the bench warms in the new attitude, stray light or aberration bends one of them)
+    enters every slew's rotation angle directly. The shift is the same in all slews. A jump
+    BETWEEN two slews needs no parameter of its own: each slew's start attitude is free, and
+    what remains of it is `star_tracker_misalignment`.
 
     Parameters
     ----------
-    sigma : prior sd of each angle [rad]; None takes twenty times the tracker's sigma_cross
-        (100 arc seconds for a 5 arc second tracker: a thermoelastic shift without a stable bench).
+    sigma : float or None, optional
+        Prior sd of each angle [rad]; None takes twenty times the tracker's sigma_cross (100 arc
+        seconds for a 5 arc second tracker: a thermoelastic shift without a stable bench).
 
+    Examples
+    --------
     >>> StarTrackerShift(sigma=1e-4).parameters(None)[0].names
     ('shift_x', 'shift_y', 'shift_z')
     """

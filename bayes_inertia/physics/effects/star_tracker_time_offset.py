@@ -14,15 +14,22 @@ from bayes_inertia.physics.parameters import Normal, scalar
 
 @dataclass(frozen=True)
 class StarTrackerTimeOffset(Effect):
-    """Fixes stamped t show the attitude at t - tau (exposure and processing time); negative tau is a lead.
+    """Fixes stamped t show the attitude at t - tau; negative tau is a lead.
 
-    The body turns back by the integral of its rate over tau. It shows only where fixes are taken while the body
-    turns: fixes at rest before and after a slew cannot see it. Beyond the telemetry's ends the rate is held.
+    That is exposure and processing time.
+
+    The body turns back by the integral of its rate over tau. It shows only where fixes are
+    taken while the body turns: fixes at rest before and after a slew cannot see it. Beyond the
+    telemetry's ends the rate is held.
 
     Parameters
     ----------
-    sigma : prior sd of tau [s]; None takes 1/1000 of a slew's duration (a tenth of a second, a tracker's exposure).
+    sigma : float or None, optional
+        Prior sd of tau [s]; None takes 1/1000 of a slew's duration (a tenth of a second, a
+        tracker's exposure).
 
+    Examples
+    --------
     >>> StarTrackerTimeOffset(sigma=0.1).parameters(None)[0].names
     ('tau',)
     """

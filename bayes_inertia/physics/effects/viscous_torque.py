@@ -13,13 +13,18 @@ from bayes_inertia.physics.parameters import Normal, vector
 class ViscousTorque(Effect):
     """External torque -drag w, axis by axis: eddy currents, or air on a body thrown in a room.
 
-    A real drag is positive. Negative values are allowed, because a prior that ends at "no effect" spoils the
-    comparison with it; a negative result says that something else puts energy in.
+    A real drag is positive. Negative values are allowed, because a prior that ends at "no
+    effect" spoils the comparison with it; a negative result says that something else puts
+    energy in.
 
     Parameters
     ----------
-    sigma : prior sd [N m s]; None takes 3 % of J / T: a body that loses 3 % of its rate in one slew.
+    sigma : float or None, optional
+        Prior sd [N m s]; None takes 3 % of J / T: a body that loses 3 % of its rate in one
+        slew.
 
+    Examples
+    --------
     >>> ViscousTorque(sigma=1e-5).parameters(None)[0].names
     ('drag_x', 'drag_y', 'drag_z')
     """

@@ -16,16 +16,20 @@ from bayes_inertia.physics.parameters import Normal, scalar
 class WheelCommandLag(Effect):
     """Motor torque y follows the held command u as tau y' = u - y, the same tau for all wheels.
 
-    The torque handed to the simulator is the exact mean of y over each grid interval, so that momentum
-    is exact at every sample. At the first row y equals the first command: telemetry that begins in the middle
-    of a long-held command is then right, and so is a slew that begins at rest, with a command of zero.
-    In the measured drive, where commands are not used, it does nothing.
+    The torque handed to the simulator is the exact mean of y over each grid interval, so that
+    momentum is exact at every sample. At the first row y equals the first command: telemetry
+    that begins in the middle of a long-held command is then right, and so is a slew that begins
+    at rest, with a command of zero. In the measured drive, where commands are not used, it does
+    nothing.
 
     Parameters
     ----------
-    sigma : prior scale of tau >= 0 [s]; None takes 1/300 of a slew's duration: a lag that matters is a
-        visible fraction of the manoeuvre, and a drive loop is much faster than it.
+    sigma : float or None, optional
+        Prior scale of tau >= 0 [s]; None takes 1/300 of a slew's duration: a lag that matters
+        is a visible fraction of the manoeuvre, and a drive loop is much faster than it.
 
+    Examples
+    --------
     >>> WheelCommandLag(sigma=0.1).parameters(None)[0].priors[0].lower
     0.0
     """

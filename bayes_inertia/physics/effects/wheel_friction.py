@@ -15,19 +15,27 @@ from bayes_inertia.physics.parameters import Normal
 
 @dataclass(frozen=True)
 class WheelFriction(Effect):
-    """Friction on each wheel: -coulomb tanh(speed / smooth_speed) - viscous speed, with speed = h / Js relative to the body.
+    """Friction on each wheel, Coulomb and viscous.
 
-    It is what remains after the drive's own compensation, which may do too much: both signs are allowed.
-    In the measured drive, where wheel torques are not used, it does nothing.
+    The torque is -coulomb tanh(speed / smooth_speed) - viscous speed, with speed = h / Js
+    relative to the body.
+
+    It is what remains after the drive's own compensation, which may do too much: both signs are
+    allowed. In the measured drive, where wheel torques are not used, it does nothing.
 
     Parameters
     ----------
-    sigma_coulomb : prior sd [N m]; None takes 10 % of J w / T (2e-5 N m for a microsatellite's slew: a few per cent
-        of its wheels' torque).
-    sigma_viscous : prior sd [N m s]; None takes 10 % of Js / T: wheels that coast down over ten slews.
-    smooth_speed : wheel speed [rad/s] within which the Coulomb torque changes its sign; 1 rad/s is a few revolutions
-        a minute, and keeps the crossing long enough for the integrator.
+    sigma_coulomb : float or None, optional
+        Prior sd [N m]; None takes 10 % of J w / T (2e-5 N m for a microsatellite's slew: a few
+        per cent of its wheels' torque).
+    sigma_viscous : float or None, optional
+        Prior sd [N m s]; None takes 10 % of Js / T: wheels that coast down over ten slews.
+    smooth_speed : float, optional
+        Wheel speed [rad/s] within which the Coulomb torque changes its sign; 1 rad/s is a few
+        revolutions a minute, and keeps the crossing long enough for the integrator.
 
+    Examples
+    --------
     >>> WheelFriction().smooth_speed
     1.0
     """

@@ -14,16 +14,23 @@ from bayes_inertia.physics.parameters import Normal
 
 @dataclass(frozen=True)
 class WheelMisalignment(Effect):
-    """Each wheel's spin axis g is tilted by two small angles: g + tilt_1 e1 + tilt_2 e2, normalised.
+    """Each wheel's spin axis g is tilted by two small angles.
 
-    e1 is the body axis that makes the largest angle with g, made perpendicular to it; e2 = g x e1.
-    A tilt common to all wheels turns the wheels' frame: it is a rotation of the body frame that J, rate sensor and
-    star tracker are counted in, and only one of the three can be told from the others.
+    It becomes g + tilt_1 e1 + tilt_2 e2, normalised.
+
+    e1 is the body axis that makes the largest angle with g, made perpendicular to it; e2 = g x
+    e1. A tilt common to all wheels turns the wheels' frame: it is a rotation of the body frame
+    that J, rate sensor and star tracker are counted in, and only one of the three can be told
+    from the others.
 
     Parameters
     ----------
-    sigma : prior sd of each angle [rad]; 3e-3 (0.2 deg) is common for wheels that were bolted, not surveyed.
+    sigma : float, optional
+        Prior sd of each angle [rad]; 3e-3 (0.2 deg) is common for wheels that were bolted, not
+        surveyed.
 
+    Examples
+    --------
     >>> WheelMisalignment().sigma
     0.003
     """

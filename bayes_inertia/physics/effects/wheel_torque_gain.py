@@ -12,15 +12,20 @@ from bayes_inertia.physics.parameters import Normal
 
 @dataclass(frozen=True)
 class WheelTorqueGain(Effect):
-    """Every wheel's motor torque is its command times a factor of its own (motor constant, current loop).
+    """Every wheel's motor torque is its command times a factor of its own.
 
-    A gain common to all wheels is exactly degenerate with the size of J unless tachometers see the wheels'
-    momentum. In the measured drive, where commands are not used, it does nothing.
+    The causes are the motor constant and the current loop.
+
+    A gain common to all wheels is exactly degenerate with the size of J unless tachometers see
+    the wheels' momentum. In the measured drive, where commands are not used, it does nothing.
 
     Parameters
     ----------
-    sigma : prior sd of the gain; 0.03 is the usual tolerance of a motor constant over temperature.
+    sigma : float, optional
+        Prior sd of the gain; 0.03 is the usual tolerance of a motor constant over temperature.
 
+    Examples
+    --------
     >>> WheelTorqueGain().sigma
     0.03
     """
