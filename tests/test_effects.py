@@ -27,7 +27,7 @@ from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.check_effect import check_effect
-from bayes_inertia.physics.effect import Effect, State, Trajectory
+from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import (
     LIBRARY,
     ConstantTorque,
@@ -38,6 +38,7 @@ from bayes_inertia.physics.effects import (
 from bayes_inertia.physics.forward_model import Model, predict_all
 from bayes_inertia.physics.parameters import Normal, scalar, vector
 from bayes_inertia.physics.simulator import simulate
+from bayes_inertia.physics.slew_context import State, Trajectory
 from bayes_inertia.physics.slew_input import Start, idle_slew
 from bayes_inertia.physics.small_campaign import small_campaign
 

@@ -40,8 +40,9 @@ from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.inference.objective import N_BIAS
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.effect import Effect, SlewContext, Trajectory
+from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model, NuisanceScale, Sensors, Structure
+from bayes_inertia.physics.slew_context import SlewContext, Trajectory
 
 
 class Whitener(NamedTuple):

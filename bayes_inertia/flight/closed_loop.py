@@ -33,7 +33,6 @@ from bayes_inertia.flight.control_law import (
 )
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.active_effects import ActiveEffects
-from bayes_inertia.physics.effect import Trajectory
 from bayes_inertia.physics.equations_of_motion import (
     SlewState,
     advance,
@@ -41,6 +40,7 @@ from bayes_inertia.physics.equations_of_motion import (
     prepare,
     rate_and_wheel_momentum,
 )
+from bayes_inertia.physics.slew_context import Trajectory
 from bayes_inertia.physics.slew_input import SlewInput, Start
 
 # Relaxation ends when no command changes by more than this fraction of the largest.

@@ -17,7 +17,8 @@ from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.effect import Effect, Trajectory
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.slew_context import Trajectory
 
 
 @array_dataclass

@@ -1,1 +1,6 @@
-"""physics."""
+"""Physics: what a slew's telemetry would be for given J, K and effects.
+
+Enters: a `Campaign`, effects, and parameter values. Leaves: predicted telemetry (`forward_model`),
+and the effect library with its contract (`effect`, `effects`, `check_effect`). Nothing here knows
+of statistics, plans or reports.
+"""

@@ -9,12 +9,13 @@ instances: nothing is registered anywhere, and an effect of your own needs no ed
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar
 
 import jax.numpy as jnp
 from jax import Array
 
 from bayes_inertia.physics.parameters import Parameter
+from bayes_inertia.physics.slew_context import SlewContext, State, Trajectory
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -22,63 +23,20 @@ if TYPE_CHECKING:
     from bayes_inertia.campaign.campaign import Campaign
 
 
-class SlewContext(NamedTuple):
-    """What an effect may know about the slew it acts in (arrays on the integration grid of n points).
-
-    `index` is the slew's number in the campaign, `slews` how many the campaign has, `start` its first row in
-    the campaign [s], `middle` the middle of the whole campaign on that clock [s], `time` (n,) [s] from the
-    slew's own zero, `step` (n,) [s] to the next grid point (0 in padding), `torque` (n, wheels) the commanded
-    motor torque on the wheels [N m], `wheel_axes_B` (3, wheels), `spin_inertia` (wheels,) [kg m^2],
-    `boresight_B` (3,), `rate_axes` (3, 3) the rate sensor's C_rate, one row a sensor axis.
-    """
-
-    index: Array
-    slews: Array
-    start: Array
-    middle: Array
-    time: Array
-    step: Array
-    torque: Array
-    wheel_axes_B: Array
-    spin_inertia: Array
-    boresight_B: Array
-    rate_axes: Array
-
-
-class State(NamedTuple):
-    """The state at one instant: `attitude` (4,), `rate_B` (3,) [rad/s], `wheel_momentum` (wheels,) relative
-    to the body [N m s], `own` (k,) the effect's own states, `inertia_B` (3, 3) [kg m^2] of everything, wheels included
-    (J_locked), as it is in this slew, `magnetic_field_N` (3,) [T], `position_N` (3,) [m]."""
-
-    attitude: Array
-    rate_B: Array
-    wheel_momentum: Array
-    own: Array
-    inertia_B: Array
-    magnetic_field_N: Array
-    position_N: Array
-
-
-class Trajectory(NamedTuple):
-    """The simulated slew on the integration grid: `time` (n,), `attitude` (n, 4), `rate_B` (n, 3),
-    `wheel_momentum` (n, wheels) relative to the body, `own` (n, k) the effect's own states."""
-
-    time: Array
-    attitude: Array
-    rate_B: Array
-    wheel_momentum: Array
-    own: Array
-
-
 @dataclass(frozen=True)
 class Effect:
     """Base of all effects: every hook is "no change".
 
-    Class attributes
-    ----------------
-    name : canonical name, also the prefix of the parameters in results.
-    needs : environment columns without which the effect cannot act ("magnetic_field_N", "position_N").
+    An effect is a frozen dataclass; its fields are its settings, such as the sd of its prior. The
+    class attribute `name` is its canonical name, also the prefix of its parameters in results.
+    `needs` names the environment columns without which it cannot act ("magnetic_field_N",
+    "position_N").
 
+    All hooks take the effect's parameters `p` ({name: array}, shape () or (components,)) and the
+    `SlewContext` of the slew. They return what they were given, changed.
+
+    Examples
+    --------
     >>> Effect().parameters(None)
     ()
     """
@@ -87,11 +45,33 @@ class Effect:
     needs: ClassVar[tuple[str, ...]] = ()
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
-        """The effect's parameters for this campaign (how many wheels, which scales)."""
+        """The effect's parameters.
+
+        Parameters
+        ----------
+        campaign : Campaign
+            Tells how many wheels there are, and the scales of default priors.
+
+        Returns
+        -------
+        tuple of Parameter
+            Each with unit, prior and null value.
+        """
         return ()
 
     def max_step(self, campaign: Campaign) -> float | None:
-        """Longest integration step that resolves the effect [s]; None if the telemetry's own step does."""
+        """The longest integration step that resolves the effect.
+
+        Parameters
+        ----------
+        campaign : Campaign
+            Where it acts.
+
+        Returns
+        -------
+        float or None
+            The step [s]; None if the telemetry's own step is short enough.
+        """
         return None
 
     def afterwards(self) -> Effect:
@@ -114,8 +94,20 @@ class Effect:
         return self
 
     def acts(self, hook: str) -> bool:
-        """Whether this effect changes anything in a hook: the simulator leaves out what nobody uses.
+        """Whether this effect changes anything in a hook; the simulator leaves out the others.
 
+        Parameters
+        ----------
+        hook : str
+            Name of the hook.
+
+        Returns
+        -------
+        bool
+            True if the effect's class overrides it.
+
+        Examples
+        --------
         >>> Effect().acts("body_torque")
         False
         """
@@ -123,60 +115,237 @@ class Effect:
 
     # --- before the slew ---------------------------------------------------------------------
     def inertia(self, p: Mapping[str, Array], slew: SlewContext, inertia_B: Array) -> Array:
-        """Inertia tensor (3, 3) of everything except the wheels' spin [kg m^2] during this slew."""
+        """The inertia tensor during this slew.
+
+        Parameters
+        ----------
+        p : mapping of str to Array
+            The effect's parameters.
+        slew : SlewContext
+            The slew it acts in.
+        inertia_B : (3, 3) array
+            J of everything except the wheels' spin [kg m^2].
+
+        Returns
+        -------
+        (3, 3) array
+            The same, changed [kg m^2].
+        """
         return inertia_B
 
     def wheel_axes(self, p: Mapping[str, Array], slew: SlewContext, axes_B: Array) -> Array:
-        """Spin axes (3, wheels) in body axes."""
+        """The wheels' spin axes.
+
+        Parameters
+        ----------
+        p : mapping of str to Array
+            The effect's parameters.
+        slew : SlewContext
+            The slew it acts in.
+        axes_B : (3, wheels) array
+            Unit spin axes as columns, body frame.
+
+        Returns
+        -------
+        (3, wheels) array
+            The same, changed.
+        """
         return axes_B
 
     def delivered_torque(self, p: Mapping[str, Array], slew: SlewContext, torque: Array) -> Array:
-        """Motor torque on the wheels (n, wheels) [N m], mean over each grid interval, for the commanded one."""
+        """The torque that the motors deliver for the commanded one.
+
+        Parameters
+        ----------
+        p : mapping of str to Array
+            The effect's parameters.
+        slew : SlewContext
+            The slew it acts in.
+        torque : (n, wheels) array
+            Motor torque on the wheels, mean over each grid interval [N m].
+
+        Returns
+        -------
+        (n, wheels) array
+            The same, changed [N m].
+        """
         return torque
 
     # --- in the equations of motion ------------------------------------------------------------
     def wheel_torque(
         self, p: Mapping[str, Array], slew: SlewContext, t: Array, state: State
     ) -> Array:
-        """Further torque between body and wheels, counted ON THE WHEEL (wheels,) [N m] (friction)."""
+        """Further torque between body and wheels (friction).
+
+        Parameters
+        ----------
+        p : mapping of str to Array
+            The effect's parameters.
+        slew : SlewContext
+            The slew it acts in.
+        t : () array
+            Time from the slew's own zero [s].
+        state : State
+            The state at that instant.
+
+        Returns
+        -------
+        (wheels,) array
+            Counted ON THE WHEEL [N m].
+        """
         return jnp.zeros_like(state.wheel_momentum)
 
     def body_torque(
         self, p: Mapping[str, Array], slew: SlewContext, t: Array, state: State
     ) -> Array:
-        """External torque on the spacecraft (3,) [N m], body axes."""
+        """External torque on the spacecraft.
+
+        Parameters
+        ----------
+        p : mapping of str to Array
+            The effect's parameters.
+        slew : SlewContext
+            The slew it acts in.
+        t : () array
+            Time from the slew's own zero [s].
+        state : State
+            The state at that instant.
+
+        Returns
+        -------
+        (3,) array
+            Body frame [N m].
+        """
         return jnp.zeros(3)
 
     # --- own states (flexible mode, slosh) -------------------------------------------------------
     def initial_state(self, p: Mapping[str, Array], slew: SlewContext, rate_B: Array) -> Array:
-        """The effect's own states (k,) at the slew's first row, where the body turns at `rate_B` (3,); (0,) if it has none."""
+        """The effect's own states at the slew's first row.
+
+        Parameters
+        ----------
+        p : mapping of str to Array
+            The effect's parameters.
+        slew : SlewContext
+            The slew it acts in.
+        rate_B : (3,) array
+            Body rate there [rad/s].
+
+        Returns
+        -------
+        (k,) array
+            The states; (0,) if it has none.
+        """
         return jnp.zeros(0)
 
     def state_rate(
         self, p: Mapping[str, Array], slew: SlewContext, t: Array, state: State
     ) -> Array:
-        """Time derivative (k,) of the own states."""
+        """Time derivative of the own states.
+
+        Parameters
+        ----------
+        p : mapping of str to Array
+            The effect's parameters.
+        slew : SlewContext
+            The slew it acts in.
+        t : () array
+            Time from the slew's own zero [s].
+        state : State
+            The state at that instant.
+
+        Returns
+        -------
+        (k,) array
+            Change of each state per second.
+        """
         return jnp.zeros_like(state.own)
 
     def internal_momentum(self, p: Mapping[str, Array], slew: SlewContext, own: Array) -> Array:
-        """Angular momentum (3,) [N m s], body axes, carried by the own states beyond J w + G H."""
+        """Angular momentum that the own states carry beyond J w + G H.
+
+        Parameters
+        ----------
+        p : mapping of str to Array
+            The effect's parameters.
+        slew : SlewContext
+            The slew it acts in.
+        own : (k,) array
+            The own states at one instant.
+
+        Returns
+        -------
+        (3,) array
+            Body frame [N m s].
+        """
         return jnp.zeros(3)
 
-    # --- sensors: whole slews at once, so that delays can look back --------------------------------
+    # --- sensors: whole slews at once, so that delays can look back ----------------------------
     def rate_output(
         self, p: Mapping[str, Array], slew: SlewContext, trajectory: Trajectory, rate_S: Array
     ) -> Array:
-        """Rate-sensor signal (n, 3) [rad/s] in sensor axes before the scale factors: C_rate w + b and what is added."""
+        """The rate sensor's signal before the scale factors.
+
+        Parameters
+        ----------
+        p : mapping of str to Array
+            The effect's parameters.
+        slew : SlewContext
+            The slew it acts in.
+        trajectory : Trajectory
+            The simulated slew, with the effect's own states.
+        rate_S : (n, 3) array
+            C_rate w + b in sensor axes [rad/s].
+
+        Returns
+        -------
+        (n, 3) array
+            The same, changed [rad/s].
+        """
         return rate_S
 
     def attitude_output(
         self, p: Mapping[str, Array], slew: SlewContext, trajectory: Trajectory, attitude: Array
     ) -> Array:
-        """Star-tracker quaternion (n, 4)."""
+        """What the star tracker sees.
+
+        Parameters
+        ----------
+        p : mapping of str to Array
+            The effect's parameters.
+        slew : SlewContext
+            The slew it acts in.
+        trajectory : Trajectory
+            The simulated slew, with the effect's own states.
+        attitude : (n, 4) array
+            Quaternions, body from inertial.
+
+        Returns
+        -------
+        (n, 4) array
+            The same, changed.
+        """
         return attitude
 
     def momentum_output(
         self, p: Mapping[str, Array], slew: SlewContext, trajectory: Trajectory, momentum: Array
     ) -> Array:
-        """Tachometer momentum (n, wheels) [N m s] relative to the body."""
+        """What the tachometers see.
+
+        Parameters
+        ----------
+        p : mapping of str to Array
+            The effect's parameters.
+        slew : SlewContext
+            The slew it acts in.
+        trajectory : Trajectory
+            The simulated slew, with the effect's own states.
+        momentum : (n, wheels) array
+            Wheel momentum relative to the body [N m s].
+
+        Returns
+        -------
+        (n, wheels) array
+            The same, changed [N m s].
+        """
         return momentum

@@ -27,7 +27,7 @@ from bayes_inertia.physics.components import (
     stacked,
     unit,
 )
-from bayes_inertia.physics.effect import SlewContext, State
+from bayes_inertia.physics.slew_context import SlewContext, State
 from bayes_inertia.physics.slew_input import Drive, SlewInput, Start
 
 

@@ -20,10 +20,11 @@ from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.active_effects import ActiveEffects
-from bayes_inertia.physics.effect import Effect, Trajectory
+from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.packing import Arrays, Reference, Telemetry, pack
 from bayes_inertia.physics.parameters import Normal, Parameter, ParameterSpace, scalar
 from bayes_inertia.physics.simulator import simulate
+from bayes_inertia.physics.slew_context import Trajectory
 from bayes_inertia.physics.slew_input import Drive, SlewInput, Start
 
 # Slow shapes of tachometer noise that move the attitude; the rest acts only on its own sample.

@@ -15,7 +15,7 @@ from jax import Array
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.physics.effect import SlewContext
+from bayes_inertia.physics.slew_context import SlewContext
 from bayes_inertia.physics.slew_input import SlewInput
 
 CHANNELS = ("rate", "attitude", "momentum")

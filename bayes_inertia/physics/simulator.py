@@ -24,7 +24,6 @@ from bayes_inertia.physics.components import (
     stacked,
     unit,
 )
-from bayes_inertia.physics.effect import Trajectory
 from bayes_inertia.physics.equations_of_motion import (
     MassProperties,
     SlewState,
@@ -34,6 +33,7 @@ from bayes_inertia.physics.equations_of_motion import (
     prepare,
     rate_components,
 )
+from bayes_inertia.physics.slew_context import Trajectory
 from bayes_inertia.physics.slew_input import Drive, SlewInput, Start
 
 # Hooks that make more than the attitude change during a slew.

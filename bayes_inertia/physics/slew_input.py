@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayes_inertia.physics.effect import SlewContext
+from bayes_inertia.physics.slew_context import SlewContext
 
 Drive = Literal["commanded", "measured"]
 

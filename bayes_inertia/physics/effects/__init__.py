@@ -1,4 +1,4 @@
-"""The effect library: one small file per effect, and the explicit tuple of those that are tried by default.
+"""The effect library: one small file per effect, and the tuple of those tried by default.
 
 The membership of `LIBRARY` decides how many comparisons a diagnosis makes. An effect of your own
 belongs in a file of your own: hand an instance to `Model` (see `analyses/outside_effect.py`).
@@ -78,12 +78,25 @@ __all__ = [
 
 
 def by_name(names: Sequence[str]) -> tuple[Effect, ...]:
-    """The library's effects with these names, in the order given.
+    """The library's effects with these names.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names such as "rate_bias".
+
+    Returns
+    -------
+    tuple of Effect
+        Instances with default priors, in the order given.
 
     Raises
     ------
-    EffectError : a name is not in the library (the error lists the nearest ones), or is given twice.
+    EffectError
+        If a name is not in the library (the error lists the nearest ones), or is given twice.
 
+    Examples
+    --------
     >>> [effect.name for effect in by_name(["rate_bias"])]
     ['rate_bias']
     """

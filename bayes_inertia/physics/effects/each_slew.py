@@ -10,8 +10,9 @@ import jax.numpy as jnp
 from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.physics.effect import Effect, SlewContext
+from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.parameters import Parameter
+from bayes_inertia.physics.slew_context import SlewContext
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,8 @@ class EachSlew(Effect):
         --------
         >>> from bayes_inertia.physics.effects.wheel_command_lag import WheelCommandLag
         >>> from bayes_inertia.physics.small_campaign import small_campaign
-        >>> EachSlew.of(WheelCommandLag(), small_campaign()).parameters(small_campaign())[0].names[:2]
+        >>> campaign = small_campaign()
+        >>> EachSlew.of(WheelCommandLag(), campaign).parameters(campaign)[0].names[:2]
         ('tau_1', 'tau_2')
         """
         parameters = inner.parameters(campaign)

@@ -11,7 +11,8 @@ import numpy as np
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.parameters import LogNormal, Normal, scalar, vector
 
-# Steps per period at the prior's upper end (two sd): Runge-Kutta is then wrong by 4e-3 rad of phase a period there, 1e-4 at the median.
+# Steps per period at the prior's upper end (two sd): Runge-Kutta is then wrong by 4e-3 rad of
+# phase a period there, by 1e-4 at the median.
 _STEPS_A_PERIOD = 12.0
 
 
@@ -28,7 +29,7 @@ class FlexibleMode(Effect):
     With the base free the mode rings at W / sqrt(1 - delta^T J_rest^-1 delta), faster than W;
     delta and -delta are one mode. Frequency and damping do nothing at zero coupling, which is
     therefore a stationary point of the posterior: `fit` and `diagnose` begin at the ringing
-    that the residuals show best (`oscillator`).
+    that the residuals show best.
 
     Parameters
     ----------

@@ -8,8 +8,9 @@ from typing import ClassVar
 import jax.numpy as jnp
 from jax import Array
 
-from bayes_inertia.physics.effect import Effect, SlewContext
+from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.parameters import Normal, scalar
+from bayes_inertia.physics.slew_context import SlewContext
 
 
 @dataclass(frozen=True)
@@ -48,7 +49,10 @@ class RateSensorDelay(Effect):
 
 
 def _at(slew: SlewContext, rows: Array, times: Array) -> Array:
-    """Rows (n, 3) given on the slew's grid at other times (m,): linear in between and beyond the ends; at a row, the line before it."""
+    """Rows (n, 3) given on the slew's grid, at other times (m,).
+
+    Linear in between and beyond the ends; at a row, the line before it.
+    """
     steps = jnp.sum(slew.step > 0.0)  # what follows is padding
     left = jnp.clip(jnp.searchsorted(slew.time, times, side="left") - 1, 0, steps - 1)
     slope = (rows[left + 1] - rows[left]) / slew.step[left][:, None]

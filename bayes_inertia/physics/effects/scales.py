@@ -1,7 +1,8 @@
-"""The sizes that default priors are measured in, so that one library serves satellites and thrown test bodies.
+"""The sizes that default priors are measured in.
 
-With typical rate w, duration T and inertia J of a campaign, J w / T is the torque that would make or
-stop the observed motion within one slew: disturbances are stated as fractions of it.
+One library serves satellites and thrown test bodies. With typical rate w, duration T and inertia J
+of a campaign, J w / T is the torque that would make or stop the observed motion within one slew:
+disturbances are stated as fractions of it.
 """
 
 from __future__ import annotations
@@ -11,14 +12,28 @@ from bayes_inertia.physics.parameters import Parameter, Prior, vector
 
 
 def torque_scale(campaign: Campaign) -> float:
-    """J w / T [N m].
+    """The torque J w / T that would make or stop the observed motion within one slew.
 
+    Parameters
+    ----------
+    campaign : Campaign
+        The campaign that tells typical rate w, duration T and inertia J.
+
+    Returns
+    -------
+    float
+        J w / T [N m].
+
+    Examples
+    --------
     >>> import numpy as np
     >>> from bayes_inertia.campaign.hardware import RateSensor
     >>> from bayes_inertia.campaign.inertia_prior import InertiaPrior
     >>> from bayes_inertia.campaign.slew import Slew
     >>> slew = Slew("a", 0.0, np.array([0.0, 10.0]), rate=np.array([[0.1, 0.0, 0.0]] * 2))
-    >>> round(torque_scale(Campaign("c", InertiaPrior(2.0 * np.eye(3), 0.1, 0.1), (), RateSensor(sigma=1e-5), None, (slew,))), 9)
+    >>> prior = InertiaPrior(2.0 * np.eye(3), 0.1, 0.1)
+    >>> campaign = Campaign("c", prior, (), RateSensor(sigma=1e-5), None, (slew,))
+    >>> round(torque_scale(campaign), 9)
     0.02
     """
     rate, duration, inertia = campaign.scale_of_motion()
@@ -28,6 +43,30 @@ def torque_scale(campaign: Campaign) -> float:
 def per_wheel(
     campaign: Campaign, name: str, *, unit: str, prior: Prior, null: float = 0.0
 ) -> tuple[Parameter, ...]:
-    """One parameter with a component a wheel; none for a campaign without wheels (hooks then get an empty `p`)."""
+    """One parameter with a component a wheel.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        The campaign whose wheels give the components their names.
+    name, unit : str
+        Of the parameter; the unit is SI.
+    prior : Prior
+        The prior that all components share.
+    null : float, optional
+        The value at which the parameter does nothing.
+
+    Returns
+    -------
+    tuple of Parameter
+        One parameter; none for a campaign without wheels (hooks then get an empty `p`).
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.parameters import Normal
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> per_wheel(small_campaign(), "gain", unit="", prior=Normal(1.0, 0.03))[0].names
+    ('gain_x', 'gain_y', 'gain_z')
+    """
     names = [wheel.name for wheel in campaign.wheels]
     return (vector(name, names, unit=unit, prior=prior, null=null),) if names else ()

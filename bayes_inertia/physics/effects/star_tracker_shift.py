@@ -14,7 +14,7 @@ from bayes_inertia.physics.parameters import Normal, vector
 
 @dataclass(frozen=True)
 class StarTrackerShift(Effect):
-    """Fixes in the second half of each slew are turned by exp(shift) against those in the first half.
+    """Fixes in a slew's second half are turned by exp(shift) against those in its first half.
 
     The method reads the tracker before and after each slew; an alignment that differs between
     the two (the bench warms in the new attitude, stray light or aberration bends one of them)

@@ -43,7 +43,7 @@ class StarTrackerTimeOffset(Effect):
 
     def attitude_output(self, p, slew, trajectory, attitude):
         rate, step = trajectory.rate_B, slew.step
-        # Angle turned since the first row: the integral of the piecewise linear rate, continued at the ends.
+        # Angle turned since the first row: the integral of the piecewise linear rate.
         turned = jnp.cumsum(
             0.5 * (rate + jnp.concatenate([rate[1:], rate[-1:]])) * step[:, None], axis=0
         )

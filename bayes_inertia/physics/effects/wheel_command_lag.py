@@ -43,7 +43,8 @@ class WheelCommandLag(Effect):
 
     def delivered_torque(self, p, slew, torque):
         tau = p["tau"]
-        # exp(-step/tau) and all its derivatives vanish as tau -> 0; the guarded branch says so without 0 * inf.
+        # exp(-step/tau) and all its derivatives vanish as tau -> 0.
+        # The guarded branch says so without 0 * inf.
         slow = tau > slew.step / 500.0
         decay = jnp.where(slow, jnp.exp(-slew.step / jnp.where(slow, tau, 1.0)), 0.0)
         decay = jnp.where(slew.step > 0.0, decay, 1.0)

@@ -1,0 +1,103 @@
+"""What an effect sees: the slew it acts in, the state at one instant, and the simulated slew."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from jax import Array
+
+
+class SlewContext(NamedTuple):
+    """What an effect may know about the slew it acts in, on the integration grid of n points.
+
+    Parameters
+    ----------
+    index : () array
+        Number of the slew in the campaign, from 0.
+    slews : () array
+        How many slews the campaign has.
+    start : () array
+        First row of the slew on the campaign's clock [s].
+    middle : () array
+        Middle of the whole campaign on that clock [s].
+    time : (n,) array
+        The grid, from the slew's own zero [s].
+    step : (n,) array
+        Time to the next grid point [s]; 0 in padding.
+    torque : (n, wheels) array
+        Commanded motor torque on the wheels [N m].
+    wheel_axes_B : (3, wheels) array
+        Unit spin axes as columns, body frame.
+    spin_inertia : (wheels,) array
+        Spin inertias [kg m^2].
+    boresight_B : (3,) array
+        Unit boresight of the star tracker, body frame.
+    rate_axes : (3, 3) array
+        C_rate of the rate sensor, one row a sensor axis.
+    """
+
+    index: Array
+    slews: Array
+    start: Array
+    middle: Array
+    time: Array
+    step: Array
+    torque: Array
+    wheel_axes_B: Array
+    spin_inertia: Array
+    boresight_B: Array
+    rate_axes: Array
+
+
+class State(NamedTuple):
+    """The state at one instant, as an effect sees it.
+
+    Parameters
+    ----------
+    attitude : (4,) array
+        Quaternion, body from inertial, scalar last.
+    rate_B : (3,) array
+        Body rate [rad/s].
+    wheel_momentum : (wheels,) array
+        Wheel momentum relative to the body [N m s].
+    own : (k,) array
+        The effect's own states.
+    inertia_B : (3, 3) array
+        J_locked in this slew: the inertia of everything, wheels included [kg m^2].
+    magnetic_field_N : (3,) array
+        Magnetic field in inertial axes [T].
+    position_N : (3,) array
+        Position from the planet's centre in inertial axes [m].
+    """
+
+    attitude: Array
+    rate_B: Array
+    wheel_momentum: Array
+    own: Array
+    inertia_B: Array
+    magnetic_field_N: Array
+    position_N: Array
+
+
+class Trajectory(NamedTuple):
+    """The simulated slew on the integration grid of n points.
+
+    Parameters
+    ----------
+    time : (n,) array
+        The grid, from the slew's own zero [s].
+    attitude : (n, 4) array
+        Quaternions, body from inertial, scalar last.
+    rate_B : (n, 3) array
+        Body rate [rad/s].
+    wheel_momentum : (n, wheels) array
+        Wheel momentum relative to the body [N m s].
+    own : (n, k) array
+        The effect's own states.
+    """
+
+    time: Array
+    attitude: Array
+    rate_B: Array
+    wheel_momentum: Array
+    own: Array
