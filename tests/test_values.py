@@ -173,3 +173,12 @@ def test_a_tree_of_data_stays_a_tree():
     # A DataTree is a mapping, but no dictionary: copied as one it would lose its attributes.
     tree = xr.DataTree.from_dict({"/posterior": xr.Dataset({"Jxx": ("draw", np.zeros(3))})})
     assert Posterior(tree).tree is tree
+
+
+def test_trees_of_data_compare_as_a_whole():
+    def tree(value):
+        return Holder(xr.DataTree.from_dict({"a": xr.Dataset({"x": ("i", [value, np.nan])})}))
+
+    assert (tree(1.0) == tree(1.0)) is True
+    assert (tree(1.0) == tree(2.0)) is False
+    assert hash(tree(1.0)) == hash(tree(1.0))

@@ -152,6 +152,8 @@ def equal(first: Any, second: Any) -> bool:
         return True
     if _is_array(first) or _is_array(second):
         return _is_array(first) and _is_array(second) and _equal_arrays(first, second)
+    if hasattr(first, "identical"):  # xarray's word: its `==` compares element by element.
+        return type(first) is type(second) and bool(first.identical(second))
     if isinstance(first, Mapping) and isinstance(second, Mapping):
         return first.keys() == second.keys() and all(equal(first[k], second[k]) for k in first)
     if isinstance(first, tuple | list):
@@ -159,8 +161,6 @@ def equal(first: Any, second: Any) -> bool:
         return same_form and all(equal(x, y) for x, y in zip(first, second, strict=True))
     if isinstance(first, float) and isinstance(second, float) and math.isnan(first):
         return math.isnan(second)
-    if hasattr(first, "identical"):  # xarray's word: its `==` compares element by element.
-        return type(first) is type(second) and bool(first.identical(second))
     return bool(first == second)
 
 
@@ -178,10 +178,12 @@ def _hashable(value: Any) -> Any:
     """What equal fields have in common and is quick to hash: of an array its shape."""
     if _is_array(value):
         return np.shape(value)
+    if hasattr(value, "identical"):
+        return type(value)
     if isinstance(value, Mapping):
         return frozenset(value)
     if isinstance(value, tuple | list):
         return tuple(_hashable(x) for x in value)
     if isinstance(value, float) and math.isnan(value):
         return "nan"
-    return type(value) if hasattr(value, "identical") else hash(value)
+    return hash(value)
