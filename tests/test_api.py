@@ -24,8 +24,8 @@ PUBLIC = set(
     Campaign InertiaPrior RateSensor Slew StarTracker Wheel read_campaign write_campaign
     CheckedEffect Drive Effect LIBRARY LogNormal Model Normal Parameter ParameterSpace
     SlewContext State Trajectory check_effect scalar vector
-    Controller Flight Mission Orbit Plan PlannedSlew Spacecraft fly most_like_prior most_like_spacecraft
-    paper_like_plan read_plan simulate write_plan
+    Controller Flight Mission Orbit Plan PlannedSlew Spacecraft fly most_like_prior
+    most_like_spacecraft paper_like_plan read_plan simulate write_plan
     ChannelTest Estimate Posterior Settings estimate fit
     Arrival Degeneracy Direction Observability ParameterView observe
     Alternative Candidate Cells DiagnosedFit Diagnosis Disagreement History Investigation Match

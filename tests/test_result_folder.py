@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import json
+import os
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import bayes_inertia
 from bayes_inertia.app import (
     compare_folder,
     design_folder,
     observe_folder,
-    result_folder,
     run_folder,
 )
 from bayes_inertia.app.design_request import DesignRequest
@@ -160,11 +161,11 @@ def quick(monkeypatch):
     observability = SimpleNamespace(to_json=lambda: {"drive": "commanded"})
     monkeypatch.setattr(observe_folder.optimizer, "estimate", lambda *_, **__: None)
     monkeypatch.setattr(observe_folder, "observe", lambda *_: observability)
-    figure = SimpleNamespace(savefig=lambda path, **_: Path(path).write_bytes(b"picture"))
+    figure = Figure()
     for module, name in (
-        (design_folder, "comparison_picture"),
-        (compare_folder, "comparison_picture"),
-        (observe_folder, "observability_picture"),
+        (design_folder, "draw_comparison"),
+        (compare_folder, "draw_comparison"),
+        (observe_folder, "draw_observability"),
     ):
         monkeypatch.setattr(module, name, lambda _: figure)
 
@@ -194,19 +195,16 @@ def test_after_a_kill_between_two_writes_the_same_command_goes_on(
     tmp_path, monkeypatch, quick, command, written
 ):
     run, files = COMMANDS[command]
-    writes = []
+    replaced = []
 
-    def killed(path, content):
-        if len(writes) == written:
+    def killed(temporary, path):
+        if len(replaced) == written:
             raise KeyboardInterrupt
-        writes.append(path)
-        return write(path, content)
+        replaced.append(path)
+        os.rename(temporary, path)
 
-    write = result_folder.write_atomically
     with monkeypatch.context() as patched:
-        for module in (result_folder, design_folder):
-            patched.setattr(module, "write_atomically", killed)
-        patched.setattr("bayes_inertia.flight.plan_file.write_atomically", killed, raising=False)
+        patched.setattr(os, "replace", killed)
         try:
             run(tmp_path / "run")
         except KeyboardInterrupt:
