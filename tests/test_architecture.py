@@ -101,6 +101,66 @@ def test_imports_follow_the_arrows(path):
         assert imported(parse(path)) <= set(ARROWS)
 
 
+# Modules that a wing must not import although it may import their wing: they search and decide.
+# The report reads results, and the limits that were used stand in them.
+DECIDING_MODULES = {
+    "report": {
+        "diagnosis.search",
+        "diagnosis.rules",
+        "design.designer",
+        "design.plan_search",
+        "inference.optimizer",
+        "inference.residual_tests",
+        "inference.sampler",
+        "observability.analysis",
+        "observability.observe",
+    },
+}
+
+
+def imported_modules(tree: ast.Module) -> set[str]:
+    """Wing and module ("wing.module") of everything imported from the package."""
+    names: set[str] = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            names |= {node.module} | {f"{node.module}.{alias.name}" for alias in node.names}
+    parts = [name.split(".")[1:3] for name in names if name.startswith("bayes_inertia.")]
+    return {".".join(part) for part in parts if len(part) == 2}
+
+
+def results_of_the_fit(tree: ast.Module) -> set[str]:
+    """What is imported from the module of the posterior, which holds a result and its limits."""
+    return {
+        alias.name
+        for node in ast.walk(tree)
+        if isinstance(node, ast.ImportFrom) and node.module == "bayes_inertia.inference.posterior"
+        for alias in node.names
+    }
+
+
+@every_module
+def test_the_report_reads_results_and_never_decides(path):
+    tree, wing = parse(path), name_of(path)
+    assert imported_modules(tree) & DECIDING_MODULES.get(wing, set()) == set()
+    if wing == "report":
+        assert results_of_the_fit(tree) <= {"Posterior"}
+
+
+def test_the_check_of_deciding_modules_can_fail():
+    tree = ast.parse(
+        "from bayes_inertia.diagnosis.search import Rules\n"
+        "from bayes_inertia.inference import sampler\n"
+        "from bayes_inertia.inference.posterior import OBSERVABLE_ABOVE"
+    )
+    assert imported_modules(tree) & DECIDING_MODULES["report"] == {
+        "diagnosis.search",
+        "inference.sampler",
+    }
+    assert results_of_the_fit(tree) == {"OBSERVABLE_ABOVE"}
+
+
 def test_the_arrows_make_no_circle():
     below: dict[str, set[str]] = {}
     for wing, targets in ARROWS.items():
