@@ -19,9 +19,11 @@ from bayes_inertia.inference.objective import normal_equations
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.observability.against_posterior import compare_with_posterior
-from bayes_inertia.observability.analysis import observe, variance_inflation
+from bayes_inertia.observability.analysis import observe
 from bayes_inertia.observability.degeneracy import data_information, stated_degeneracies
-from bayes_inertia.observability.result import commands_worth, in_windows, sentence
+from bayes_inertia.observability.result import commands_worth, in_windows
+from bayes_inertia.observability.sentences import sentence
+from bayes_inertia.observability.variance_inflation import inflation_by_group
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.simulator import simulate
@@ -47,7 +49,7 @@ def test_inflation_by_one_group_is_one_over_one_minus_r_squared():
     r = 0.8
     H = np.array([[1.0, r, 0.0], [r, 1.0, 0.0], [0.0, 0.0, 4.0]])
     np.testing.assert_allclose(
-        variance_inflation(H, [np.array([1]), np.array([2])], 1),
+        inflation_by_group(H, [np.array([1]), np.array([2])], 1),
         [[1.0 / (1.0 - r**2), 1.0]],
         rtol=1e-12,
     )
@@ -58,7 +60,7 @@ def test_inflation_is_the_average_over_all_orders_and_multiplies_to_the_whole():
     rows = rng.normal(size=(12, 7))
     H = rows.T @ rows
     groups = [np.array([0, 1]), np.array([2]), np.array([3, 5]), np.array([4, 6])]
-    factors = variance_inflation(H, groups, 2)
+    factors = inflation_by_group(H, groups, 2)
     for i in range(2):
         logs = np.zeros(len(groups))
         for order in permutations(range(len(groups))):
@@ -72,7 +74,7 @@ def test_inflation_is_the_average_over_all_orders_and_multiplies_to_the_whole():
         np.testing.assert_allclose(np.log(factors[i]), logs, atol=1e-10)
         assert abs(np.prod(factors[i]) - np.linalg.inv(H)[i, i] * H[i, i]) < 1e-9
     assert factors.min() >= 1.0 - 1e-12
-    again = variance_inflation(H, groups[::-1], 2)
+    again = inflation_by_group(H, groups[::-1], 2)
     np.testing.assert_allclose(again[:, ::-1], factors, rtol=1e-10)
 
 

@@ -13,12 +13,13 @@ from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.observability.against_posterior import (
-    Comparison,
-    as_json,
+    PosteriorComparison,
     compare_with_posterior,
+    comparison_json,
 )
 from bayes_inertia.observability.analysis import observe
-from bayes_inertia.observability.result import FORMAT, Observability
+from bayes_inertia.observability.observability_json import FORMAT, observability_json
+from bayes_inertia.observability.result import Observability
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.slew_input import Drive
@@ -36,12 +37,12 @@ class ObservedCampaign:
     ----------
     observability : Observability
         What the campaign tells about each parameter.
-    comparison : tuple of Comparison or None
+    comparison : tuple of PosteriorComparison or None
         With the posterior of the same fit; None where the folder has none.
     """
 
     observability: Observability
-    comparison: tuple[Comparison, ...] | None
+    comparison: tuple[PosteriorComparison, ...] | None
 
 
 def run_observe(
@@ -94,8 +95,8 @@ def run_observe(
     other_drive = _in_other_drive(estimate, seed) if both_drives else None
     observability = observe(estimate, other_drive)
     comparison = _comparison(observability, folder, digest)
-    rows = None if comparison is None else as_json(comparison)
-    owner.claim(observability.to_json() | {"seed": seed, "posterior": rows})
+    rows = None if comparison is None else comparison_json(comparison)
+    owner.claim(observability_json(observability) | {"seed": seed, "posterior": rows})
     write_png(draw_observability(observability), folder / PICTURE)
     return ObservedCampaign(observability, comparison)
 
@@ -113,7 +114,7 @@ def _in_other_drive(estimate: Estimate, seed: int) -> Estimate | None:
 
 def _comparison(
     observability: Observability, folder: Path, digest: str
-) -> tuple[Comparison, ...] | None:
+) -> tuple[PosteriorComparison, ...] | None:
     path = folder / "posterior.nc"
     if not path.is_file():
         return None

@@ -12,17 +12,39 @@ from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.physical_draws import are_physical
-from bayes_inertia.observability.result import Observability
+from bayes_inertia.observability.result import Observability, ParameterObservability
 
-# Differences are reported above this and above four times their Monte Carlo error.
-_SD, _SHIFT, _SKEW, _KURTOSIS = 0.05, 0.1, 0.2, 0.5
+# A difference is reported above its limit plus four times its Monte Carlo error.
+_LOG_SD_RATIO = 0.05
+_SHIFT = 0.1  # [predicted sd]
+_SKEWNESS = 0.2
+_KURTOSIS = 0.5
+_ERRORS = 4.0
+# Part of the predicted Gaussian that no body can have, above which it is named.
 _TRUNCATED = 1e-3
 
 
 @dataclass(frozen=True)
-class Comparison:
-    """One parameter: `predicted_sd` (Fisher with priors) and `posterior_sd` (emcee), their `ratio` posterior over predicted,
-    `shift` of the posterior's mean from the optimum [predicted sd], `skewness`, `kurtosis` (0 for a Gaussian), `warnings`."""
+class PosteriorComparison:
+    """One parameter: what was predicted, and what was sampled.
+
+    Parameters
+    ----------
+    name : str
+        Of the parameter.
+    predicted_sd : float
+        Fisher, with priors, in its unit.
+    posterior_sd : float
+        Of the draws, in its unit.
+    ratio : float
+        Posterior over predicted sd.
+    shift : float
+        Of the posterior's mean from the optimum [predicted sd].
+    skewness, kurtosis : float
+        Of the draws; 0 for a Gaussian.
+    warnings : tuple of str
+        What differs, and what to use.
+    """
 
     name: str
     predicted_sd: float
@@ -34,75 +56,102 @@ class Comparison:
     warnings: tuple[str, ...]
 
 
-def compare_with_posterior(found: Observability, posterior: Posterior) -> tuple[Comparison, ...]:
+def compare_with_posterior(
+    observability: Observability, posterior: Posterior
+) -> tuple[PosteriorComparison, ...]:
     """Predicted and sampled uncertainty side by side.
+
+    Parameters
+    ----------
+    observability : Observability
+        The prediction.
+    posterior : Posterior
+        A fit of the same campaign, effects and drive.
+
+    Returns
+    -------
+    tuple of PosteriorComparison
+        One for each parameter.
 
     Raises
     ------
-    EstimateError : the posterior is of other parameters.
+    EstimateError
+        If the posterior is of other parameters.
     """
-    if list(found.names) != posterior.names:
+    if list(observability.names) != posterior.names:
         raise EstimateError(
             "the posterior is of other parameters",
-            where=", ".join(sorted(set(found.names) ^ set(posterior.names))),
+            where=", ".join(sorted(set(observability.names) ^ set(posterior.names))),
             advice="fit again",
         )
     effective = max(float(posterior.attributes["diagnostics"]["ess_bulk_min"]), 4.0)
-    cut = _unphysical(found)
+    unphysical = _unphysical_share(observability)
     return tuple(
-        _compare(found, i, posterior.samples[:, i], effective, cut) for i in range(len(found.names))
+        _compare(p, posterior.samples[:, i], effective, unphysical)
+        for i, p in enumerate(observability.parameters)
     )
 
 
-def as_json(rows: tuple[Comparison, ...]) -> dict[str, dict[str, Any]]:
-    """{parameter: its comparison} for observability.json."""
-    return {
-        row.name: {
-            **{k: v for k, v in asdict(row).items() if k != "name"},
-            "warnings": list(row.warnings),
-        }
-        for row in rows
-    }
+def comparison_json(comparison: tuple[PosteriorComparison, ...]) -> dict[str, dict[str, Any]]:
+    """The comparison as observability.json holds it.
+
+    Parameters
+    ----------
+    comparison : tuple of PosteriorComparison
+        One for each parameter.
+
+    Returns
+    -------
+    dict
+        By name of the parameter.
+    """
+    content = {}
+    for row in comparison:
+        fields = asdict(row)
+        content[fields.pop("name")] = fields | {"warnings": list(row.warnings)}
+    return content
 
 
 def _compare(
-    found: Observability, i: int, draws: np.ndarray, effective: float, cut: float
-) -> Comparison:
-    p = found.parameters[i]
+    p: ParameterObservability, draws: np.ndarray, effective: float, unphysical: float
+) -> PosteriorComparison:
     sd = float(draws.std(ddof=1))
     shift, ratio = float((draws.mean() - p.value) / p.sd), sd / p.sd
     skewness, kurtosis = float(stats.skew(draws)), float(stats.kurtosis(draws))
-    differs = abs(np.log(ratio)) > _SD + 4.0 / np.sqrt(2.0 * effective) or abs(
+    differs = abs(np.log(ratio)) > _LOG_SD_RATIO + _ERRORS / np.sqrt(2.0 * effective) or abs(
         shift
-    ) > _SHIFT + 4.0 / np.sqrt(effective)
-    odd = abs(skewness) > _SKEW + 4.0 * np.sqrt(6.0 / effective) or abs(
+    ) > _SHIFT + _ERRORS / np.sqrt(effective)
+    odd = abs(skewness) > _SKEWNESS + _ERRORS * np.sqrt(6.0 / effective) or abs(
         kurtosis
-    ) > _KURTOSIS + 4.0 * np.sqrt(24.0 / effective)
+    ) > _KURTOSIS + _ERRORS * np.sqrt(24.0 / effective)
     warnings = []
     if p.verdict in ("prior", "weakly"):
         warnings.append("prior-dominated: both numbers say mostly what was known before")
     if differs:
         warnings.append(
-            f"the posterior differs from the prediction: sd {ratio:.3g} times, mean moved by {shift:+.2g} predicted sd; use the posterior's"
+            f"the posterior differs from the prediction: sd {ratio:.3g} times, "
+            f"mean moved by {shift:+.2g} predicted sd; use the posterior's"
         )
-    if cut > _TRUNCATED and p.name in inertia_tensor.ELEMENTS and (differs or odd):
+    if unphysical > _TRUNCATED and p.name in inertia_tensor.ELEMENTS and (differs or odd):
         warnings.append(
-            f"truncated by physics: {100 * cut:.2g} % of the predicted Gaussian are tensors that no body has"
+            f"truncated by physics: {100 * unphysical:.2g} % of the predicted Gaussian "
+            "are tensors that no body has"
         )
     if odd:
         warnings.append(
-            f"non-Gaussian: skewness {skewness:+.2g}, excess kurtosis {kurtosis:+.2g}; quote quantiles, not an sd"
+            f"non-Gaussian: skewness {skewness:+.2g}, excess kurtosis {kurtosis:+.2g}; "
+            "quote quantiles, not an sd"
         )
-    return Comparison(p.name, p.sd, sd, ratio, shift, skewness, kurtosis, tuple(warnings))
+    return PosteriorComparison(p.name, p.sd, sd, ratio, shift, skewness, kurtosis, tuple(warnings))
 
 
-def _unphysical(found: Observability, draws: int = 20_000) -> float:
+def _unphysical_share(observability: Observability, draws: int = 20_000) -> float:
     """Part of the predicted Gaussian of J that no body can have."""
-    names = list(found.names)
+    names = list(observability.names)
     index = [names.index(e) for e in inertia_tensor.ELEMENTS]
-    mean = np.array([found.parameters[i].value for i in index])
+    mean = np.array([observability.parameters[i].value for i in index])
     rng = np.random.default_rng(0)
     drawn = rng.multivariate_normal(
-        mean, found.covariance[np.ix_(index, index)], draws, method="eigh"
+        mean, observability.covariance[np.ix_(index, index)], draws, method="eigh"
     )
     return float(1.0 - np.mean(are_physical(drawn)))

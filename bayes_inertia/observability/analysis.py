@@ -1,24 +1,23 @@
 """What a campaign tells about each parameter, and why it does not tell more.
 
-All numbers belong to the Gauss-Newton approximation around an estimate, H = sum A + prior with the information A
-of every slew and channel. For parameter i with marginal variance C_ii, the joint direction w = C e_i / C_ii moves
-i by one and lets everything else follow as it hides the change best. Then
+All numbers belong to the Gauss-Newton approximation around an estimate, H = sum A + prior with the
+information A of every slew and channel. For parameter i with marginal variance C_ii, the joint
+direction w = C e_i / C_ii moves i by one and lets everything else follow as it hides the change
+best. Then
 
-    1 / C_ii = w^T H w = sum over rows (projected column)^2 + own prior + priors of everything else,
+    1 / C_ii = w^T H w = sum over rows (projected column)^2 + own prior + other priors,
 
-which splits what is known of i, exactly, by slew, by channel and by row of telemetry. What is lost to other
-parameters is C_ii H_ii, the variance inflation; it is split among groups by Shapley's value of log variance
-(Shapley 1953; for variances Owen 2014), so that the factors multiply to the whole and no order is preferred.
+which splits what is known of i, exactly, by slew, by channel and by row of telemetry. What is lost
+to other parameters is C_ii H_ii, the variance inflation (see `variance_inflation`).
 
-What the feedback controller hides: seen from the attitude alone, a controller makes a wrong J almost invisible,
-because it commands whatever torque keeps the slew on its profile. The fit takes the commands as recorded, so that
-nothing is hidden from it: the response that the controller removed from the motion stands in the commands. How much
-the commands are worth is the sd of a fit that ignores them (measured drive) over that of one that uses them.
+What the feedback controller hides: seen from the attitude alone, a controller makes a wrong J
+almost invisible, because it commands whatever torque keeps the slew on its profile. The fit takes
+the commands as recorded, so that nothing is hidden from it: the response that the controller
+removed from the motion stands in the commands. How much the commands are worth is the sd of a fit
+that ignores them (measured drive) over that of one that uses them.
 """
 
 from __future__ import annotations
-
-from math import factorial
 
 import numpy as np
 
@@ -29,113 +28,84 @@ from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.observability.degeneracy import EXACT_BELOW, in_words, stated_degeneracies
 from bayes_inertia.observability.result import (
     PRIOR_BELOW,
-    Arrival,
     Direction,
+    InformationArrival,
     Observability,
-    ParameterView,
+    ParameterObservability,
 )
+from bayes_inertia.observability.variance_inflation import inflation_by_group
 from bayes_inertia.physics.packing import CHANNELS
 
 GROUPS = ("J", "K", "initial conditions", "tachometer noise", "rate bias", "effects")
+_PARTNERS = 3  # correlated parameters that are listed
+_ATTITUDE = CHANNELS.index("attitude")
 
 
-def observe(at: Estimate, other: Estimate | None = None) -> Observability:
+def observe(estimate: Estimate, other_drive: Estimate | None = None) -> Observability:
     """What the campaign tells about each fitted parameter, and why not more.
 
     Parameters
     ----------
-    at : an estimate.
-    other : the same campaign and effects estimated in the other drive, to see what the recorded commands are worth.
+    estimate : Estimate
+        Of the campaign.
+    other_drive : Estimate, optional
+        The same campaign and effects estimated in the other drive, to see what the recorded
+        commands are worth.
+
+    Returns
+    -------
+    Observability
+        Numbers for each parameter, for directions, and over time.
 
     Raises
     ------
-    EstimateError : `other` is of other parameters or of the same drive.
+    EstimateError
+        If the second estimate is of other parameters or of the same drive.
     """
-    if other is not None and (
-        other.model.space.names != at.model.space.names
-        or other.model.structure.drive == at.model.structure.drive
+    model = estimate.model
+    if other_drive is not None and (
+        other_drive.model.space.names != model.space.names
+        or other_drive.model.structure.drive == model.structure.drive
     ):
         raise EstimateError(
             "the second estimate is not of the same parameters in the other drive",
             advice="estimate Model(campaign, effects, drive=...)",
         )
-    names = [at.model.space.names[i] for i in at.free]
-    campaign = at.model.campaign
+    names = [model.space.names[i] for i in estimate.free]
     return Observability(
-        campaign=campaign.name,
-        drive=at.model.structure.drive,
-        effects=tuple(e.name for e in at.model.effects),
-        slews=tuple(s.name for s in campaign.slews),
-        parameters=_parameters(at, names, other),
-        covariance=at.covariance[np.ix_(at.free, at.free)],
-        directions=_directions(at, names),
-        degeneracies=stated_degeneracies(at),
-        arrivals=_arrivals(at),
-        discounted=at.discounted,
+        campaign=model.campaign.name,
+        drive=model.structure.drive,
+        effects=tuple(effect.name for effect in model.effects),
+        slews=tuple(slew.name for slew in model.campaign.slews),
+        parameters=_parameters(estimate, names, other_drive),
+        covariance=estimate.covariance[np.ix_(estimate.free, estimate.free)],
+        directions=_directions(estimate, names),
+        degeneracies=stated_degeneracies(estimate),
+        arrivals=_arrivals(estimate),
+        discounted=estimate.discounted,
     )
 
 
-def variance_inflation(precision: np.ndarray, groups: list[np.ndarray], wanted: int) -> np.ndarray:
-    """Factors (wanted, groups) by which not knowing each group multiplies the variance of the first `wanted` unknowns.
-
-    The product over groups is C_ii H_ii for the precision H (n, n) and C = H^-1; a group that holds i stands for the others in it.
-
-    >>> H = np.array([[1.0, 0.6, 0.0], [0.6, 1.0, 0.0], [0.0, 0.0, 1.0]])
-    >>> variance_inflation(H, [np.array([0]), np.array([1]), np.array([2])], 1).round(4).tolist()
-    [[1.0, 1.5625, 1.0]]
-    """
-    n, logs = len(groups), {}
-    for mask in range(2**n):
-        inside = np.concatenate(
-            [g for k, g in enumerate(groups) if mask >> k & 1] or [np.zeros(0, int)]
-        ).astype(int)
-        logs[mask] = _log_variances(precision, inside, wanted)
-    out = np.zeros((wanted, n))
-    for k in range(n):
-        for mask in (m for m in range(2**n) if not m >> k & 1):
-            size = mask.bit_count()
-            weight = factorial(size) * factorial(n - size - 1) / factorial(n)
-            out[:, k] += weight * (logs[mask | 1 << k] - logs[mask])
-    return np.exp(out)
-
-
-def _log_variances(precision: np.ndarray, uncertain: np.ndarray, wanted: int) -> np.ndarray:
-    """Log variances (wanted,) where only `uncertain` and the unknown itself are not known."""
-    own = np.diag(precision)[:wanted].copy()
-    if not len(uncertain):
-        return -np.log(own)
-    covariance = inverse(precision[np.ix_(uncertain, uncertain)])
-    cross = precision[np.ix_(uncertain, np.arange(wanted))]
-    variance = np.zeros(wanted)
-    outside = ~np.isin(np.arange(wanted), uncertain)
-    variance[outside] = 1.0 / (
-        own[outside] - np.einsum("ki,kl,li->i", cross[:, outside], covariance, cross[:, outside])
-    )
-    for place, i in enumerate(uncertain):
-        if i < wanted:
-            variance[i] = covariance[place, place]
-    return np.log(variance)
-
-
-def _groups(at: Estimate) -> dict[str, np.ndarray]:
+def _groups(estimate: Estimate) -> dict[str, np.ndarray]:
     """Where each group's unknowns stand in the joint vector; groups without any are left out."""
-    free, m = at.free, at.point.local.shape[1]
-    f, structure = len(free), at.model.structure
-    starts = 6 + (structure.wheels if structure.drive == "commanded" else 0)
-    local = f + N_BIAS + np.arange(at.point.local.size).reshape(-1, m)
+    free, m = estimate.free, estimate.point.n_local
+    f, structure = len(free), estimate.model.structure
+    n_start = 6 + (structure.wheels if structure.drive == "commanded" else 0)
+    local = f + N_BIAS + np.arange(estimate.point.local.size).reshape(-1, m)
     parts = (
         np.flatnonzero(free < 6),
         np.flatnonzero((free >= 6) & (free < 9)),
-        local[:, :starts].ravel(),
-        local[:, starts:].ravel(),
+        local[:, :n_start].ravel(),
+        local[:, n_start:].ravel(),
+        f + np.arange(N_BIAS),
+        np.flatnonzero(free >= 9),
     )
-    parts = (*parts, f + np.arange(N_BIAS), np.flatnonzero(free >= 9))
     return {name: part for name, part in zip(GROUPS, parts, strict=True) if len(part)}
 
 
-def _sd_without(at: Estimate) -> tuple[np.ndarray, np.ndarray]:
-    """sd (slews, f) without each slew and (3, f) without each channel; NaN for channels without data."""
-    f, shape, fit = len(at.free), at.information.n_data.shape, at.linearised()
+def _sd_without(estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
+    """sd (slews, f) without each slew, and (3, f) without each channel (NaN: it has no data)."""
+    f, shape, fit = len(estimate.free), estimate.information.n_data.shape, estimate.linearised()
 
     def sd(weights: np.ndarray) -> np.ndarray:
         return np.sqrt(np.diag(inverse(fit.weighted_hessian(weights)))[:f])
@@ -146,7 +116,7 @@ def _sd_without(at: Estimate) -> tuple[np.ndarray, np.ndarray]:
             for s in range(shape[0])
         ]
     )
-    measured = at.information.n_data.any(axis=0)
+    measured = estimate.information.n_data.any(axis=0)
     channels = [
         sd(np.where(np.arange(3) == c, 0.0, np.ones(shape))) if measured[c] else np.full(f, np.nan)
         for c in range(3)
@@ -154,101 +124,117 @@ def _sd_without(at: Estimate) -> tuple[np.ndarray, np.ndarray]:
     return slews, np.stack(channels)
 
 
-def _followers(at: Estimate) -> np.ndarray:
+def _followers(estimate: Estimate) -> np.ndarray:
     """w (joint, f): how everything follows each parameter, 1 at the parameter itself."""
-    f = len(at.free)
-    return at.joint_covariance[:, :f] / np.diag(at.joint_covariance)[:f]
+    f = len(estimate.free)
+    return estimate.joint_covariance[:, :f] / np.diag(estimate.joint_covariance)[:f]
 
 
-def _parameters(
-    at: Estimate, names: list[str], other: Estimate | None
-) -> tuple[ParameterView, ...]:
-    space, free, f = at.model.space, at.free, len(at.free)
-    m, w, variance = at.point.local.shape[1], _followers(at), np.diag(at.joint_covariance)[:f]
-    blocks = [block_index(f + N_BIAS, m, s) for s in range(at.model.n_slews)]
+def _shares(estimate: Estimate) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Parts of the marginal precision: data (slews, 3, f), own prior (f,), all priors (f,)."""
+    f, m, w = len(estimate.free), estimate.point.n_local, _followers(estimate)
+    variance = np.diag(estimate.joint_covariance)[:f]
+    blocks = [block_index(f + N_BIAS, m, s) for s in range(estimate.model.n_slews)]
     share = (
         np.stack(
             [
                 np.einsum("pf,cpq,qf->cf", w[i], a, w[i])
-                for i, a in zip(blocks, at.information.matrix, strict=True)
+                for i, a in zip(blocks, estimate.information.matrix, strict=True)
             ]
         )
         * variance
     )
-    slope = prior_rows(at.model, at.theta)[0][free]
+    slope = prior_rows(estimate.model, estimate.theta)[0][estimate.free]
     prior = np.concatenate([slope**2, np.ones(len(w) - f)])[:, None] * w**2 * variance
-    own_prior = np.diag(prior[:f])
-    own = np.stack([[np.diag(c)[:f] for c in a] for a in at.information.matrix])
-    groups = _groups(at)
-    factors = variance_inflation(at.hessian, list(groups.values()), f)
-    without_slew, without_channel = _sd_without(at)
-    correlation = at.covariance[np.ix_(free, free)] / np.sqrt(np.outer(variance, variance))
-    robust, prior_sd = at.robust_sd, space.sd[free]
-    size = np.where(free < 6, np.abs(at.theta[free]), np.abs(at.theta - space.nulls)[free])
-    out = []
-    for k, name in enumerate(names):
-        near = [j for j in np.argsort(-np.abs(correlation[k])) if j != k][:3]
-        sd = float(np.sqrt(variance[k]))
-        out.append(
-            ParameterView(
-                name=name,
-                unit=space.units[free[k]],
-                value=float(at.theta[free[k]]),
-                prior_sd=float(prior_sd[k]),
-                sd=sd,
-                robust_sd=None if robust is None else float(robust[free[k]]),
-                contraction=float(1.0 - variance[k] / prior_sd[k] ** 2),
-                signal=float(np.sqrt(own[..., k].sum()) * prior_sd[k]),
-                signal_by=np.sqrt(np.maximum(own[..., k], 0.0)) * prior_sd[k],
-                signal_of_size=float(np.sqrt(own[..., k].sum()) * size[k]),
-                conditional_sd=float(at.hessian[k, k] ** -0.5),
-                variance_inflation=float(variance[k] * at.hessian[k, k]),
-                inflation=dict(zip(groups, factors[k].tolist(), strict=True)),
-                share=share[..., k],
-                share_own_prior=float(own_prior[k]),
-                share_other_priors=float(prior[:, k].sum() - own_prior[k]),
-                sd_without_slew=without_slew[:, k],
-                sd_without_channel=without_channel[:, k],
-                partners=tuple((names[j], float(correlation[k, j])) for j in near),
-                sd_other_drive=None if other is None else float(other.sd[free[k]]),
-            )
+    return share, np.diag(prior[:f]), np.array([prior[:, k].sum() for k in range(f)])
+
+
+def _parameters(
+    estimate: Estimate, names: list[str], other_drive: Estimate | None
+) -> tuple[ParameterObservability, ...]:
+    space, free, f, theta = estimate.model.space, estimate.free, len(names), estimate.theta
+    variance = np.diag(estimate.joint_covariance)[:f]
+    share, own_prior, all_priors = _shares(estimate)
+    # Information on each parameter alone, by slew and channel.
+    alone = np.stack([[np.diag(c)[:f] for c in a] for a in estimate.information.matrix])
+    groups = _groups(estimate)
+    factors = inflation_by_group(estimate.hessian, list(groups.values()), f)
+    without_slew, without_channel = _sd_without(estimate)
+    correlation = estimate.covariance[np.ix_(free, free)] / np.sqrt(np.outer(variance, variance))
+    robust, prior_sd = estimate.robust_sd, space.sd[free]
+    size = np.where(free < 6, np.abs(theta[free]), np.abs(theta - space.nulls)[free])
+    return tuple(
+        ParameterObservability(
+            name=name,
+            unit=space.units[free[k]],
+            value=float(theta[free[k]]),
+            prior_sd=float(prior_sd[k]),
+            sd=float(np.sqrt(variance[k])),
+            robust_sd=None if robust is None else float(robust[free[k]]),
+            contraction=float(1.0 - variance[k] / prior_sd[k] ** 2),
+            signal=float(np.sqrt(alone[..., k].sum()) * prior_sd[k]),
+            signal_by=np.sqrt(np.maximum(alone[..., k], 0.0)) * prior_sd[k],
+            signal_of_size=float(np.sqrt(alone[..., k].sum()) * size[k]),
+            conditional_sd=float(estimate.hessian[k, k] ** -0.5),
+            variance_inflation=float(variance[k] * estimate.hessian[k, k]),
+            inflation=dict(zip(groups, factors[k].tolist(), strict=True)),
+            share=share[..., k],
+            share_own_prior=float(own_prior[k]),
+            share_other_priors=float(all_priors[k] - own_prior[k]),
+            sd_without_slew=without_slew[:, k],
+            sd_without_channel=without_channel[:, k],
+            partners=_partners(names, correlation[k], k),
+            sd_other_drive=None if other_drive is None else float(other_drive.sd[free[k]]),
         )
-    return tuple(out)
+        for k, name in enumerate(names)
+    )
 
 
-def _directions(at: Estimate, names: list[str]) -> tuple[Direction, ...]:
+def _partners(names: list[str], correlation: np.ndarray, k: int) -> tuple[tuple[str, float], ...]:
+    """The parameters that parameter k is most correlated with."""
+    nearest = [j for j in np.argsort(-np.abs(correlation)) if j != k][:_PARTNERS]
+    return tuple((names[j], float(correlation[j])) for j in nearest)
+
+
+def _directions(estimate: Estimate, names: list[str]) -> tuple[Direction, ...]:
     """Eigen-directions of the covariance in prior sds, least known first."""
-    slope = prior_rows(at.model, at.theta)[0][at.free]
-    left, vectors = np.linalg.eigh(at.covariance[np.ix_(at.free, at.free)] * np.outer(slope, slope))
+    slope = prior_rows(estimate.model, estimate.theta)[0][estimate.free]
+    covariance = estimate.covariance[np.ix_(estimate.free, estimate.free)]
+    left, vectors = np.linalg.eigh(covariance * np.outer(slope, slope))
     left = np.clip(left, 1e-300, 1.0)
     information = (1.0 - left) / left
     typical = max(float(np.median(information)), 1.0)
-    out = []
+    directions = []
     for k in np.argsort(-left):
         exact = bool(information[k] < EXACT_BELOW * typical and 1.0 - left[k] < PRIOR_BELOW)
-        vector = vectors[:, k] * np.sign(vectors[np.argmax(np.abs(vectors[:, k])), k])
-        out.append(
+        weights = vectors[:, k] * np.sign(vectors[np.argmax(np.abs(vectors[:, k])), k])
+        directions.append(
             Direction(
-                vector, float(information[k]), float(1.0 - left[k]), exact, in_words(names, vector)
+                weights=weights,
+                information=float(information[k]),
+                contraction=float(1.0 - left[k]),
+                exact=exact,
+                says=in_words(names, weights),
             )
         )
-    return tuple(out)
+    return tuple(directions)
 
 
-def _arrivals(at: Estimate) -> tuple[Arrival, ...]:
-    model, w = at.model, _followers(at)
-    f, m = len(at.free), at.point.n_local
-    jacobian = at.linearised().fitted_columns()
-    fix_row = np.asarray(model.data.arrays.telemetry.fix_row)
-    out = []
+def _arrivals(estimate: Estimate) -> tuple[InformationArrival, ...]:
+    model, w = estimate.model, _followers(estimate)
+    f, m = len(estimate.free), estimate.point.n_local
+    jacobian = estimate.linearised().fitted_columns()
+    telemetry, widths = model.data.arrays.telemetry, (3, 3, max(1, model.structure.wheels))
+    fix_row = np.asarray(telemetry.fix_row)
+    arrivals = []
     for s, slew in enumerate(model.campaign.slews):
         follow = w[block_index(f + N_BIAS, m, s)]
-        rows = np.zeros((model.data.arrays.telemetry.rate.shape[1], len(CHANNELS), f))
-        for c, (columns, width) in enumerate(
-            zip(jacobian, (3, 3, max(1, model.structure.wheels)), strict=True)
-        ):
+        rows = np.zeros((telemetry.rate.shape[1], len(CHANNELS), f))
+        for c, (columns, width) in enumerate(zip(jacobian, widths, strict=True)):
             projected = columns[s] @ follow
             squares = (projected**2).reshape(-1, width, f).sum(1)
-            np.add.at(rows[:, c], fix_row[s] if c == 1 else np.arange(len(squares)), squares)
-        out.append(Arrival(slew.name, slew.time - slew.time[0], rows[: len(slew.time)]))
-    return tuple(out)
+            place = fix_row[s] if c == _ATTITUDE else np.arange(len(squares))
+            np.add.at(rows[:, c], place, squares)
+        time = slew.time - slew.time[0]
+        arrivals.append(InformationArrival(slew.name, time, rows[: len(time)]))
+    return tuple(arrivals)

@@ -64,7 +64,7 @@ def show_observability(observed: ObservedCampaign, folder: Path) -> None:
     folder : Path
         Where its files are.
     """
-    from bayes_inertia.observability import result
+    from bayes_inertia.observability.sentences import sentence
 
     console, observability = plain_console(), observed.observability
     console.print(_parameter_table(observability))
@@ -74,7 +74,7 @@ def show_observability(observed: ObservedCampaign, folder: Path) -> None:
     )
     console.print("commands: sd with the torque commands ignored over sd with them")
     for name in observability.names:
-        console.print(f"  {result.sentence(observability, name)}")
+        console.print(f"  {sentence(observability, name)}")
     _show_directions(observability)
     for degeneracy in observability.degeneracies:
         console.print(headed(f"{degeneracy.name}:", f" {degeneracy.says}"))
@@ -85,13 +85,13 @@ def show_observability(observed: ObservedCampaign, folder: Path) -> None:
 
 
 def _parameter_table(observability: Observability) -> Table:
-    from bayes_inertia.observability import result
+    from bayes_inertia.observability.result import commands_worth
 
     table = Table(box=SIMPLE)
     for heading in _COLUMNS:
         table.add_column(heading, no_wrap=True)
     for p in observability.parameters:
-        worth = result.commands_worth(p, observability.drive)
+        worth = commands_worth(p, observability.drive)
         table.add_row(
             p.name,
             f"{p.prior_sd:.2g}",

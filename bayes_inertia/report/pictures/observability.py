@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
-from bayes_inertia.observability.result import Arrival, Observability, in_windows
+from bayes_inertia.observability.result import InformationArrival, Observability, in_windows
 from bayes_inertia.report.pictures import style
 
 _CROSS = ("Jxy", "Jxz", "Jyz")
@@ -15,7 +15,7 @@ _MOST_SLEWS = 6
 
 
 @style.styled
-def draw_observability(found: Observability) -> Figure:
+def draw_observability(observability: Observability) -> Figure:
     """Prior to posterior, what not knowing the others costs, and when information arrives.
 
     Left: sd over prior sd, a mark where it would be were everything else known. Right: by how
@@ -24,7 +24,7 @@ def draw_observability(found: Observability) -> Figure:
 
     Parameters
     ----------
-    found : Observability
+    observability : Observability
         What `observe` returned.
 
     Returns
@@ -32,36 +32,38 @@ def draw_observability(found: Observability) -> Figure:
     Figure
         Two panels above, at most six below.
     """
-    shown = [name for name in _CROSS if name in found.names] or list(found.names)[:3]
-    arrivals = _telling(found, shown)
-    n, slews = len(found.parameters), len(arrivals)
+    shown = [name for name in _CROSS if name in observability.names] or list(observability.names)[
+        :3
+    ]
+    arrivals = _telling(observability, shown)
+    n, slews = len(observability.parameters), len(arrivals)
     bars, below, top, gap = 0.34 * n + 0.3, 2.2, 0.75, 1.15
     height = top + bars + gap + below + 0.55
     figure = Figure(figsize=(style.WIDTH, height))
     place = (height - top - bars) / height
     left = figure.add_axes((0.13, place, 0.36, bars / height))
-    _bars(left, found)
+    _bars(left, observability)
     right = figure.add_axes((0.56, place, 0.42, bars / height), sharey=left)
-    _inflation(right, found)
+    _inflation(right, observability)
     width = 0.87 / slews
     panels = [
         figure.add_axes((0.11 + s * width, 0.55 / height, 0.86 * width, below / height))
         for s in range(slews)
     ]
-    _times(panels, found, arrivals, shown)
+    _times(panels, observability, arrivals, shown)
     return figure
 
 
-def _telling(found: Observability, shown: list[str]) -> list[Arrival]:
+def _telling(observability: Observability, shown: list[str]) -> list[InformationArrival]:
     """The slews that tell most of the shown parameters, in the order flown."""
-    parts = np.sum([found[name].share.sum(1) for name in shown], axis=0)
-    return [found.arrivals[s] for s in sorted(np.argsort(-parts)[:_MOST_SLEWS])]
+    parts = np.sum([observability[name].share.sum(1) for name in shown], axis=0)
+    return [observability.arrivals[s] for s in sorted(np.argsort(-parts)[:_MOST_SLEWS])]
 
 
-def _bars(axes: Axes, found: Observability) -> None:
-    y = np.arange(len(found.parameters))
-    sd = np.array([p.sd / p.prior_sd for p in found.parameters])
-    known = np.array([p.conditional_sd / p.prior_sd for p in found.parameters])
+def _bars(axes: Axes, observability: Observability) -> None:
+    y = np.arange(len(observability.parameters))
+    sd = np.array([p.sd / p.prior_sd for p in observability.parameters])
+    known = np.array([p.conditional_sd / p.prior_sd for p in observability.parameters])
     low = 0.5 * min(known.min(), sd.min())
     colors = [
         {
@@ -70,7 +72,7 @@ def _bars(axes: Axes, found: Observability) -> None:
             "weakly": style.ORANGE,
             "prior": style.VERMILLION,
         }[p.verdict]
-        for p in found.parameters
+        for p in observability.parameters
     ]
     axes.barh(y, sd - low, left=low, height=0.55, color=colors)
     axes.plot(known, y, "|", color=style.INK, ms=10, mew=1.4)
@@ -79,16 +81,16 @@ def _bars(axes: Axes, found: Observability) -> None:
         xscale="log",
         xlim=(low, 1.6),
         yticks=y,
-        yticklabels=found.names,
+        yticklabels=observability.names,
         ylim=(len(y) - 0.4, -0.6),
         xlabel="sd / prior sd (mark: all else known)",
     )
     axes.set_title("prior to posterior")
 
 
-def _inflation(axes: Axes, found: Observability) -> None:
-    groups = list(found.parameters[0].inflation)
-    for y, p in enumerate(found.parameters):
+def _inflation(axes: Axes, observability: Observability) -> None:
+    groups = list(observability.parameters[0].inflation)
+    for y, p in enumerate(observability.parameters):
         start = 0.0
         for k, group in enumerate(groups):
             length = max(0.0, 0.5 * np.log10(p.inflation[group]))
@@ -112,7 +114,7 @@ def _inflation(axes: Axes, found: Observability) -> None:
             color=style.MUTED,
         )
     axes.tick_params(axis="y", labelleft=False)
-    most = max(0.5 * np.log10(max(p.variance_inflation, 1.0)) for p in found.parameters)
+    most = max(0.5 * np.log10(max(p.variance_inflation, 1.0)) for p in observability.parameters)
     axes.set(xlim=(0.0, 1.2 * max(most, 0.1)), xlabel="decades of sd lost to not knowing …")
     handles = [
         Patch(fc=style.COLORS[k % 6], hatch="///" if k % 2 else None, ec="white", label=g)
@@ -128,13 +130,20 @@ def _inflation(axes: Axes, found: Observability) -> None:
 
 
 def _times(
-    panels: list[Axes], found: Observability, arrivals: list[Arrival], shown: list[str]
+    panels: list[Axes],
+    observability: Observability,
+    arrivals: list[InformationArrival],
+    shown: list[str],
 ) -> None:
     highest = 0.0
     for s, (axes, arrival) in enumerate(zip(panels, arrivals, strict=True)):
         edges, precision = in_windows(arrival)
         for k, name in enumerate(shown):
-            share = 100.0 * precision[..., found.names.index(name)].sum(1) * found[name].sd ** 2
+            share = (
+                100.0
+                * precision[..., observability.names.index(name)].sum(1)
+                * observability[name].sd ** 2
+            )
             highest = max(highest, float(share.max()))
             axes.stairs(share, edges, color=style.COLORS[k], ls=style.DASHES[k], lw=1.2, label=name)
         axes.set(xlabel="time in the slew [s]")

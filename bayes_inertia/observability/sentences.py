@@ -1,0 +1,100 @@
+"""Why each parameter is as uncertain as it is, in plain sentences."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from bayes_inertia.observability.result import (
+    Observability,
+    ParameterObservability,
+    commands_worth,
+)
+from bayes_inertia.physics.packing import CHANNELS
+
+_WORTH_SAYING = 1.2  # ratio of sds from which the worth of the commands is mentioned
+_LOST_FROM = 1.21  # variance inflation from which something is called lost
+_MOST_GROUPS = 3
+
+
+def sentence(observability: Observability, name: str) -> str:
+    """Why a parameter is as uncertain as it is.
+
+    Parameters
+    ----------
+    observability : Observability
+        What `observe` returned.
+    name : str
+        Of the parameter.
+
+    Returns
+    -------
+    str
+        One plain sentence.
+    """
+    p = observability[name]
+    if p.signal < 1.0:
+        return (
+            f"{name} is the prior: a change by its whole prior sd moves all telemetry "
+            f"by {p.signal:.2g} sigma, less than the noise."
+        )
+    gain = p.prior_sd / p.sd
+    verdict = {
+        "prior": "is the prior, although the telemetry responds",
+        "weakly": f"is mostly the prior, {gain:.2g} times sharper than it",
+        "partly": f"is partly determined, {gain:.2g} times sharper than the prior",
+        "determined": f"is determined, {gain:,.3g} times sharper than the prior",
+    }[p.verdict]
+    parts = [f"{name} {verdict} (signal {p.signal:,.3g} sigma)", _lost(p)]
+    middle = observability.middle_half(name)
+    if middle and p.verdict != "prior":
+        _, begin, end = middle
+        source = _source(p, observability.slews)
+        parts.append(f"{source}, half of that slew's part between {begin:.4g} and {end:.4g} s")
+    worth = commands_worth(p, observability.drive)
+    if worth is not None and worth > _WORTH_SAYING:
+        parts.append(f"without the recorded commands its sd would be {worth:.2g} times larger")
+    return "; ".join(parts) + "."
+
+
+def _lost(p: ParameterObservability) -> str:
+    """To which other unknowns information is lost."""
+    if p.variance_inflation < _LOST_FROM:
+        return "almost nothing is lost to other unknowns"
+    logs = {group: math.log(max(factor, 1.0)) for group, factor in p.inflation.items()}
+    worst = [
+        group
+        for group in sorted(logs, key=lambda group: -logs[group])
+        if logs[group] > 0.15 * sum(logs.values()) and p.inflation[group] > 1.1
+    ]
+    named = ", ".join(
+        f"{_group_without(p.name, group)} (x{math.sqrt(p.inflation[group]):.2g})"
+        for group in worst[:_MOST_GROUPS]
+    )
+    return (
+        f"its sd is {math.sqrt(p.variance_inflation):.2g} times what it would be "
+        f"with all else known, mostly through {named}"
+    )
+
+
+def _group_without(name: str, group: str) -> str:
+    """A group of unknowns as seen from one parameter, which may be a member of it."""
+    is_member = {"J": name.startswith("J"), "K": name in ("K1", "K2", "K3"), "effects": "." in name}
+    return f"the rest of {group}" if is_member.get(group) else group
+
+
+def _source(p: ParameterObservability, slews: tuple[str, ...]) -> str:
+    """Which slew and which channel tell most."""
+    by_slew, by_channel = p.share.sum(1), p.share.sum(0)
+    best, channel = int(np.argmax(by_slew)), int(np.argmax(by_channel))
+    prior = p.share_own_prior + p.share_other_priors
+    if prior > 0.5:
+        return (
+            f"{100 * prior:.0f} % of what is known is prior knowledge; "
+            f"of the slews {slews[best]} tells most, through the {CHANNELS[channel]} channel"
+        )
+    return (
+        f"{100 * by_slew[best]:.0f} % of what is known comes from {slews[best]}, "
+        f"{100 * by_channel[channel]:.0f} % from the {CHANNELS[channel]} channel"
+    )
