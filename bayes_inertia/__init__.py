@@ -77,11 +77,11 @@ _PUBLIC = {
     "estimate": "inference.optimizer",
     "fit": "app.fit_campaign",
     # What a campaign tells.
-    "Arrival": "observability.result",
     "Degeneracy": "observability.degeneracy",
     "Direction": "observability.result",
+    "InformationArrival": "observability.result",
     "Observability": "observability.result",
-    "ParameterView": "observability.result",
+    "ParameterObservability": "observability.result",
     "observe": "observability.analysis",
     # What is missing in the model.
     "Alternative": "diagnosis.model_averaging",
@@ -120,6 +120,7 @@ _PUBLIC = {
     # Reports.
     "Picture": "report.section",
     "Section": "report.section",
+    "standard_sections": "report.fit_sections",
     "write_report": "report.page",
     # Errors.
     "BayesInertiaError": "errors",

@@ -27,12 +27,12 @@ PUBLIC = set(
     Controller Flight Mission Orbit Plan PlannedSlew Spacecraft fly most_like_prior
     most_like_spacecraft paper_like_plan read_plan simulate write_plan
     ChannelTest Estimate Posterior Settings estimate fit
-    Arrival Degeneracy Direction Observability ParameterView observe
+    Degeneracy Direction InformationArrival Observability ParameterObservability observe
     Alternative Candidate Cells DiagnosedFit Diagnosis Disagreement History Investigation Match
     Rival Rules Spectrum Step Undetected Unknown Window diagnose diagnose_and_fit investigate
     Achieved Contender CorrectionForecast Design Goal KeepOut Limits Margin Separation
     compare_plans design_plan next_slew separating_slew
-    Picture Section write_report
+    Picture Section standard_sections write_report
     BayesInertiaError CampaignError DesignError EffectError EstimateError OutputError
     """.split()  # noqa: SIM905
 )
