@@ -31,15 +31,17 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy import linalg
 
-from bayes_inertia.design.comparison import NAMES, Achieved, Contender, achieve, compare_plans
-from bayes_inertia.design.designer import design_plan, problem_for
+from bayes_inertia.design.comparison import NAMES, Contender, compare_plans
+from bayes_inertia.design.design_setup import set_up_design
+from bayes_inertia.design.designer import design_plan
+from bayes_inertia.design.expected_accuracy import estimate_at_truth, expected_sd
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.limits import Limits
 from bayes_inertia.design.margins import flown_margins
 from bayes_inertia.design.plan_search import random_plans
 from bayes_inertia.design.planned_motion import slew_arrays
-from bayes_inertia.design.rehearsal import expected_sd, rehearse
 from bayes_inertia.design.separating_slew import separating_slew
+from bayes_inertia.design.simulated_fits import AchievedErrors, fit_simulated_campaigns
 from bayes_inertia.diagnosis.score_test import Fingerprints, fingerprints
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.files import write_atomically
@@ -110,8 +112,8 @@ def gains() -> dict:
     out = {}
     for wanted in GOALS:
         plan = plan_for(wanted)
-        problem, _, reference, _ = problem_for(
-            MISSION, parse_goal(wanted), LIMITS, paper_like_plan(), 5, 0, 1
+        problem, _, reference, _ = set_up_design(
+            MISSION, parse_goal(wanted), LIMITS, paper_like_plan(), 5, seed=0, draws=1
         )
         values, tried, seed = [], 0, 1000
         while len(values) < RANDOM:
@@ -122,7 +124,7 @@ def gains() -> dict:
             "designed": problem.value(problem.variables(slew_arrays(plan))),
             "paper": problem.value(problem.variables(slew_arrays(reference))),
         }
-        exact = [rehearse(p, MISSION).sd for p in (plan, reference)]
+        exact = [estimate_at_truth(p, MISSION).sd for p in (plan, reference)]
         out[wanted] = {
             "unit": parse_goal(wanted).unit,
             **number,
@@ -187,15 +189,17 @@ def plans() -> dict[str, Plan]:
 
 
 def _do_shard(path: Path, plan: Plan, seed: int, n: int) -> None:
-    found = achieve(plan, MISSION, n, seed)
+    found = fit_simulated_campaigns(plan, MISSION, n, seed)
     write_atomically(
         path,
-        json.dumps({key: getattr(found, key).tolist() for key in Achieved.__dataclass_fields__})
+        json.dumps(
+            {key: getattr(found, key).tolist() for key in AchievedErrors.__dataclass_fields__}
+        )
         + "\n",
     )
 
 
-def achieved(campaigns: int, jobs: int) -> dict[str, Achieved]:
+def achieved(campaigns: int, jobs: int) -> dict[str, AchievedErrors]:
     """Errors of refitted campaigns by plan; shards of 25 that are there already are read."""
     folder = ROOT / "run_design"
     folder.mkdir(exist_ok=True)
@@ -216,10 +220,10 @@ def achieved(campaigns: int, jobs: int) -> dict[str, Achieved]:
     out = {}
     for name, paths in files.items():
         parts = [json.loads(path.read_text()) for path in paths]
-        out[name] = Achieved(
+        out[name] = AchievedErrors(
             *(
                 np.concatenate([np.array(p[key]) for p in parts])
-                for key in Achieved.__dataclass_fields__
+                for key in AchievedErrors.__dataclass_fields__
             )
         )
     return out
@@ -331,7 +335,7 @@ def _plans_and_marks(
 
 def _marks(plan: Plan, craft: Spacecraft, pair: tuple[str, str]) -> Fingerprints:
     """Fingerprints of two effects in a flight without them."""
-    at = rehearse(plan, Mission(craft, PRIOR), controller=MISSION.controller())
+    at = estimate_at_truth(plan, Mission(craft, PRIOR), controller=MISSION.controller())
     return fingerprints(move_to(at, Model(at.model.campaign, by_name(pair))), pair)
 
 
@@ -387,8 +391,8 @@ def times() -> dict:
             [sys.executable, "-c", _COLD], check=True, capture_output=True, text=True
         ).stdout.splitlines()[-1]
     )
-    problem, _, reference, _ = problem_for(
-        MISSION, parse_goal("cross_terms"), LIMITS, paper_like_plan(), 5, 0, 3
+    problem, _, reference, _ = set_up_design(
+        MISSION, parse_goal("cross_terms"), LIMITS, paper_like_plan(), 5, seed=0, draws=3
     )
     x = problem.variables(slew_arrays(reference))
     began = time.perf_counter()

@@ -6,7 +6,7 @@ tachometers and misalignment.
 writes `figures/cross_terms.png`, `analyses/results/cross_terms.json` and the page
 `analyses/CROSS_TERMS.md` (about ten minutes).
 Every sd is that of the full model, linearised at the truth of closed-loop flights with noise
-(`bayes_inertia.design.rehearsal`),
+(`bayes_inertia.design.expected_accuracy`),
 root mean square over a few truths drawn from the prior.
 """
 
@@ -23,7 +23,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bayes_inertia.design.comparison import NAMES
-from bayes_inertia.design.rehearsal import likely_truths, rehearse
+from bayes_inertia.design.expected_accuracy import estimate_at_truth, likely_missions
 from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan, paper_like_plan
@@ -91,9 +91,9 @@ def expected(plan: Plan, craft: Spacecraft, fitted: bool) -> list[float]:
     """
     effects = by_name((MISALIGNMENT,)) if fitted else ()
     controller = Controller.from_prior(PRIOR, craft.rate_sensor, craft.wheels)
-    truths = likely_truths(plan, Mission(craft, PRIOR), TRUTHS + 1, 1)[1:]
+    truths = likely_missions(plan, Mission(craft, PRIOR), TRUTHS + 1, 1)[1:]
     sds = [
-        rehearse(plan, truth, effects, controller=controller, seed=i).sd[:9]
+        estimate_at_truth(plan, truth, effects, controller=controller, seed=i).sd[:9]
         for i, truth in enumerate(truths)
     ]
     return np.sqrt(np.mean(np.square(sds), axis=0)).tolist()
@@ -427,10 +427,13 @@ def page(found: dict) -> str:
 
 def computed() -> dict:
     """All numbers."""
-    at = rehearse(plan_at(), MISSION)
-    misaligned = rehearse(plan_at(), MISSION, by_name((MISALIGNMENT,))).sd[9:]
+    at = estimate_at_truth(plan_at(), MISSION)
+    misaligned = estimate_at_truth(plan_at(), MISSION, by_name((MISALIGNMENT,))).sd[9:]
     losses = {
-        str(r): observe(rehearse(plan_at(r), MISSION))["Jxy"].inflation["initial conditions"] ** 0.5
+        str(r): observe(estimate_at_truth(plan_at(r), MISSION))["Jxy"].inflation[
+            "initial conditions"
+        ]
+        ** 0.5
         for r in (0.2, 0.5, 1.0, 2.0)
     }
     h = np.linalg.norm(plan_at().wheel_momentum)

@@ -104,7 +104,7 @@ _PUBLIC = {
     "diagnose_and_fit": "app.diagnosed_fit",
     "investigate": "app.investigation",
     # What to fly next.
-    "Achieved": "design.comparison",
+    "AchievedErrors": "design.simulated_fits",
     "Contender": "design.comparison",
     "CorrectionForecast": "design.correction_slew",
     "Design": "design.designer",

@@ -30,7 +30,7 @@ PUBLIC = set(
     Degeneracy Direction InformationArrival Observability ParameterObservability observe
     Alternative Candidate Cells DiagnosedFit Diagnosis Disagreement History Investigation Match
     Rival Rules Spectrum Step Undetected Unknown Window diagnose diagnose_and_fit investigate
-    Achieved Contender CorrectionForecast Design Goal KeepOut Limits Margin Separation
+    AchievedErrors Contender CorrectionForecast Design Goal KeepOut Limits Margin Separation
     compare_plans design_plan next_slew separating_slew
     Picture Section standard_sections write_report
     BayesInertiaError CampaignError DesignError EffectError EstimateError OutputError

@@ -21,11 +21,14 @@ from bayes_inertia.app.design_request import keep_outs
 from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
 from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.design.comparison import achieve, compare_plans
-from bayes_inertia.design.designer import design_plan, next_slew, problem_for
+from bayes_inertia.design.comparison import compare_plans
+from bayes_inertia.design.design_setup import set_up_design
+from bayes_inertia.design.designer import design_plan, next_slew
+from bayes_inertia.design.expected_accuracy import estimate_at_truth
 from bayes_inertia.design.feasible_region import region_within
 from bayes_inertia.design.goals import Goal, correction_sensitivity, criterion, parse_goal
-from bayes_inertia.design.information import covariance, forecast
+from bayes_inertia.design.information_forecast import prepare_forecast
+from bayes_inertia.design.information_matrix import expected_covariance
 from bayes_inertia.design.limits import (
     KeepOut,
     Limits,
@@ -34,8 +37,8 @@ from bayes_inertia.design.limits import (
 from bayes_inertia.design.margins import broken_limits, flown_margins, planned_margins
 from bayes_inertia.design.plan_search import PlanProblem, random_plans
 from bayes_inertia.design.planned_motion import slew_arrays
-from bayes_inertia.design.rehearsal import rehearse
 from bayes_inertia.design.separating_slew import separating_slew
+from bayes_inertia.design.simulated_fits import fit_simulated_campaigns
 from bayes_inertia.diagnosis.score_test import fingerprints
 from bayes_inertia.errors import CampaignError, DesignError
 from bayes_inertia.flight.final_errors import predict_final_errors
@@ -80,12 +83,12 @@ def designed(mission):
 
 
 def problem_of(mission, wanted="cross_terms", n=5, limits=None):
-    ahead = forecast(paper_like_plan(), mission, by_name(parse_goal(wanted).effects))
+    forecast = prepare_forecast(paper_like_plan(), mission, by_name(parse_goal(wanted).effects))
     region = region_within(
         limits or Limits(rate=1.1 * DEGREE, total_time=1855.0), hardware_limits(mission.spacecraft)
     )
-    theta = np.concatenate([mission.theta, np.zeros(len(ahead.shape.names) - 9)])
-    return PlanProblem(parse_goal(wanted), ahead, theta[None], region)
+    theta = np.concatenate([mission.theta, np.zeros(len(forecast.layout.names) - 9)])
+    return PlanProblem(parse_goal(wanted), forecast, theta[None], region)
 
 
 # --- margins against hand computation ---------------------------------------------------------------------------
@@ -172,17 +175,17 @@ def test_planned_margins_are_those_of_the_closed_loop(craft, prior):
 )
 def test_forecast_agrees_with_the_full_model_flown_in_closed_loop(mission, names):
     effects = by_name(names)
-    ahead = forecast(paper_like_plan(), mission, effects)
-    theta = np.concatenate([mission.theta, np.zeros(len(ahead.shape.names) - 9)])
+    forecast = prepare_forecast(paper_like_plan(), mission, effects)
+    theta = np.concatenate([mission.theta, np.zeros(len(forecast.layout.names) - 9)])
     foreseen = np.sqrt(
         np.diag(
-            jax.jit(covariance, static_argnums=0)(
-                ahead.shape, ahead.given, theta, slew_arrays(paper_like_plan())
+            jax.jit(expected_covariance, static_argnums=0)(
+                forecast.layout, forecast.arrays, theta, slew_arrays(paper_like_plan())
             )
         )
     )
-    exact = rehearse(paper_like_plan(), mission, effects)
-    assert exact.model.space.names == ahead.shape.names
+    exact = estimate_at_truth(paper_like_plan(), mission, effects)
+    assert exact.model.space.names == forecast.layout.names
     np.testing.assert_allclose(foreseen / exact.sd, 1.0, atol=0.03 if not names else 0.08)
 
 
@@ -271,7 +274,9 @@ def test_design_beats_slews_like_the_papers_and_random_plans_within_all_limits(d
         designed.reference.starts[-1] + designed.reference.durations[-1]
         <= designed.limits.total_time
     )
-    exact = [rehearse(p, mission.at_prior_mean()) for p in (designed.plan, designed.reference)]
+    exact = [
+        estimate_at_truth(p, mission.at_prior_mean()) for p in (designed.plan, designed.reference)
+    ]
     achieved = [e.sd[3:6].max() for e in exact]
     assert achieved[1] / achieved[0] == pytest.approx(
         max(list(designed.reference_sd.values())[3:6]) / max(list(designed.sd.values())[3:6]),
@@ -420,7 +425,9 @@ def test_comparison_predicts_what_simulated_campaigns_achieve(designed, mission)
 
 
 def test_equal_seeds_meet_equal_truths(mission):
-    first, again, other = (achieve(paper_like_plan(), mission, 1, seed=seed) for seed in (4, 4, 5))
+    first, again, other = (
+        fit_simulated_campaigns(paper_like_plan(), mission, 1, seed=seed) for seed in (4, 4, 5)
+    )
     np.testing.assert_array_equal(first.errors, again.errors)
     assert not np.array_equal(first.errors, other.errors)
 
@@ -509,9 +516,16 @@ def test_a_plan_for_a_nearly_flat_body_is_judged_by_tensors_that_a_body_can_have
     prior = InertiaPrior(plate.inertia_B, 0.04, 0.03)
     one = replace(paper_like_plan(), slews=paper_like_plan().slews[:1])
     mission = Mission(plate, prior)
-    estimate = rehearse(one, mission)
-    problem, _, _, truths = problem_for(
-        mission, parse_goal("cross_terms"), Limits(rate=0.02), one, 1, 0, 12, estimate
+    estimate = estimate_at_truth(one, mission)
+    problem, _, _, truths = set_up_design(
+        mission,
+        parse_goal("cross_terms"),
+        Limits(rate=0.02),
+        one,
+        1,
+        seed=0,
+        draws=12,
+        after=estimate,
     )
     assert len(truths) == len(problem.thetas) == 12
     assert np.all(inertia_tensor.is_physical(problem.thetas[:, :6]))

@@ -12,7 +12,8 @@ from scipy import stats
 import bayes_inertia
 from bayes_inertia.app.cli import main
 from bayes_inertia.app.study_folder import Study, run_study
-from bayes_inertia.design.comparison import NAMES, Achieved
+from bayes_inertia.design.comparison import NAMES
+from bayes_inertia.design.simulated_fits import AchievedErrors
 from bayes_inertia.errors import OutputError
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.report.pictures.study import draw_coverage
@@ -32,7 +33,7 @@ def made(n: int, seed: int, shrink: float = 1.0) -> Study:
     sd = np.geomspace(1e-5, 1e-2, len(NAMES)) * rng.uniform(0.8, 1.2, (n, len(NAMES)))
     return Study(
         paper_like_plan(),
-        Achieved(sd * rng.standard_normal(sd.shape), shrink * sd, *np.ones((3, n))),
+        AchievedErrors(sd * rng.standard_normal(sd.shape), shrink * sd, *np.ones((3, n))),
     )
 
 
@@ -73,7 +74,7 @@ def test_study_of_the_example_goes_on_where_it_was(tmp_path, capsys, monkeypatch
         raise AssertionError("a shard that is there was made again")
 
     (out / "study.json").unlink()
-    monkeypatch.setattr("bayes_inertia.app.study_folder.achieve", never)
+    monkeypatch.setattr("bayes_inertia.app.study_folder.fit_simulated_campaigns", never)
     run_study(EXAMPLE, out, campaigns=6)
     assert (out / "study.json").read_bytes() == first
     with pytest.raises(OutputError, match="other seed"):
@@ -83,7 +84,7 @@ def test_study_of_the_example_goes_on_where_it_was(tmp_path, capsys, monkeypatch
 
 def test_sds_that_are_too_small_end_with_3(tmp_path, capsys, monkeypatch):
     shrunk = made(25, 3, shrink=0.5).achieved
-    monkeypatch.setattr("bayes_inertia.app.study_folder.achieve", lambda *_: shrunk)
+    monkeypatch.setattr("bayes_inertia.app.study_folder.fit_simulated_campaigns", lambda *_: shrunk)
     assert run("study", EXAMPLE, "-o", tmp_path / "run", "--campaigns", 25) == 3
     assert "TOO SMALL for Jxx" in capsys.readouterr().out
     assert "Jxx" in json.loads((tmp_path / "run" / "study.json").read_text())["too_small"]

@@ -21,8 +21,9 @@ from bayes_inertia.app.commands.run_result import show_diagnosis, show_summary
 from bayes_inertia.app.commands.study import show_study
 from bayes_inertia.app.study_folder import Study
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.design.comparison import NAMES, Achieved, Contender
+from bayes_inertia.design.comparison import NAMES, Contender
 from bayes_inertia.design.goals import parse_goal
+from bayes_inertia.design.simulated_fits import AchievedErrors
 from bayes_inertia.flight.plan import paper_like_plan
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
@@ -47,7 +48,7 @@ def margin(name: str, kept: bool) -> SimpleNamespace:
     return SimpleNamespace(limit=name, kept=kept, left=0.1, says=f"{name}: 0.9 of 1 [deg/s]")
 
 
-def contender(name: str, achieved: Achieved | None) -> Contender:
+def contender(name: str, achieved: AchievedErrors | None) -> Contender:
     margins = (margin("torque of [wheel x]", False),)
     return Contender(name, paper_like_plan(), np.ones(9), achieved, 1.0, 1.0, 1.0, 1.0, margins)
 
@@ -93,7 +94,7 @@ def test_a_design_with_its_units_and_hostile_margins(printed):
 
 
 def test_a_comparison_with_its_units_and_hostile_plans(printed):
-    achieved = Achieved(np.ones((3, 9)), np.ones((3, 9)), *np.ones((3, 3)))
+    achieved = AchievedErrors(np.ones((3, 9)), np.ones((3, 9)), *np.ones((3, 3)))
     show_comparison([contender("plan [b]", achieved), contender(HOSTILE, None)], FOLDER)
     out = printed()
     for text in ("plan [b]", HOSTILE, "torque of [wheel x]", str(FOLDER)):
@@ -105,7 +106,7 @@ def test_a_comparison_with_its_units_and_hostile_plans(printed):
 def test_a_study_of_a_hostile_plan(printed):
     study = Study(
         replace(paper_like_plan(), name=HOSTILE),
-        Achieved(np.ones((9, 9)), np.ones((9, 9)), *np.ones((3, 9))),
+        AchievedErrors(np.ones((9, 9)), np.ones((9, 9)), *np.ones((3, 9))),
     )
     show_study(study, FOLDER)
     out = printed()

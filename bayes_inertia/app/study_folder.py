@@ -21,7 +21,8 @@ from scipy import stats
 from bayes_inertia.app.named_plans import PAPER, plan_sha256, plans_named, prior_mission
 from bayes_inertia.app.result_folder import ResultFolder
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
-from bayes_inertia.design.comparison import NAMES, Achieved, achieve
+from bayes_inertia.design.comparison import NAMES
+from bayes_inertia.design.simulated_fits import AchievedErrors, fit_simulated_campaigns
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.mission import Mission
@@ -45,12 +46,12 @@ class Study:
     ----------
     plan : Plan
         That was flown.
-    achieved : Achieved
+    achieved : AchievedErrors
         Errors and stated sds of every campaign.
     """
 
     plan: Plan
-    achieved: Achieved
+    achieved: AchievedErrors
 
     @property
     def z(self) -> np.ndarray:
@@ -147,8 +148,8 @@ def run_study(
         shards.append(shard)
         if progress is not None:
             progress("campaigns", sum(len(s.errors) for s in shards), campaigns)
-    joined = (np.concatenate([getattr(s, f.name) for s in shards]) for f in fields(Achieved))
-    study = Study(chosen, Achieved(*joined))
+    joined = (np.concatenate([getattr(s, f.name) for s in shards]) for f in fields(AchievedErrors))
+    study = Study(chosen, AchievedErrors(*joined))
     write_png(draw_coverage(NAMES, study.achieved, study.z), folder / "study.png")
     content = {"format": FORMAT, "campaign_sha256": digest, **options, **_content(study)}
     write_atomically(folder / "study.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
@@ -170,7 +171,7 @@ def _tasks(
     ]
 
 
-def _in_parallel(tasks: list[tuple], jobs: int) -> Iterator[Achieved]:
+def _in_parallel(tasks: list[tuple], jobs: int) -> Iterator[AchievedErrors]:
     """The shards in order, each as soon as it is there."""
     backend, threads = ("loky", 1) if jobs > 1 else ("sequential", None)
     with joblib.parallel_config(backend, n_jobs=jobs, inner_max_num_threads=threads):
@@ -185,11 +186,11 @@ def _shard(
     mission: Mission,
     seed: int,
     span: range,
-) -> Achieved:
+) -> AchievedErrors:
     """Campaigns of these numbers, from their file or made and written."""
     if not path.exists():
-        made = achieve(plan, mission, span, seed)
-        arrays = {f.name: getattr(made, f.name) for f in fields(Achieved)}
+        made = fit_simulated_campaigns(plan, mission, span, seed)
+        arrays = {f.name: getattr(made, f.name) for f in fields(AchievedErrors)}
 
         def save(temporary: Path) -> None:
             with open(temporary, "wb") as file:
@@ -197,7 +198,7 @@ def _shard(
 
         write_atomically(path, save)
     with np.load(path) as stored:
-        return Achieved(**{f.name: stored[f.name] for f in fields(Achieved)})
+        return AchievedErrors(**{f.name: stored[f.name] for f in fields(AchievedErrors)})
 
 
 def _content(study: Study) -> dict[str, Any]:

@@ -1,12 +1,23 @@
-"""What the fit of a campaign knows about where the next one begins."""
+"""What the fit of a campaign knows about the next one: where it begins, and what J and K are."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+
 import numpy as np
 
-from bayes_inertia.flight.follow_on import following_plan
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.design.information_forecast import Forecast
+from bayes_inertia.flight.follow_on import following_plan, spacecraft_at
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
+from bayes_inertia.flight.spacecraft import spin_tensor
 from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.objective import N_BIAS
+from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.linear_algebra import inverse
+from bayes_inertia.maths.physical_draws import draw_physical
 
 
 def plan_after(estimate: Estimate) -> Plan:
@@ -50,3 +61,89 @@ def final_wheel_momentum(estimate: Estimate) -> np.ndarray:
     scale = np.asarray(model.data.scale.local)[6 : 6 + wheels]
     start += estimate.point.local[-1, 6 : 6 + wheels] * scale
     return start + np.diff(slew.time) @ slew.wheel_torque[:-1]
+
+
+def forecast_after(forecast: Forecast, estimate: Estimate) -> Forecast:
+    """A forecast with what a campaign told in place of the prior of J, K and bias.
+
+    Parameters
+    ----------
+    forecast : Forecast
+        Of slews to come.
+    estimate : Estimate
+        The fit of the campaign that was flown before.
+
+    Returns
+    -------
+    Forecast
+        The same, with another prior.
+    """
+    known = np.concatenate([np.arange(9), len(estimate.free) + np.arange(N_BIAS)])
+    place = np.concatenate([np.arange(9), len(forecast.layout.names) + np.arange(N_BIAS)])
+    prior = np.array(forecast.arrays.prior)
+    prior[np.ix_(place, place)] = inverse(estimate.joint_covariance[np.ix_(known, known)])
+    return replace(forecast, arrays=forecast.arrays._replace(prior=prior))
+
+
+def missions_after(estimate: Estimate, n: int, seed: int) -> list[Mission]:
+    """Missions to expect after a campaign.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The fit of the campaign.
+    n : int
+        How many missions.
+    seed : int
+        Of the draws.
+
+    Returns
+    -------
+    list of Mission
+        The first has J and K as estimated, the others as drawn from the Laplace approximation.
+
+    Raises
+    ------
+    CampaignError
+        If hardly any tensor within the estimate's uncertainty is one of a body.
+    """
+    rng, campaign = np.random.default_rng([seed, 5]), estimate.model.campaign
+    mean, covariance = estimate.theta[:9], estimate.covariance[:9, :9]
+    drawn = draw_bodies(
+        campaign,
+        lambda k: rng.multivariate_normal(mean, covariance, k, method="cholesky"),
+        n - 1,
+    )
+    return [Mission(spacecraft_at(campaign, x), campaign.inertia) for x in [mean, *drawn]]
+
+
+def draw_bodies(campaign: Campaign, draw: Callable[[int], np.ndarray], n: int) -> np.ndarray:
+    """Draws around an estimate, every J one that a body can have.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        It tells whether the draws hold J or J_locked.
+    draw : callable
+        Takes a number k and returns k draws (k, d); J's six elements [kg m^2] come first.
+    n : int
+        How many draws.
+
+    Returns
+    -------
+    (n, d) array
+        The draws.
+
+    Raises
+    ------
+    CampaignError
+        If hardly any tensor within the estimate's uncertainty is one of a body.
+    """
+    locked = campaign.inertia.includes_wheel_spin
+    return draw_physical(
+        draw,
+        n,
+        wheel_spin=inertia_tensor.elements(spin_tensor(campaign.wheels)) if locked else None,
+        where="the estimate",
+        advice="hardly any tensor within its uncertainty is one of a body: fly more slews first",
+    )

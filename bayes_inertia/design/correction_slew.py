@@ -1,39 +1,52 @@
-"""How large the next correction slew will be: what the base model promises, and what the effects found in the data will make of it."""
+"""How large the next correction slew will be.
+
+What the base model promises, and what the effects found in the data will make of it.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayes_inertia.design.after_campaign import plan_after
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.design.after_campaign import draw_bodies, plan_after
 from bayes_inertia.flight.final_errors import predict_correction_slew
 from bayes_inertia.flight.follow_on import spacecraft_at
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.flight.plan import Plan, PlannedSlew
-from bayes_inertia.flight.spacecraft import Controller, Spacecraft, spin_tensor
+from bayes_inertia.flight.spacecraft import Controller, Spacecraft
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.maths import inertia_tensor
-from bayes_inertia.maths.physical_draws import draw_physical
+from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import ParameterSpace
 from bayes_inertia.physics.slew_input import idle_slew
 
-_ANGLE = np.radians(60.0)
+# The slew [rad] whose correction is forecast.
+_SLEW_ANGLE = np.radians(60.0)
+
+Values = dict[str, dict[str, np.ndarray]]
 
 
 @dataclass(frozen=True)
 class CorrectionForecast:
-    """Correction slew [rad] after a slew of 60 degrees about the worst body axis: (median, 95 % quantile) over posterior draws.
+    """Correction slew after a slew of 60 degrees about the worst body axis.
 
-    Attributes
+    All angles are (median, 95 % quantile) over draws from the fit [rad].
+
+    Parameters
     ----------
-    axis : "x", "y" or "z", the axis with the largest expected correction.
-    promised : if the base model were true and flown with its J and K.
-    expected : with the effects found, flown with the base model's J and K.
-    updated : with the effects found, flown with the J and K that were estimated together with them.
+    axis : str
+        "x", "y" or "z": the axis with the largest expected correction.
+    promised : (float, float)
+        If the base model were true and flown with its J and K.
+    expected : (float, float)
+        With the effects found, flown with the base model's J and K.
+    updated : (float, float)
+        With the effects found, flown with the J and K that were estimated together with them.
     """
 
     axis: str
@@ -42,98 +55,143 @@ class CorrectionForecast:
     updated: tuple[float, float]
 
 
+@array_dataclass
+class _Case:
+    """What flies in one of the three cases: draws (n, d), effects' values, the believed craft."""
+
+    thetas: np.ndarray
+    values: Values
+    believed: Spacecraft
+
+
 def correction_forecast(
     base: Estimate, final: Estimate, *, seed: int = 0, draws: int = 48
 ) -> CorrectionForecast | None:
-    """Predict the next correction slew before and after effects were added; None without star tracker or wheels about three
-    axes, or where a predicted slew does not end.
+    """Predict the next correction slew before and after effects were added.
 
-    J, K and the effects are drawn together. The controller knows J and K and compensates no effect: what remains in `updated` is what only a change of the
-    on-board software, or a repair, would take away. Noise is left out.
+    J, K and the effects are drawn together. The controller knows J and K and compensates no effect:
+    what remains in `updated` is what only a change of the on-board software, or a repair, would
+    take away. Noise is left out.
+
+    Parameters
+    ----------
+    base : Estimate
+        The fit without the effects found.
+    final : Estimate
+        The fit with them.
+    seed : int, optional
+        Of the draws.
+    draws : int, optional
+        How many.
+
+    Returns
+    -------
+    CorrectionForecast or None
+        None without star tracker or wheels about three axes, or where a predicted slew does not
+        end.
+
+    Raises
+    ------
+    CampaignError
+        If hardly any tensor within an estimate's uncertainty is one of a body.
     """
     campaign = final.model.campaign
-    if (
-        campaign.star_tracker is None
-        or not campaign.wheels
-        or np.linalg.matrix_rank(campaign.wheel_axes_B, tol=1e-6) < 3
-    ):
+    if not _can_slew(campaign):
         return None
     rng = np.random.default_rng([seed, 7])
-    plain, true = _draws(base, rng, draws), _draws(final, rng, draws)
-    old, new = (
-        replace(spacecraft_at(campaign, at.theta), bias=(0.0, 0.0, 0.0)) for at in (base, final)
-    )
-    held = {i for i in range(final.model.space.size) if i not in final.free}
-    named = tuple(
-        e
-        for e in final.model.effects
-        if not set(range(*final.model.space.slice_of(e.name).indices(final.model.space.size)))
-        & held
-    )
-    fitted = _parameters_afterwards(final.model, named, final.theta[None])
-    fitted = {name: {k: x[0] for k, x in p.items()} for name, p in fitted.items()}
-    acting = replace(new, effects=tuple(e.afterwards() for e in named), values=fitted)
-    mission = Mission(acting, campaign.inertia)
-    new = replace(new, inertia_B=_inertia_afterwards(new.inertia_B, named, fitted))
-    # The base model is flown with the effects at their null, so that all cases share compiled code.
-    nothing = np.tile(final.model.space.nulls, (len(plain), 1))
-    disturbed = _parameters_afterwards(final.model, named, true, np.random.default_rng([seed, 8]))
-    undisturbed = _parameters_afterwards(final.model, named, nothing)
-    plan = plan_after(final)
-    plan = replace(plan, orbit=Orbit() if any(e.needs for e in named) else None)
+    thetas = [_draws(estimate, rng, draws) for estimate in (base, final)]
+    effects = _fitted_effects(final)
+    mission, cases = _mission_and_cases(base, final, effects, thetas, seed)
+    orbit = Orbit() if any(effect.needs for effect in effects) else None
+    plan = replace(plan_after(final), orbit=orbit)
     forecasts = []
     for axis in np.eye(3):
-        one = replace(plan, slews=(PlannedSlew(tuple(axis), _ANGLE),))
-        cases = ((plain, undisturbed, old), (true, disturbed, old), (true, disturbed, new))
-        forecasts.append(
-            [_predicted(thetas, values, one, mission, known) for thetas, values, known in cases]
-        )
+        one = replace(plan, slews=(PlannedSlew(tuple(axis), _SLEW_ANGLE),))
+        forecasts.append([_quantiles(case, one, mission) for case in cases])
     if not np.isfinite(forecasts).all():
         return None
     worst = int(np.argmax([f[1][0] for f in forecasts]))
     return CorrectionForecast("xyz"[worst], *forecasts[worst])
 
 
+def _can_slew(campaign: Campaign) -> bool:
+    """Whether correction slews are measured, and wheels turn the spacecraft about all axes."""
+    if campaign.star_tracker is None or not campaign.wheels:
+        return False
+    return bool(np.linalg.matrix_rank(campaign.wheel_axes_B, tol=1e-6) == 3)
+
+
+def _fitted_effects(estimate: Estimate) -> tuple[Effect, ...]:
+    """The effects of which all parameters were fitted."""
+    space = estimate.model.space
+    held = {i for i in range(space.size) if i not in estimate.free}
+    return tuple(
+        effect
+        for effect in estimate.model.effects
+        if not set(range(*space.slice_of(effect.name).indices(space.size))) & held
+    )
+
+
+def _mission_and_cases(
+    base: Estimate,
+    final: Estimate,
+    effects: tuple[Effect, ...],
+    thetas: Sequence[np.ndarray],
+    seed: int,
+) -> tuple[Mission, tuple[_Case, _Case, _Case]]:
+    """Sensors, wheels and effects that fly, and the three cases of `CorrectionForecast`."""
+    campaign, model = final.model.campaign, final.model
+    old, new = (
+        replace(spacecraft_at(campaign, estimate.theta), bias=(0.0, 0.0, 0.0))
+        for estimate in (base, final)
+    )
+    fitted = _parameters_afterwards(model, effects, final.theta[None])
+    at_estimate = {name: {k: x[0] for k, x in p.items()} for name, p in fitted.items()}
+    afterwards = tuple(effect.afterwards() for effect in effects)
+    acting = replace(new, effects=afterwards, values=at_estimate)
+    new = replace(new, inertia_B=_inertia_afterwards(new.inertia_B, effects, at_estimate))
+    # The base model is flown with the effects at their null: all cases share compiled code.
+    plain, true = thetas
+    nulls = np.tile(model.space.nulls, (len(plain), 1))
+    disturbed = _parameters_afterwards(model, effects, true, np.random.default_rng([seed, 8]))
+    undisturbed = _parameters_afterwards(model, effects, nulls)
+    cases = _Case(plain, undisturbed, old), _Case(true, disturbed, old), _Case(true, disturbed, new)
+    return Mission(acting, campaign.inertia), cases
+
+
 def _inertia_afterwards(
-    inertia_B: np.ndarray, effects: tuple[Effect, ...], values: dict[str, dict]
+    inertia_B: np.ndarray, effects: tuple[Effect, ...], values: Values
 ) -> np.ndarray:
-    """The tensor (3, 3) [kg m^2] to fly with after the campaign: where an effect changed it on the way, the one after the change."""
+    """The tensor (3, 3) to fly with after the campaign [kg m^2].
+
+    Where an effect changed it on the way, it is the one after the change.
+    """
     for effect in effects:
-        if effect.afterwards() != effect:
-            inertia_B = np.asarray(
-                effect.afterwards().inertia(
-                    values[effect.name], idle_slew([0.0, 1.0]).context, inertia_B
-                )
-            )
+        after = effect.afterwards()
+        if after != effect:
+            context = idle_slew([0.0, 1.0]).context
+            inertia_B = np.asarray(after.inertia(values[effect.name], context, inertia_B))
     return inertia_B
 
 
-def _predicted(
-    thetas: np.ndarray,
-    values: dict,
-    plan: Plan,
-    mission: Mission,
-    believed: Spacecraft,
-) -> tuple[float, float]:
-    controller = Controller(believed.inertia_B, believed.scale_factor)
-    angles = predict_correction_slew(thetas[:, :9], plan, mission, controller, values=values)
-    return tuple(np.quantile(angles, [0.5, 0.95]).tolist())
-
-
-def _draws(at: Estimate, rng: np.random.Generator, n: int) -> np.ndarray:
-    """Draws (n, d) of all parameters from the Laplace approximation, every J physical."""
-    space, campaign = at.model.space, at.model.campaign
-    locked = campaign.inertia.includes_wheel_spin
-    thetas = draw_physical(
-        lambda k: rng.multivariate_normal(at.theta, at.covariance, size=k),
-        n,
-        wheel_spin=inertia_tensor.elements(spin_tensor(campaign.wheels)) if locked else None,
-        where="the estimate",
-        advice="hardly any tensor within its uncertainty is one of a body: fly more slews first",
+def _quantiles(case: _Case, plan: Plan, mission: Mission) -> tuple[float, float]:
+    """Median and 95 % quantile of the correction slew [rad] in one case."""
+    controller = Controller(case.believed.inertia_B, case.believed.scale_factor)
+    angles = predict_correction_slew(
+        case.thetas[:, :9], plan, mission, controller, values=case.values
     )
-    thetas[:, 6:] = np.clip(thetas, space.lower + 1e-9 * space.sd, space.upper - 1e-9 * space.sd)[
-        :, 6:
-    ]
+    median, high = np.quantile(angles, [0.5, 0.95]).tolist()
+    return median, high
+
+
+def _draws(estimate: Estimate, rng: np.random.Generator, n: int) -> np.ndarray:
+    """Draws (n, d) of all parameters from the Laplace approximation, every J physical."""
+    space, mean, covariance = estimate.model.space, estimate.theta, estimate.covariance
+    thetas = draw_bodies(
+        estimate.model.campaign, lambda k: rng.multivariate_normal(mean, covariance, size=k), n
+    )
+    margin = 1e-9 * space.sd
+    thetas[:, 6:] = np.clip(thetas, space.lower + margin, space.upper - margin)[:, 6:]
     return thetas
 
 

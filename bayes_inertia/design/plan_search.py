@@ -24,7 +24,13 @@ from bayes_inertia.design.feasible_region import (
     slews_from_variables,
 )
 from bayes_inertia.design.goals import Goal, criterion
-from bayes_inertia.design.information import Forecast, Given, Shape, body_of, covariance
+from bayes_inertia.design.information_forecast import (
+    Forecast,
+    ForecastArrays,
+    ForecastLayout,
+    rigid_body_at,
+)
+from bayes_inertia.design.information_matrix import expected_covariance
 from bayes_inertia.design.planned_motion import SlewArrays, motion_of_slews
 from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.values import array_dataclass
@@ -68,7 +74,7 @@ class PlanProblem:
     @property
     def groups(self) -> tuple[tuple[int, int], ...]:
         """Where the parameters of the goal's effects stand: (first, behind the last) of each."""
-        return tuple(self.forecast.shape.slice_of(name) for name in self.goal.effects)
+        return tuple(self.forecast.layout.slice_of(name) for name in self.goal.effects)
 
     def slews(self, x: Array | np.ndarray) -> SlewArrays:
         """The slews of a plan.
@@ -83,7 +89,7 @@ class PlanProblem:
         SlewArrays
             The last slew ends in `end_attitude` if there is one.
         """
-        return _slews(self.forecast.given, self.region, self.end_attitude, x)
+        return _slews(self.forecast.arrays, self.region, self.end_attitude, x)
 
     def variables(self, slews: SlewArrays) -> np.ndarray:
         """The design variables of slews.
@@ -152,7 +158,7 @@ class PlanProblem:
             {parameter: sd} in its unit.
         """
         sd = self.score(x[None])[2][0]
-        return dict(zip(self.forecast.shape.names, sd.tolist(), strict=True))
+        return dict(zip(self.forecast.layout.names, sd.tolist(), strict=True))
 
     def score(
         self, x: np.ndarray, truth: int = 0
@@ -175,12 +181,12 @@ class PlanProblem:
         sd : (n, d) array
             Expected sds of all parameters.
         """
-        static = (self.goal, self.forecast.shape, self.groups)
-        arrays = (self.forecast.given, self.thetas[truth], self.region, self.end_attitude)
+        static = (self.goal, self.forecast.layout, self.groups)
+        given = (self.forecast.arrays, self.thetas[truth], self.region, self.end_attitude)
         batches = [
             np.resize(x[i : i + _BATCH], (_BATCH, *x.shape[1:])) for i in range(0, len(x), _BATCH)
         ]
-        parts = [_scores(*static, *arrays, batch) for batch in batches]
+        parts = [_scores(*static, *given, batch) for batch in batches]
         return jax.tree.map(lambda *pieces: np.concatenate(pieces)[: len(x)], *parts)
 
     def log_value_and_gradient(self, x: np.ndarray, truths: int) -> tuple[float, np.ndarray]:
@@ -200,10 +206,10 @@ class PlanProblem:
         gradient : (slews, 5) array
             Its derivative with respect to the design variables.
         """
-        static = (self.goal, self.forecast.shape, self.groups)
+        static = (self.goal, self.forecast.layout, self.groups)
         results = [
             _log_value_and_gradient(
-                *static, self.forecast.given, theta, self.region, self.end_attitude, x
+                *static, self.forecast.arrays, theta, self.region, self.end_attitude, x
             )
             for theta in self.thetas[:truths]
         ]
@@ -225,21 +231,24 @@ class PlanProblem:
         jacobian : (k, slews, 5) array
             Their derivatives with respect to the design variables.
         """
-        shape, given = self.forecast.shape, self.forecast.given
+        layout, arrays = self.forecast.layout, self.forecast.arrays
         slacks, jacobian = _slacks_and_jacobian(
-            shape, given, self.thetas[0], self.region, self.end_attitude, x
+            layout, arrays, self.thetas[0], self.region, self.end_attitude, x
         )
         return np.asarray(slacks), np.asarray(jacobian)
 
 
 def _slews(
-    given: Given, region: FeasibleRegion, end: Array | np.ndarray | None, x: Array | np.ndarray
+    arrays: ForecastArrays,
+    region: FeasibleRegion,
+    end: Array | np.ndarray | None,
+    x: Array | np.ndarray,
 ) -> SlewArrays:
     """The slews of design variables (slews, 5), the last one ending in an attitude (4,)."""
     slews = slews_from_variables(x, region)
     if end is None:
         return slews
-    attitude = jnp.asarray(given.origin.attitude)
+    attitude = jnp.asarray(arrays.start.attitude)
     for turn in quaternion.exp(slews.rotation_B[:-1]):
         attitude = quaternion.multiply(attitude, turn)
     last = quaternion.error(attitude, jnp.asarray(end))
@@ -247,40 +256,44 @@ def _slews(
 
 
 def _slacks(
-    shape: Shape, given: Given, theta: Array, region: FeasibleRegion, slews: SlewArrays
+    layout: ForecastLayout,
+    arrays: ForecastArrays,
+    theta: Array,
+    region: FeasibleRegion,
+    slews: SlewArrays,
 ) -> dict[str, Array]:
     """Constraint slacks of slews flown by the body that theta (d,) describes."""
-    body = body_of(shape.structure, theta, given.world)
-    motion = motion_of_slews(slews, shape.times, body, given.origin)
-    return constraint_slacks(motion, slews, region, shape.times)
+    body = rigid_body_at(layout.structure, theta, arrays.conditions)
+    motion = motion_of_slews(slews, layout.times, body, arrays.start)
+    return constraint_slacks(motion, slews, region, layout.times)
 
 
-@partial(jax.jit, static_argnames=("goal", "shape", "groups"))
-def _scores(goal, shape, groups, given, theta, region, end, x):
+@partial(jax.jit, static_argnames=("goal", "layout", "groups"))
+def _scores(goal, layout, groups, arrays, theta, region, end, x):
     def one(row: Array) -> tuple[Array, dict[str, Array], Array]:
-        slews = _slews(given, region, end, row)
-        expected = covariance(shape, given, theta, slews)
-        value = jnp.log(criterion(goal, expected, theta, given.prior_sd, groups))
-        return value, _slacks(shape, given, theta, region, slews), jnp.sqrt(jnp.diag(expected))
+        slews = _slews(arrays, region, end, row)
+        expected = expected_covariance(layout, arrays, theta, slews)
+        value = jnp.log(criterion(goal, expected, theta, arrays.prior_sd, groups))
+        return value, _slacks(layout, arrays, theta, region, slews), jnp.sqrt(jnp.diag(expected))
 
     return jax.lax.map(one, x)
 
 
 @partial(
-    jax.jit, static_argnames=("goal", "shape", "groups"), compiler_options=_WITHOUT_OPTIMIZATION
+    jax.jit, static_argnames=("goal", "layout", "groups"), compiler_options=_WITHOUT_OPTIMIZATION
 )
-def _log_value_and_gradient(goal, shape, groups, given, theta, region, end, x):
+def _log_value_and_gradient(goal, layout, groups, arrays, theta, region, end, x):
     def one(x: Array) -> Array:
-        expected = covariance(shape, given, theta, _slews(given, region, end, x))
-        return jnp.log(criterion(goal, expected, theta, given.prior_sd, groups, smooth=True))
+        expected = expected_covariance(layout, arrays, theta, _slews(arrays, region, end, x))
+        return jnp.log(criterion(goal, expected, theta, arrays.prior_sd, groups, smooth=True))
 
     return jax.value_and_grad(one)(x)
 
 
-@partial(jax.jit, static_argnames=("shape",), compiler_options=_WITHOUT_OPTIMIZATION)
-def _slacks_and_jacobian(shape, given, theta, region, end, x):
+@partial(jax.jit, static_argnames=("layout",), compiler_options=_WITHOUT_OPTIMIZATION)
+def _slacks_and_jacobian(layout, arrays, theta, region, end, x):
     def slacks(x: Array) -> Array:
-        return flattened(_slacks(shape, given, theta, region, _slews(given, region, end, x)))
+        return flattened(_slacks(layout, arrays, theta, region, _slews(arrays, region, end, x)))
 
     return slacks(x), jax.jacfwd(slacks)(x)
 
@@ -312,7 +325,7 @@ def random_plans(
     """
     rng = np.random.default_rng([seed, 7])
     body = problem.forecast.body(problem.thetas[0])
-    x = draw_variables(rng, n, slews, problem.region, problem.forecast.shape.times, body)
+    x = draw_variables(rng, n, slews, problem.region, problem.forecast.layout.times, body)
     values, slacks, _ = problem.score(x)
     return x, np.where(np.isfinite(values), values, np.inf), _least(slacks, n)
 

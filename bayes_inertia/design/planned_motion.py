@@ -2,8 +2,9 @@
 
 Flown as planned, a slew's wheels hold what is left of the conserved total momentum,
 G H = C(q) M_N - J w. The motors give its rate of change: the integral of
-J a + w x (J w + G H) = -G u (Ferguson's equation 6). Nothing is integrated numerically. So thousands
-of plans can be tried, and everything can be differentiated with respect to axes, angles and rates.
+J a + w x (J w + G H) = -G u (Ferguson's equation 6). Nothing is integrated numerically. So
+thousands of plans can be tried, and everything can be differentiated with respect to axes, angles
+and rates.
 
 The time grid of a slew has a fixed number of rows in each of its phases (rest, ramp, coast, ramp,
 settling, rest) and stretches with them. No row jumps from one phase into another as a slew changes.

@@ -9,12 +9,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from scipy import stats
 
-from bayes_inertia.design.comparison import Achieved
+from bayes_inertia.design.simulated_fits import AchievedErrors
 from bayes_inertia.report.pictures import style
 
 
 @style.styled
-def draw_coverage(names: Sequence[str], achieved: Achieved, z: np.ndarray) -> Figure:
+def draw_coverage(names: Sequence[str], achieved: AchievedErrors, z: np.ndarray) -> Figure:
     """Left: achieved over stated sd. Right: how often central intervals hold the truth.
 
     Bars are two standard errors. The band holds all curves of sound uncertainties in 95 % of
@@ -24,7 +24,7 @@ def draw_coverage(names: Sequence[str], achieved: Achieved, z: np.ndarray) -> Fi
     ----------
     names : sequence of str
         The d parameters.
-    achieved : Achieved
+    achieved : AchievedErrors
         What came out of the simulated campaigns.
     z : (campaigns, d) array
         Error of each estimate in its stated sds.
@@ -42,7 +42,7 @@ def draw_coverage(names: Sequence[str], achieved: Achieved, z: np.ndarray) -> Fi
     return figure
 
 
-def _sd_ratios(axes: Axes, names: Sequence[str], achieved: Achieved) -> None:
+def _sd_ratios(axes: Axes, names: Sequence[str], achieved: AchievedErrors) -> None:
     stated = np.sqrt(np.mean(achieved.stated**2, axis=0))
     x = np.arange(len(names))
     axes.axhline(1.0, color=style.MUTED, lw=0.8)

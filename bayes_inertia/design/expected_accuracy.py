@@ -1,4 +1,7 @@
-"""What a plan would tell, exactly: flown without noise in the closed loop, and linearised there as a fit of its telemetry is."""
+"""What a plan would tell, exactly.
+
+The plan is flown in the closed loop. The model is linearised there as a fit of its telemetry is.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,7 @@ from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 
 
-def rehearse(
+def estimate_at_truth(
     plan: Plan,
     mission: Mission,
     effects: Sequence[Effect] = (),
@@ -31,12 +34,30 @@ def rehearse(
     controller: Controller | None = None,
     seed: int | None = None,
 ) -> Estimate:
-    """The estimate that a plan would lead to, at the truth; its `sd` and `covariance` are those to expect.
+    """The estimate that a plan would lead to, at the truth.
 
     Parameters
     ----------
-    mission : its spacecraft is the truth to expect (what else acts in it is left out). effects : fitted along, absent in truth.
-    controller : None for one that knows the truth and flies just what was planned. seed : of the noise in the flight, None without.
+    plan : Plan
+        What is flown.
+    mission : Mission
+        Its spacecraft is the truth to expect; what else acts in it is left out.
+    effects : sequence of Effect, optional
+        Fitted along, absent in truth.
+    controller : Controller, optional
+        None for one that knows the truth and flies just what was planned.
+    seed : int, optional
+        Of the noise in the flight; None for none.
+
+    Returns
+    -------
+    Estimate
+        Its `sd` and `covariance` are those to expect.
+
+    Raises
+    ------
+    CampaignError
+        If the plan does not fit the spacecraft.
     """
     craft = mission.spacecraft
     quiet = replace(craft, bias=craft.rate_sensor.bias, effects=(), values={})
@@ -48,26 +69,70 @@ def rehearse(
 
 
 def expected_sd(plan: Plan, mission: Mission, *, truths: int = 8, seed: int = 0) -> np.ndarray:
-    """Sds (9,) of J and K to expect of a plan: root mean square over flights with noise, each with a truth drawn from the prior, by a
-    controller that believes the prior.
+    """Sds of J and K to expect of a plan.
 
-    What such a controller gets wrong shakes the spacecraft, which tells more than the planned motion alone: a third in slews that tell little.
+    The root mean square over flights with noise, each with a truth drawn from the prior, by a
+    controller that believes the prior. What such a controller gets wrong shakes the spacecraft,
+    which tells more than the planned motion alone: a third in slews that tell little.
 
-    >>> from bayes_inertia.flight.plan import paper_like_plan
+    Parameters
+    ----------
+    plan : Plan
+        What is flown.
+    mission : Mission
+        Wheels, sensors and prior.
+    truths : int, optional
+        How many flights.
+    seed : int, optional
+        Of truths and noise.
+
+    Returns
+    -------
+    (9,) array
+        Of Jxx Jyy Jzz Jxy Jxz Jyz [kg m^2] and K1 K2 K3.
+
+    Examples
+    --------
     >>> from bayes_inertia.flight.mission import most_like_mission
+    >>> from bayes_inertia.flight.plan import paper_like_plan
     >>> bool(expected_sd(paper_like_plan(), most_like_mission(), truths=2)[3] < 1e-4)
     True
     """
     controller = mission.controller()
-    drawn = likely_truths(plan, mission, truths + 1, seed)[1:]
-    flown = [
-        rehearse(plan, truth, controller=controller, seed=seed + i) for i, truth in enumerate(drawn)
+    estimates = [
+        estimate_at_truth(plan, truth, controller=controller, seed=seed + i)
+        for i, truth in enumerate(likely_missions(plan, mission, truths + 1, seed)[1:])
     ]
-    return np.sqrt(np.mean([at.sd[:9] ** 2 for at in flown], axis=0))
+    return np.sqrt(np.mean([estimate.sd[:9] ** 2 for estimate in estimates], axis=0))
+
+
+def likely_missions(plan: Plan, mission: Mission, n: int, seed: int) -> list[Mission]:
+    """Missions to expect before flight.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is flown.
+    mission : Mission
+        Wheels, sensors and prior.
+    n : int
+        How many missions.
+    seed : int
+        Of the draws.
+
+    Returns
+    -------
+    list of Mission
+        The first is the mean of the prior, the others have J, K and bias drawn from it.
+    """
+    template = planned_campaign(plan, mission.without_effects())
+    rng = np.random.default_rng([seed, 5])
+    drawn = [replace(mission, spacecraft=draw_spacecraft(template, rng)) for _ in range(n - 1)]
+    return [mission.at_prior_mean(), *drawn]
 
 
 def _at_truth(model: Model, flight: Flight, theta: np.ndarray) -> Estimate:
-    """What an optimizer would find if it found the truth: nothing is left to luck in what is expected."""
+    """What an optimizer would find if it found the truth: nothing expected is left to luck."""
     reference, scale = model.data.arrays.reference, np.asarray(model.data.scale.local)
     start = [
         np.stack([np.asarray(getattr(path, key))[0] for path in flight.truth])
@@ -96,11 +161,3 @@ def _at_truth(model: Model, flight: Flight, theta: np.ndarray) -> Estimate:
         objective,
         Starts(1, 1),
     )
-
-
-def likely_truths(plan: Plan, mission: Mission, n: int, seed: int) -> list[Mission]:
-    """The mission as its prior describes it (the mean), and n - 1 drawn from the prior of J, K and bias."""
-    template = planned_campaign(plan, mission.without_effects())
-    rng = np.random.default_rng([seed, 5])
-    drawn = [replace(mission, spacecraft=draw_spacecraft(template, rng)) for _ in range(n - 1)]
-    return [mission.at_prior_mean(), *drawn]

@@ -1,0 +1,98 @@
+"""What no plan can keep, found before any search."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+
+from bayes_inertia.design.feasible_region import FeasibleRegion
+from bayes_inertia.design.limits import Limits
+from bayes_inertia.design.margins import broken_limits, planned_margins
+from bayes_inertia.errors import DesignError
+from bayes_inertia.flight.plan import Plan, PlannedSlew
+from bayes_inertia.flight.spacecraft import Spacecraft
+
+# A slew that hardly turns [rad]: it shows what the start alone demands.
+_HARDLY = 1e-6
+
+
+def require_feasible(
+    spacecraft: Spacecraft, base: Plan, region: FeasibleRegion, limits: Limits, n_slews: int
+) -> None:
+    """Raise for what no plan can keep.
+
+    Parameters
+    ----------
+    spacecraft : Spacecraft
+        J, wheels and sensors.
+    base : Plan
+        Start, telemetry and rests; its slews are not used.
+    region : FeasibleRegion
+        Where plans may lie.
+    limits : Limits
+        What they must respect, with a total time.
+    n_slews : int
+        How many slews a plan has.
+
+    Raises
+    ------
+    DesignError
+        If the wheels do not span three axes, the time is too short, or the start or the end itself
+        breaks a limit.
+    """
+    axes = np.linalg.matrix_rank(spacecraft.wheel_axes_B, tol=1e-6) if spacecraft.wheels else 0
+    if axes < 3:
+        raise DesignError(
+            f"the wheels turn the spacecraft about {axes} of three axes",
+            where="wheels",
+            advice="slews are designed for three",
+        )
+    smallest = PlannedSlew((1.0, 0.0, 0.0), region.angles[0], region.rate, region.acceleration)
+    _require_time(replace(base, slews=(smallest,) * n_slews), limits)
+    still = replace(smallest, angle=_HARDLY)
+    _require_start(replace(base, slews=(still,)), spacecraft, limits)
+    if limits.end_attitude is not None:
+        at_end = replace(base, start_attitude=limits.end_attitude, slews=(still,))
+        _require_end(at_end, spacecraft, limits)
+
+
+def _require_time(shortest: Plan, limits: Limits) -> None:
+    """An error where even the shortest plan lasts too long."""
+    n, needed = len(shortest.slews), shortest.starts[-1] + shortest.durations[-1]
+    allowed = limits.total_time
+    if allowed is None or needed <= allowed + 1e-9:
+        return
+    short = math.ceil(needed - allowed)
+    what = f"{n} slew{'s' if n > 1 else ''} need at least {math.ceil(needed)} s"
+    raise DesignError(
+        f"{what}, {allowed:.6g} s allowed ({short} s too few)",
+        where="limit total time",
+        advice="allow more time, or fewer slews",
+    )
+
+
+def _require_start(at_start: Plan, spacecraft: Spacecraft, limits: Limits) -> None:
+    """An error where the start itself breaks a limit."""
+    without_attitudes = replace(limits, end_attitude=None, start_attitude=None)
+    margins = planned_margins(at_start, spacecraft, without_attitudes)
+    for margin in broken_limits(
+        [m for m in margins if m.limit.startswith(("keep-out", "momentum"))]
+    ):
+        raise DesignError(
+            f"broken before the first slew: {margin.says}",
+            where="start",
+            advice="start in another attitude, or with slower wheels",
+        )
+
+
+def _require_end(at_end: Plan, spacecraft: Spacecraft, limits: Limits) -> None:
+    """An error where the end attitude lies in a keep-out cone."""
+    margins = planned_margins(at_end, spacecraft, Limits(keep_out=limits.keep_out))
+    for margin in broken_limits([m for m in margins if m.limit.startswith("keep-out")]):
+        raise DesignError(
+            f"the end attitude itself breaks a limit: {margin.says}",
+            where="limit end attitude",
+            advice="end in another attitude",
+        )

@@ -1,0 +1,247 @@
+"""Conditions under which slews will be flown: sensors, noise, environment, clock."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.flight.orbit import Orbit
+from bayes_inertia.physics.forward_model import Model, NuisanceScale, Sensors
+
+# Points of the table that holds an orbit's environment.
+_ORBIT_POINTS = 200
+
+
+class InverseNoise(NamedTuple):
+    """Inverse noise of one sample; zero for what is not measured.
+
+    Parameters
+    ----------
+    rate : (3,) array
+        Inverse sds of the rate sensor's readings [s/rad].
+    attitude : (3, 3) array
+        Inverse root of the covariance of one fix [1/rad].
+    momentum : (wheels,) array
+        Inverse sds of the tachometers' readings [1/(N m s)].
+    """
+
+    rate: Array | np.ndarray
+    attitude: Array | np.ndarray
+    momentum: Array | np.ndarray
+
+
+class EnvironmentTable(NamedTuple):
+    """The environment on a clock.
+
+    Parameters
+    ----------
+    time : (k,) array
+        Time in the campaign [s], ascending.
+    magnetic_field_N : (k, 3) array
+        Inertial axes [T].
+    position_N : (k, 3) array
+        Inertial axes [m].
+    """
+
+    time: Array | np.ndarray
+    magnetic_field_N: Array | np.ndarray
+    position_N: Array | np.ndarray
+
+
+class FlightConditions(NamedTuple):
+    """Everything that a slew's information depends on, besides the slews and the parameters.
+
+    Parameters
+    ----------
+    sensors : Sensors
+        Axes and bias of the rate sensor.
+    scale : NuisanceScale
+        Prior sds of bias and start states.
+    noise : InverseNoise
+        Inverse noise of one sample.
+    environment : EnvironmentTable
+        Magnetic field and position on the campaign's clock.
+    wheel_axes_B : (3, wheels) array
+        Unit spin axes as columns.
+    allocation : (wheels, 3) array
+        Pseudo-inverse of `wheel_axes_B`.
+    spin_inertia : (wheels,) array
+        Spin inertia of each wheel [kg m^2].
+    boresight_B : (3,) array
+        The star tracker's boresight.
+    first : () array of int
+        Index of the first of these slews in its campaign.
+    count : () array of int
+        Slews in that campaign.
+    begin : () array
+        When these slews begin on its clock [s].
+    middle : () array
+        The middle of the campaign on that clock [s].
+    """
+
+    sensors: Sensors
+    scale: NuisanceScale
+    noise: InverseNoise
+    environment: EnvironmentTable
+    wheel_axes_B: Array | np.ndarray
+    allocation: Array | np.ndarray
+    spin_inertia: Array | np.ndarray
+    boresight_B: Array | np.ndarray
+    first: Array | np.ndarray
+    count: Array | np.ndarray
+    begin: Array | np.ndarray
+    middle: Array | np.ndarray
+
+
+def conditions_of(
+    model: Model,
+    environment: EnvironmentTable,
+    *,
+    first: int,
+    count: int,
+    begin: float,
+    middle: float,
+) -> FlightConditions:
+    """The conditions of slews flown with a model's hardware in the commanded drive.
+
+    Parameters
+    ----------
+    model : Model
+        It tells the hardware, and the prior sds of bias and start states.
+    environment : EnvironmentTable
+        Magnetic field and position on the campaign's clock.
+    first : int
+        Index of the first of these slews in the campaign.
+    count : int
+        Slews in that campaign.
+    begin : float
+        When these slews begin on its clock [s].
+    middle : float
+        The middle of the campaign on that clock [s].
+
+    Returns
+    -------
+    FlightConditions
+        The conditions.
+
+    Raises
+    ------
+    CampaignError
+        If the campaign has no wheels: there is nothing to fly with.
+    """
+    campaign = model.campaign
+    if not campaign.wheels:
+        raise CampaignError(
+            "no wheels to fly slews with",
+            where="key wheels",
+            advice="describe the wheels in campaign.toml",
+        )
+    tracker = campaign.star_tracker
+    boresight_B = (0.0, 0.0, 1.0) if tracker is None else tracker.boresight_B
+    return FlightConditions(
+        sensors=model.data.sensors,
+        scale=model.data.scale,
+        noise=_inverse_noise(campaign),
+        environment=environment,
+        wheel_axes_B=campaign.wheel_axes_B,
+        allocation=np.linalg.pinv(campaign.wheel_axes_B),
+        spin_inertia=campaign.spin_inertias,
+        boresight_B=np.array(boresight_B),
+        first=np.array(first),
+        count=np.array(count),
+        begin=np.array(begin),
+        middle=np.array(middle),
+    )
+
+
+def orbit_environment(orbit: Orbit | None, duration: float) -> EnvironmentTable:
+    """The environment along an orbit.
+
+    Parameters
+    ----------
+    orbit : Orbit or None
+        None for no field and no position.
+    duration : float
+        How long the table lasts [s].
+
+    Returns
+    -------
+    EnvironmentTable
+        From 0 to `duration`.
+
+    Examples
+    --------
+    >>> orbit_environment(None, 100.0).position_N.shape
+    (200, 3)
+    """
+    time = np.linspace(0.0, duration, _ORBIT_POINTS)
+    none = np.zeros((len(time), 3))
+    if orbit is None:
+        return EnvironmentTable(time, none, none)
+    return EnvironmentTable(time, orbit.magnetic_field_N(time), orbit.position_N(time))
+
+
+def last_environment(campaign: Campaign) -> EnvironmentTable:
+    """The environment that a campaign measured last, taken to stay as it was.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What was flown.
+
+    Returns
+    -------
+    EnvironmentTable
+        Two equal rows; zero for what the last slew did not measure.
+    """
+    last = campaign.slews[-1]
+    field, position = (
+        np.tile(_last_complete(values), (2, 1))
+        for values in (last.magnetic_field_N, last.position_N)
+    )
+    return EnvironmentTable(np.array([0.0, 1.0]), field, position)
+
+
+def environment_at(environment: EnvironmentTable, moments: Array) -> tuple[Array, Array]:
+    """Magnetic field and position at given times.
+
+    Parameters
+    ----------
+    environment : EnvironmentTable
+        What is known.
+    moments : (n,) array
+        Times in the campaign [s].
+
+    Returns
+    -------
+    magnetic_field_N : (n, 3) array
+        Inertial axes [T].
+    position_N : (n, 3) array
+        Inertial axes [m].
+    """
+    field, position = (
+        jnp.stack([jnp.interp(moments, environment.time, values[:, i]) for i in range(3)], -1)
+        for values in (environment.magnetic_field_N, environment.position_N)
+    )
+    return field, position
+
+
+def _inverse_noise(campaign: Campaign) -> InverseNoise:
+    """The inverse noise of a campaign's sensors."""
+    attitude, tracker = np.zeros((3, 3)), campaign.star_tracker
+    if tracker is not None:
+        along = np.outer(tracker.boresight_B, tracker.boresight_B)
+        attitude = (np.eye(3) - along) / tracker.sigma_cross + along / tracker.sigma_roll
+    momentum = np.array([1.0 / (wheel.momentum_sigma or np.inf) for wheel in campaign.wheels])
+    return InverseNoise(1.0 / np.array(campaign.rate_sensor.sigma), attitude, momentum)
+
+
+def _last_complete(values: np.ndarray | None) -> np.ndarray:
+    """The last row (3,) without gaps of (n, 3); zero without any."""
+    complete = np.zeros(0, bool) if values is None else np.isfinite(values).all(1)
+    return values[complete][-1] if values is not None and complete.any() else np.zeros(3)
