@@ -9,7 +9,7 @@ import numpy as np
 from bayes_inertia.diagnosis.cross_validation import held_out
 from bayes_inertia.diagnosis.result import NOISE, Candidate, Diagnosis, Step
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.physics.forward_model import N_BASE
+from bayes_inertia.physics.parameters import N_BASE
 
 _INVISIBLE = (
     "invisible: an effect of the size of its prior would change the telemetry "

@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from typing import Any
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.design.comparison import NAMES, Contender
+from bayes_inertia.design.comparison import Contender
 from bayes_inertia.design.designer import Design
 from bayes_inertia.design.margins import Margin
 from bayes_inertia.flight.plan import Plan
+from bayes_inertia.physics.parameters import BASE_NAMES
 
 _MARGIN_KEYS = ("limit", "where", "used", "allowed", "unit", "left", "kept", "says")
 
@@ -55,7 +56,7 @@ def contender_json(contender: Contender) -> dict[str, Any]:
         An entry of `plans` in compare.json.
     """
     content = {
-        "expected_sd": dict(zip(NAMES, contender.expected.tolist(), strict=True)),
+        "expected_sd": dict(zip(BASE_NAMES, contender.expected.tolist(), strict=True)),
         "total_time_s": contender.total_time,
         "motion_time_s": contender.motion_time,
         "peak_momentum_Nms": _finite(contender.peak_momentum),
@@ -67,9 +68,11 @@ def contender_json(contender: Contender) -> dict[str, Any]:
     if achieved is None:
         return content
     return content | {
-        "achieved_sd": dict(zip(NAMES, achieved.sd.tolist(), strict=True)),
-        "achieved_sd_standard_error": dict(zip(NAMES, achieved.sd_error.tolist(), strict=True)),
-        "stated_sd": dict(zip(NAMES, achieved.stated.mean(0).tolist(), strict=True)),
+        "achieved_sd": dict(zip(BASE_NAMES, achieved.sd.tolist(), strict=True)),
+        "achieved_sd_standard_error": dict(
+            zip(BASE_NAMES, achieved.sd_error.tolist(), strict=True)
+        ),
+        "stated_sd": dict(zip(BASE_NAMES, achieved.stated.mean(0).tolist(), strict=True)),
         "reduced_chi2": float(achieved.chi2.mean()),
         "campaigns": len(achieved.errors),
     }

@@ -191,5 +191,5 @@ def rigid_body_at(
     J = inertia_tensor.tensor(theta[:6])
     wheels = conditions.wheel_axes_B, conditions.spin_inertia
     if structure.includes_wheel_spin:
-        J = J - inertia_tensor.wheel_spin_tensor(*wheels)
+        J = inertia_tensor.without_wheel_spin(J, *wheels)
     return RigidBody(J, conditions.wheel_axes_B, conditions.allocation, conditions.spin_inertia)

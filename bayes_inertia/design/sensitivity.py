@@ -221,14 +221,14 @@ def _quantities(
     active, path = structure.active_effects(theta), planned.path
     J, axes, torque = inertia_tensor.tensor(theta[:6]), context.wheel_axes_B, context.torque
     if structure.includes_wheel_spin:
-        J = J - inertia_tensor.wheel_spin_tensor(axes, context.spin_inertia)
+        J = inertia_tensor.without_wheel_spin(J, axes, context.spin_inertia)
     for effect, p in active:
         J, axes, torque = (
             effect.inertia(p, context, J),
             effect.wheel_axes(p, context, axes),
             effect.delivered_torque(p, context, torque),
         )
-    locked = J + inertia_tensor.wheel_spin_tensor(axes, context.spin_inertia)
+    locked = inertia_tensor.with_wheel_spin(J, axes, context.spin_inertia)
     friction, external = jnp.zeros_like(path.wheel_momentum), jnp.zeros_like(path.rate_B)
     rate_S = path.rate_B @ sensors.axes.T + sensors.bias
     attitude, momentum = path.attitude, path.wheel_momentum
@@ -284,7 +284,7 @@ def _start_deviation(
     """
     p = moved.scale_factor.shape[-1]
     first, G, wheels = d + N_BIAS, at.axes_B, at.axes_B.shape[1]
-    locked = at.inertia_B + inertia_tensor.wheel_spin_tensor(G, context.spin_inertia)
+    locked = inertia_tensor.with_wheel_spin(at.inertia_B, G, context.spin_inertia)
     h, q = path.wheel_momentum[0], path.attitude[0]
     momentum_B = G @ h
     d_momentum = jnp.einsum("iwp,w->ip", moved.axes_B, h)

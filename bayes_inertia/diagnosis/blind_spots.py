@@ -16,7 +16,7 @@ from scipy import optimize, stats
 from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.score_test import fingerprints, unfitted
 from bayes_inertia.inference.linearised_fit import LinearisedFit
-from bayes_inertia.physics.forward_model import N_BASE
+from bayes_inertia.physics.parameters import N_BASE
 
 _MOST = 2.0  # [prior sd] largest amplitude
 

@@ -20,7 +20,8 @@ from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.forward_model import N_BASE, Model
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.parameters import N_BASE
 
 
 @array_dataclass

@@ -18,6 +18,7 @@ from scipy import stats
 from scipy.special import logsumexp
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.diagnosis.compilation import compile_ahead
 from bayes_inertia.diagnosis.driven_disturbances import NAMED
 from bayes_inertia.diagnosis.evidence import log_bayes_factor
@@ -400,7 +401,7 @@ def _dropped(steps: list[Step], i: int, flexible: Effect | None, rules: Rules) -
 
 def final_tests(at: Estimate) -> dict[str, ChannelTest]:
     """Tests of the residuals against the noise as used (stated noise times what was measured of it)."""
-    scale = {c: np.sqrt(at.discount[0, i]) for i, c in enumerate(("rate", "attitude", "momentum"))}
+    scale = {c: np.sqrt(at.discount[0, i]) for i, c in enumerate(CHANNELS)}
     series = {c: [scale[c] * x for x in slews] for c, slews in at.residual_series.items()}
     info = at.information
     return channel_tests(series, info.chi2.sum(0), info.n_data.sum(0) - at.effective_parameters)

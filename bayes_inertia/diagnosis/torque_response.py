@@ -108,14 +108,13 @@ def torque_response(at: Estimate) -> TorqueResponse:
     )
     transition = np.concatenate([turn, change], axis=-2)
     J = np.array(inertia_tensor.tensor(jnp.asarray(at.theta[:6])))
-    spin = np.array(
-        inertia_tensor.wheel_spin_tensor(
-            jnp.asarray(model.campaign.wheel_axes_B), jnp.asarray(model.campaign.spin_inertias)
-        )
-    )
+    axes = jnp.asarray(model.campaign.wheel_axes_B)
+    spin = jnp.asarray(model.campaign.spin_inertias)
     if model.structure.includes_wheel_spin:
-        J = J - spin
-    inverse = np.linalg.inv(J if model.structure.drive == "commanded" else J + spin)
+        J = inertia_tensor.without_wheel_spin(J, axes, spin)
+    if model.structure.drive == "measured":
+        J = inertia_tensor.with_wheel_spin(J, axes, spin)
+    inverse = np.linalg.inv(np.array(J))
     return TorqueResponse(at, time, attitude, rate, momentum, transition, inverse)
 
 
@@ -128,8 +127,9 @@ def tangents(structure: Structure, theta: Array, local: Array, data: Data):
 
     def of_slew(x, slew, telemetry, reference):
         J_of = (
-            J
-            - inertia_tensor.wheel_spin_tensor(slew.context.wheel_axes_B, slew.context.spin_inertia)
+            inertia_tensor.without_wheel_spin(
+                J, slew.context.wheel_axes_B, slew.context.spin_inertia
+            )
             if structure.includes_wheel_spin
             else J
         )

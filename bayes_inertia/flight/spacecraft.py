@@ -13,6 +13,7 @@ import numpy as np
 from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
 from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.errors import CampaignError, EffectError
+from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.values import Vector, array_dataclass
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.effect import Effect
@@ -234,7 +235,10 @@ def spin_tensor(wheels: Sequence[Wheel]) -> np.ndarray:
     >>> spin_tensor([Wheel("x", (1., 0., 0.), 1e-3)])[0, 0].item()
     0.001
     """
-    return sum((w.spin_inertia * np.outer(w.axis_B, w.axis_B) for w in wheels), np.zeros((3, 3)))
+    axes = np.array([w.axis_B for w in wheels]).reshape(-1, 3).T
+    return np.array(
+        inertia_tensor.wheel_spin_tensor(axes, np.array([w.spin_inertia for w in wheels]))
+    )
 
 
 def without_spin(

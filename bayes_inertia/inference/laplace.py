@@ -8,6 +8,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
+from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.inference.likelihood import (
     Information,
     Marginal,
@@ -23,7 +24,6 @@ from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root, solve
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.packing import CHANNELS
 
 
 class Starts(NamedTuple):

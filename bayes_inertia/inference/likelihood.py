@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.physics.forward_model import (
@@ -28,7 +29,6 @@ from bayes_inertia.physics.forward_model import (
     predict,
     predict_all,
 )
-from bayes_inertia.physics.packing import CHANNELS
 from bayes_inertia.physics.parameters import log_prior
 
 # Sensitivities are taken so many columns at a time.
@@ -111,11 +111,8 @@ def _locked(model: Model, theta: np.ndarray) -> np.ndarray:
     J = np.array(inertia_tensor.tensor(jnp.asarray(theta[:6])))
     if model.structure.includes_wheel_spin:
         return J
-    return J + np.array(
-        inertia_tensor.wheel_spin_tensor(
-            jnp.asarray(model.campaign.wheel_axes_B), jnp.asarray(model.campaign.spin_inertias)
-        )
-    )
+    axes, spin = model.campaign.wheel_axes_B, model.campaign.spin_inertias
+    return np.array(inertia_tensor.with_wheel_spin(J, jnp.asarray(axes), jnp.asarray(spin)))
 
 
 def _whiten_rows(covariance: np.ndarray, valid: np.ndarray) -> np.ndarray:

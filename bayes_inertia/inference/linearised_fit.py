@@ -15,6 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
+from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.inference.likelihood import (
     Information,
     Residuals,
@@ -27,7 +28,6 @@ from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root, solve
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.packing import CHANNELS
 
 
 @array_dataclass

@@ -15,6 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.laplace import Estimate, Starts, residual_series
 from bayes_inertia.inference.likelihood import Whitening, discounted, information, whitening
@@ -29,8 +30,8 @@ from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_tests import dispersion
 from bayes_inertia.inference.start_guess import begin
 from bayes_inertia.maths.least_squares import descend
-from bayes_inertia.physics.forward_model import N_BASE, Model
-from bayes_inertia.physics.packing import CHANNELS
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.parameters import N_BASE
 
 # Weight of the data in the first descent of every start.
 _GENTLE = 1e-4

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
+from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.laplace import Estimate, marginal, principal_sd
@@ -27,7 +28,6 @@ from bayes_inertia.inference.likelihood import conditional_point, residuals
 from bayes_inertia.inference.sampler import Chains
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.packing import CHANNELS
 from bayes_inertia.physics.parameters import log_prior
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ import numpy as np
 from emcee.autocorr import integrated_time
 from scipy import stats
 
-from bayes_inertia.physics.packing import CHANNELS
+from bayes_inertia.campaign.channel_names import CHANNELS
 
 # False alarms on perfect data: three channels, two tests each, in all about six per mille.
 REJECT_BELOW = 1e-3

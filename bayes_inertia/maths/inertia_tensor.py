@@ -105,3 +105,53 @@ def wheel_spin_tensor(wheel_axes_B: Array, spin_inertia: Array) -> Array:
     0.001
     """
     return jnp.einsum("iw,w,jw->ij", wheel_axes_B, spin_inertia, wheel_axes_B)
+
+
+def with_wheel_spin(tensor_B: Array, wheel_axes_B: Array, spin_inertia: Array) -> Array:
+    """J_locked of a spacecraft whose tensor without the wheels' spin is J.
+
+    Parameters
+    ----------
+    tensor_B : (..., 3, 3) array
+        J of everything except the wheels' spin [kg m^2].
+    wheel_axes_B : (3, wheels) array
+        Unit spin axes as columns, body frame.
+    spin_inertia : (wheels,) array
+        Spin inertias [kg m^2].
+
+    Returns
+    -------
+    (..., 3, 3) array
+        J_locked [kg m^2].
+
+    Examples
+    --------
+    >>> with_wheel_spin(jnp.eye(3), jnp.eye(3)[:, :1], jnp.array([0.5]))[0, 0].item()
+    1.5
+    """
+    return tensor_B + wheel_spin_tensor(wheel_axes_B, spin_inertia)
+
+
+def without_wheel_spin(locked_B: Array, wheel_axes_B: Array, spin_inertia: Array) -> Array:
+    """J without the wheels' spin of a spacecraft whose tensor with locked wheels is J_locked.
+
+    Parameters
+    ----------
+    locked_B : (..., 3, 3) array
+        J_locked, the inertia of everything with the wheels locked [kg m^2].
+    wheel_axes_B : (3, wheels) array
+        Unit spin axes as columns, body frame.
+    spin_inertia : (wheels,) array
+        Spin inertias [kg m^2].
+
+    Returns
+    -------
+    (..., 3, 3) array
+        J of everything except the wheels' spin [kg m^2].
+
+    Examples
+    --------
+    >>> without_wheel_spin(jnp.eye(3), jnp.eye(3)[:, :1], jnp.array([0.5]))[0, 0].item()
+    0.5
+    """
+    return locked_B - wheel_spin_tensor(wheel_axes_B, spin_inertia)

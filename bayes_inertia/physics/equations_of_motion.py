@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from bayes_inertia.maths import quaternion
-from bayes_inertia.maths.inertia_tensor import wheel_spin_tensor
+from bayes_inertia.maths.inertia_tensor import with_wheel_spin
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.components import (
     Components,
@@ -121,7 +121,7 @@ def prepare(
         axes = effect.wheel_axes(p, context, axes)
         torque = effect.delivered_torque(p, context, torque)
     own = tuple(effect.initial_state(p, context, start.rate_B) for effect, p in active)
-    locked = inertia_B + wheel_spin_tensor(axes, context.spin_inertia)
+    locked = with_wheel_spin(inertia_B, axes, context.spin_inertia)
     relative = start.wheel_momentum if drive == "commanded" else slew.momentum[0]
     internal = internal_momentum(active, context, own)
     momentum_B = locked @ start.rate_B + axes @ relative + internal

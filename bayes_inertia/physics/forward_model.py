@@ -22,14 +22,19 @@ from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.packing import Arrays, Reference, Telemetry, pack
-from bayes_inertia.physics.parameters import Normal, Parameter, ParameterSpace, scalar
+from bayes_inertia.physics.parameters import (
+    N_BASE,
+    Normal,
+    Parameter,
+    ParameterSpace,
+    scalar,
+)
 from bayes_inertia.physics.simulator import simulate
 from bayes_inertia.physics.slew_context import Trajectory
 from bayes_inertia.physics.slew_input import Drive, SlewInput, Start
 
 # Slow shapes of tachometer noise that move the attitude; the rest acts only on its own sample.
 _TACHOMETER_MODES = 12
-N_BASE = 9  # six elements of J, three scale factors: first in every model, before the parameters of effects
 
 
 @dataclass(frozen=True)
@@ -275,8 +280,8 @@ def predict(
     active = structure.active_effects(theta)
     J = inertia_tensor.tensor(theta[:6])
     if structure.includes_wheel_spin:
-        J = J - inertia_tensor.wheel_spin_tensor(
-            slew.context.wheel_axes_B, slew.context.spin_inertia
+        J = inertia_tensor.without_wheel_spin(
+            J, slew.context.wheel_axes_B, slew.context.spin_inertia
         )
     if structure.drive == "measured" and structure.wheels:
         noise = (local[6:] * data.scale.local[6:]).reshape(structure.wheels, structure.modes)

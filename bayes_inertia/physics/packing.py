@@ -18,7 +18,6 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.physics.slew_context import SlewContext
 from bayes_inertia.physics.slew_input import SlewInput
 
-CHANNELS = ("rate", "attitude", "momentum")
 # Rows are padded to a multiple of this so that campaigns of similar length share compiled code.
 _PAD = 32
 _MOST_POINTS = 1e6

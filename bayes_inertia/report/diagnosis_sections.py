@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from bayes_inertia.physics.packing import CHANNELS
+from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict
 from bayes_inertia.report.diagnosis_wording import (
     alike_sentences,

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bayes_inertia.physics.packing import CHANNELS
+from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.report.criteria import Criteria, criteria_of
 from bayes_inertia.report.formatting import listed, typeset
 from bayes_inertia.report.residual_wording import channel_verdict

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.physics.packing import CHANNELS
 from bayes_inertia.report.criteria import Criteria, criteria_of
 from bayes_inertia.report.formatting import CHANNEL_NAMES, NOT_GIVEN
 from bayes_inertia.report.pictures.attitude import draw_attitude

@@ -53,14 +53,14 @@ def show_comparison(contenders: Sequence[Contender], folder: Path) -> None:
     folder : Path
         Where the files of the comparison are.
     """
-    from bayes_inertia.design.comparison import NAMES
+    from bayes_inertia.physics.parameters import BASE_NAMES
 
     console = plain_console()
     table = Table(box=SIMPLE)
     table.add_column("", no_wrap=True)
     for contender in contenders:
         table.add_column(contender.name, justify="right")
-    for i, name in enumerate(NAMES):
+    for i, name in enumerate(BASE_NAMES):
         table.add_row(f"sd {name}", *(_sd_cell(c, i) for c in contenders))
     for heading, cells in _cost_rows(contenders).items():
         table.add_row(heading, *cells)

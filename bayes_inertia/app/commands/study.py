@@ -56,7 +56,7 @@ def show_study(study: Study, folder: Path) -> None:
     folder : Path
         Where its files are.
     """
-    from bayes_inertia.design.comparison import NAMES
+    from bayes_inertia.physics.parameters import BASE_NAMES
 
     console, achieved = plain_console(), study.achieved
     table = Table(box=SIMPLE)
@@ -65,7 +65,7 @@ def show_study(study: Study, folder: Path) -> None:
         table.add_column(heading, justify="right", no_wrap=True)
     stated_sd = (achieved.stated**2).mean(0) ** 0.5
     coverages = zip(study.coverage(0.68), study.coverage(0.95), strict=True)
-    for i, (name, coverage) in enumerate(zip(NAMES, coverages, strict=True)):
+    for i, (name, coverage) in enumerate(zip(BASE_NAMES, coverages, strict=True)):
         shares = [
             f"{100 * share:.1f} % ({100 * low:.0f} to {100 * high:.0f})"
             for share, low, high in coverage

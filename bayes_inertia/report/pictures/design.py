@@ -8,7 +8,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bayes_inertia.design.comparison import NAMES, Contender
+from bayes_inertia.design.comparison import Contender
+from bayes_inertia.physics.parameters import BASE_NAMES
 from bayes_inertia.report.pictures import style
 
 
@@ -71,7 +72,7 @@ def _sds(axes: Axes, contenders: Sequence[Contender], which: range, label: str) 
                 lw=1.0,
             )
     achieved = any(c.achieved for c in contenders)
-    axes.set(xticks=x, xticklabels=[NAMES[i] for i in which], ylabel=label, ylim=(0.0, None))
+    axes.set(xticks=x, xticklabels=[BASE_NAMES[i] for i in which], ylabel=label, ylim=(0.0, None))
     axes.set_title(
         "bars: expected" + (", marks: achieved in simulated campaigns (± 2 se)" if achieved else "")
         if which.start == 0
