@@ -31,7 +31,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy import linalg
 
-from bayes_inertia.design.comparison import NAMES, Contender, compare_plans
+from bayes_inertia.design.comparison import Contender, compare_plans
 from bayes_inertia.design.design_setup import set_up_design
 from bayes_inertia.design.designer import design_plan
 from bayes_inertia.design.expected_accuracy import estimate_at_truth, expected_sd
@@ -61,7 +61,7 @@ from bayes_inertia.inference.optimizer import estimate, move_to
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.parameters import ParameterSpace
+from bayes_inertia.physics.parameters import BASE_NAMES, ParameterSpace
 from bayes_inertia.report.pictures import style
 from bayes_inertia.report.pictures.design import draw_comparison
 
@@ -136,8 +136,8 @@ def gains() -> dict:
                 "median": float(np.median(values[:RANDOM])),
             },
             "values": np.quantile(values[:RANDOM], np.linspace(0.0, 1.0, 201)).tolist(),
-            "sd": dict(zip(NAMES, exact[0].tolist(), strict=True)),
-            "sd_paper": dict(zip(NAMES, exact[1].tolist(), strict=True)),
+            "sd": dict(zip(BASE_NAMES, exact[0].tolist(), strict=True)),
+            "sd_paper": dict(zip(BASE_NAMES, exact[1].tolist(), strict=True)),
             "seeds": [design_plan(MISSION, wanted, LIMITS, seed=seed).gain for seed in (1, 2)]
             if wanted == "cross_terms"
             else [],
@@ -485,7 +485,7 @@ def ratio_picture(found: dict) -> Figure:
             label="over the sd that fits state (rms)" if k == 0 else None,
         )
     axes.set(
-        xticks=range(9), xticklabels=NAMES, ylabel="predicted sd / achieved sd", ylim=(0.85, 1.2)
+        xticks=range(9), xticklabels=BASE_NAMES, ylabel="predicted sd / achieved sd", ylim=(0.85, 1.2)
     )
     number = next(iter(found.values()))["campaigns"]
     axes.set_title(
@@ -548,7 +548,7 @@ def page() -> str:
         lines += [
             "## Predicted over achieved",
             "",
-            "| plan | campaigns | " + " | ".join(NAMES) + " |",
+            "| plan | campaigns | " + " | ".join(BASE_NAMES) + " |",
             "|---" * 11 + "|",
         ]
         for name, row in read["achieved"].items():

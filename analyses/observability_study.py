@@ -22,7 +22,6 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from bayes_inertia.design.comparison import NAMES
 from bayes_inertia.design.expected_accuracy import estimate_at_truth, likely_missions
 from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.mission import Mission
@@ -37,6 +36,7 @@ from bayes_inertia.flight.spacecraft import (
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.observability.analysis import observe
 from bayes_inertia.physics.effects import by_name
+from bayes_inertia.physics.parameters import BASE_NAMES
 from bayes_inertia.report.pictures import style
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -153,7 +153,7 @@ def hidden_by_control(at: Estimate) -> dict:
     theta, sd, out = MISSION.theta, at.model.space.sd, {}
     controller = Controller(CRAFT.inertia_B, CRAFT.scale_factor)
     found = observe(at)
-    for i, name in enumerate(NAMES):
+    for i, name in enumerate(BASE_NAMES):
         ends = []
         for sign in (1.0, -1.0):
             moved = theta.copy()
@@ -292,7 +292,7 @@ def page(found: dict) -> str:
     one, tenth = int(np.flatnonzero(RATES == 1.0)[0]), int(np.flatnonzero(RATES == 0.1)[0])
     half = worst(base["rate"])[int(np.flatnonzero(RATES == 0.5)[0])]
     value, sd = abs(c["Jxy"]["value"]), c["Jxy"]["sd"]
-    relative = {name: c[name]["sd"] / abs(c[name]["value"]) for name in NAMES[:6]}
+    relative = {name: c[name]["sd"] / abs(c[name]["value"]) for name in BASE_NAMES[:6]}
     rate = DEGREE
     lost = found["lost"]
     lines = [
@@ -408,7 +408,7 @@ def page(found: dict) -> str:
             f"{row['commands_rms']:.1e} |"
         )
     products = [
-        hidden[n]["rate_with_given_commands"] / hidden[n]["rate_in_closed_loop"] for n in NAMES[3:6]
+        hidden[n]["rate_with_given_commands"] / hidden[n]["rate_in_closed_loop"] for n in BASE_NAMES[3:6]
     ]
     lines += [
         "",

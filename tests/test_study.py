@@ -12,10 +12,10 @@ from scipy import stats
 import bayes_inertia
 from bayes_inertia.app.cli import main
 from bayes_inertia.app.study_folder import Study, run_study
-from bayes_inertia.design.comparison import NAMES
 from bayes_inertia.design.simulated_fits import AchievedErrors
 from bayes_inertia.errors import OutputError
 from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.physics.parameters import BASE_NAMES
 from bayes_inertia.report.pictures.study import draw_coverage
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
@@ -30,7 +30,7 @@ def run(*arguments) -> int:
 def made(n: int, seed: int, shrink: float = 1.0) -> Study:
     """A study of n campaigns whose errors are normal, and whose stated sds are theirs times `shrink`."""
     rng = np.random.default_rng(seed)
-    sd = np.geomspace(1e-5, 1e-2, len(NAMES)) * rng.uniform(0.8, 1.2, (n, len(NAMES)))
+    sd = np.geomspace(1e-5, 1e-2, len(BASE_NAMES)) * rng.uniform(0.8, 1.2, (n, len(BASE_NAMES)))
     return Study(
         paper_like_plan(),
         AchievedErrors(sd * rng.standard_normal(sd.shape), shrink * sd, *np.ones((3, n))),
@@ -66,7 +66,7 @@ def test_study_of_the_example_goes_on_where_it_was(tmp_path, capsys, monkeypatch
     assert "6 campaigns" in printed
     first = (out / "study.json").read_bytes()
     rows = json.loads(first)["parameters"]
-    assert set(rows) == set(NAMES)
+    assert set(rows) == set(BASE_NAMES)
     for row in rows.values():  # Six campaigns: the sd of errors is uncertain to 29 %.
         assert 0.3 < row["achieved_sd"] / row["stated_sd"] < 2.2
 
@@ -102,8 +102,8 @@ def test_coverage_is_drawn_inside_its_band_or_not():
     """Sound uncertainties stay inside the drawn band; halved ones leave it."""
     for shrink, leaves in ((1.0, False), (0.5, True)):
         study = made(400, 2, shrink)
-        right = draw_coverage(NAMES, study.achieved, study.z).axes[1]
+        right = draw_coverage(BASE_NAMES, study.achieved, study.z).axes[1]
         band = right.collections[0].get_paths()[0].vertices[:, 1].max()
         assert (
-            max(np.abs(line.get_ydata()).max() for line in right.lines[: len(NAMES)]) > band
+            max(np.abs(line.get_ydata()).max() for line in right.lines[: len(BASE_NAMES)]) > band
         ) == leaves

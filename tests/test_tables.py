@@ -21,10 +21,11 @@ from bayes_inertia.app.commands.run_result import show_diagnosis, show_summary
 from bayes_inertia.app.commands.study import show_study
 from bayes_inertia.app.study_folder import Study
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.design.comparison import NAMES, Contender
+from bayes_inertia.design.comparison import Contender
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.simulated_fits import AchievedErrors
 from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.physics.parameters import BASE_NAMES
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 # To Rich these are markup: unknown tags vanish, a closing tag without its opening one is an error.
@@ -112,7 +113,7 @@ def test_a_study_of_a_hostile_plan(printed):
     out = printed()
     assert f"of {HOSTILE}." in out
     assert str(FOLDER) in out
-    assert all(name in out for name in NAMES)
+    assert all(name in out for name in BASE_NAMES)
 
 
 def test_observability_of_hostile_names(printed):

@@ -21,13 +21,13 @@ from scipy import stats
 from bayes_inertia.app.named_plans import PAPER, plan_sha256, plans_named, prior_mission
 from bayes_inertia.app.result_folder import ResultFolder
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
-from bayes_inertia.design.comparison import NAMES
 from bayes_inertia.design.simulated_fits import AchievedErrors, fit_simulated_campaigns
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.inference.sampler import Progress
+from bayes_inertia.physics.parameters import BASE_NAMES
 from bayes_inertia.report.pictures.figure_file import write_png
 from bayes_inertia.report.pictures.study import draw_coverage
 
@@ -86,8 +86,8 @@ class Study:
         By chi^2 of all errors, Bonferroni over the parameters.
         """
         p = stats.chi2.sf(np.sum(self.z**2, axis=0), len(self.z))
-        limit = _FALSE_ALARM / len(NAMES)
-        return tuple(name for name, value in zip(NAMES, p, strict=True) if value < limit)
+        limit = _FALSE_ALARM / len(BASE_NAMES)
+        return tuple(name for name, value in zip(BASE_NAMES, p, strict=True) if value < limit)
 
 
 def run_study(
@@ -150,7 +150,7 @@ def run_study(
             progress("campaigns", sum(len(s.errors) for s in shards), campaigns)
     joined = (np.concatenate([getattr(s, f.name) for s in shards]) for f in fields(AchievedErrors))
     study = Study(chosen, AchievedErrors(*joined))
-    write_png(draw_coverage(NAMES, study.achieved, study.z), folder / "study.png")
+    write_png(draw_coverage(BASE_NAMES, study.achieved, study.z), folder / "study.png")
     content = {"format": FORMAT, "campaign_sha256": digest, **options, **_content(study)}
     write_atomically(folder / "study.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
     return study
@@ -204,7 +204,7 @@ def _shard(
 def _content(study: Study) -> dict[str, Any]:
     z, achieved = study.z, study.achieved
     rows = {}
-    for i, name in enumerate(NAMES):
+    for i, name in enumerate(BASE_NAMES):
         rows[name] = {
             "achieved_sd": float(achieved.sd[i]),
             "achieved_sd_standard_error": float(achieved.sd_error[i]),

@@ -16,7 +16,6 @@ from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.maths.values import array_dataclass
 
-NAMES = ("Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz", "K1", "K2", "K3")
 # Flights that expected sds are averaged over.
 _EXPECTED_FLIGHTS = 24
 

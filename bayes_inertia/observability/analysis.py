@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.objective import N_BIAS, block_index, prior_rows
@@ -34,7 +35,6 @@ from bayes_inertia.observability.result import (
     ParameterObservability,
 )
 from bayes_inertia.observability.variance_inflation import inflation_by_group
-from bayes_inertia.physics.packing import CHANNELS
 
 GROUPS = ("J", "K", "initial conditions", "tachometer noise", "rate bias", "effects")
 _PARTNERS = 3  # correlated parameters that are listed

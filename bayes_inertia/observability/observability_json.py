@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.observability.result import (
     Observability,
     ParameterObservability,
@@ -14,7 +15,6 @@ from bayes_inertia.observability.result import (
     in_windows,
 )
 from bayes_inertia.observability.sentences import sentence
-from bayes_inertia.physics.packing import CHANNELS
 
 FORMAT = "bayes-inertia-observability/1"
 _CONTROLLER = (

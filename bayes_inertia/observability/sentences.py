@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
+from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.observability.result import (
     Observability,
     ParameterObservability,
     commands_worth,
 )
-from bayes_inertia.physics.packing import CHANNELS
 
 _WORTH_SAYING = 1.2  # ratio of sds from which the worth of the commands is mentioned
 _LOST_FROM = 1.21  # variance inflation from which something is called lost
