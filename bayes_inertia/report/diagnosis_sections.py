@@ -122,7 +122,7 @@ def _disagreement_pictures(content: Mapping[str, Any]) -> list[Picture]:
 def _candidates_section(content: Mapping[str, Any]) -> Section:
     """All candidates, ranked."""
     figure = draw_candidates(content["candidates"], content["threshold"], content["named"])
-    false_alarms = rules_of(content)["false_alarms"]
+    false_alarms = rules_of(content)["false_alarm_probability"]
     caption = (
         "How strongly the residuals of the base model speak for each candidate "
         "if it were the only thing missing. Several are significant as soon as one is present, "

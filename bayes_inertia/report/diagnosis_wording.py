@@ -8,7 +8,11 @@ from typing import Any
 from bayes_inertia.report.formatting import CHANNEL_NAMES, listed, plain, value_text
 
 # Files of version 0.1 do not state the rules of their search: they were these.
-_RULES_OF_0_1 = {"false_alarms": 0.02, "margin": 3.0, "alike": 0.6}
+_RULES_OF_0_1 = {
+    "false_alarm_probability": 0.02,
+    "log_evidence_margin": 3.0,
+    "imitation_correlation": 0.6,
+}
 # In units of the sd: a smaller difference between two models is called none.
 _NO_DIFFERENCE = 0.1
 
@@ -24,11 +28,11 @@ def rules_of(content: Mapping[str, Any]) -> Mapping[str, float]:
     Returns
     -------
     mapping of str to float
-        Among them `false_alarms`, `margin` (log evidence) and `alike` (correlation).
+        Among them `false_alarm_probability`, `log_evidence_margin` and `imitation_correlation`.
 
     Examples
     --------
-    >>> rules_of({"rules": {"margin": 4.0}})["margin"]
+    >>> rules_of({"rules": {"log_evidence_margin": 4.0}})["log_evidence_margin"]
     4.0
     """
     return _RULES_OF_0_1 | content.get("rules", {})
@@ -142,7 +146,7 @@ def nameless_text(content: Mapping[str, Any]) -> str:
     ''
     """
     lead = content.get("nameless_lead")
-    if lead is None or lead < -rules_of(content)["margin"]:
+    if lead is None or lead < -rules_of(content)["log_evidence_margin"]:
         return ""
     return (
         "Something without a name (a torque or sensor error of free shape, "
@@ -301,7 +305,7 @@ def alike_sentences(content: Mapping[str, Any], most: int = 8) -> list[str]:
     >>> alike_sentences({"alike": [{"effects": ["a_b", "c"], "correlation": 0.9}]})
     ['A b and c can imitate each other (canonical correlation 0.90).']
     """
-    limit = rules_of(content)["alike"]
+    limit = rules_of(content)["imitation_correlation"]
     if not content["alike"]:
         return [
             f"No two candidates can imitate each other beyond a canonical correlation of {limit:g}."

@@ -6,6 +6,7 @@ import pytest
 from jinja2 import Environment, StrictUndefined
 
 from bayes_inertia.report.criteria import Criteria, criteria_of
+from bayes_inertia.report.diagnosis_wording import alike_sentences, nameless_text
 from bayes_inertia.report.formatting import number
 from bayes_inertia.report.parameter_wording import correlation_sentences
 from bayes_inertia.report.residual_wording import channel_verdict
@@ -137,3 +138,12 @@ def test_the_limits_that_were_used_decide_what_counts_as_determined():
     assert determination(0.93, Criteria()) == "determined"
     assert determination(0.97, strict) == "partly determined"
     assert determination(0.93, strict) == "not determined"
+
+
+def test_the_rules_of_the_search_decide_what_the_report_doubts():
+    content = {"nameless_lead": -3.5, "alike": []}
+    strict = content | {"rules": {"log_evidence_margin": 4.0, "imitation_correlation": 0.8}}
+    assert nameless_text(content) == ""
+    assert "likely, not proven" in nameless_text(strict)
+    assert "correlation of 0.6" in alike_sentences(content)[0]
+    assert "correlation of 0.8" in alike_sentences(strict)[0]
