@@ -7,8 +7,8 @@ during the motion. It propagates the attitude with scaled readings, beginning wi
 tracker's mean attitude in the rest before the slew. What it gets wrong in the scale factors
 therefore stays in the final attitude, as in Ferguson's paper.
 
-The plant is `bayes_inertia.physics.equations_of_motion`. Effects that act at an instant act inside the loop.
-Effects whose hook needs the whole history (a lag, a sensor's delay) are found by waveform
+The plant is `bayes_inertia.physics.equations_of_motion`. Effects that act at an instant act inside
+the loop. Effects whose hook needs the whole history (a lag, a sensor's delay) are found by waveform
 relaxation: fly, ask the hooks what they make of that history, fly again with the difference as a
 given input, until nothing changes.
 """
@@ -23,6 +23,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from bayes_inertia.flight.closed_loop_data import FlownSlew, Plant, SensorNoise
 from bayes_inertia.flight.control_law import (
     ControlLaw,
     ReferenceMotion,
@@ -41,95 +42,11 @@ from bayes_inertia.physics.equations_of_motion import (
     rate_and_wheel_momentum,
 )
 from bayes_inertia.physics.slew_context import Trajectory
-from bayes_inertia.physics.slew_input import SlewInput, Start
+from bayes_inertia.physics.slew_input import SlewInput
 
 # Relaxation ends when no command changes by more than this fraction of the largest.
 RELAXATION_TOLERANCE = 1e-9
 MAX_ROUNDS = 60
-
-
-class Plant(NamedTuple):
-    """The spacecraft as it is, as arrays.
-
-    Parameters
-    ----------
-    inertia_B : (3, 3) array
-        Inertia tensor without the wheels' spin [kg m^2].
-    scale_factor : (3,) array
-        True K of the rate sensor.
-    bias : (3,) array
-        True bias of the rate sensor, in its own axes [rad/s].
-    rate_axes : (3, 3) array
-        C_rate, from body axes to sensor axes.
-    start : Start
-        State at the first row.
-    """
-
-    inertia_B: Array
-    scale_factor: Array
-    bias: Array
-    rate_axes: Array
-    start: Start
-
-
-class SensorNoise(NamedTuple):
-    """Noise of one slew of n rows.
-
-    Parameters
-    ----------
-    rate : (n, 3) array
-        Of the rate readings [rad/s].
-    momentum : (n, wheels) array
-        Of the tachometers [N m s].
-    attitude : (n, 3) array
-        Small rotation of each star-tracker fix, in body axes [rad].
-    bias_snapshot : (3,) array
-        Of the mean reading at rest that gives the controller its bias [rad/s].
-    """
-
-    rate: Array
-    momentum: Array
-    attitude: Array
-    bias_snapshot: Array
-
-
-class FlownSlew(NamedTuple):
-    """One slew as flown, n rows: first what telemetry shows, then the truth.
-
-    Parameters
-    ----------
-    command : (n, wheels) array
-        Commanded torque on each wheel [N m].
-    rate : (n, 3) array
-        Readings of the rate sensor [rad/s].
-    momentum : (n, wheels) array
-        Wheel momentum as the tachometers show it [N m s].
-    fixes : (n, 4) array
-        What the star tracker would show in every row.
-    attitude : (n, 4) array
-        True attitude.
-    rate_B : (n, 3) array
-        True rate [rad/s].
-    wheel_momentum : (n, wheels) array
-        True wheel momentum relative to the body [N m s].
-    final_error_B : (3,) array
-        Rotation vector from the target to the true final attitude [rad].
-    measured_error_B : (3,) array
-        The same as the star tracker measures it [rad].
-    relaxation_change : float
-        Largest change of a command in the last round, as a fraction of the largest command.
-    """
-
-    command: Array
-    rate: Array
-    momentum: Array
-    fixes: Array
-    attitude: Array
-    rate_B: Array
-    wheel_momentum: Array
-    final_error_B: Array
-    measured_error_B: Array
-    relaxation_change: Array
 
 
 class _HookTerms(NamedTuple):
@@ -194,7 +111,9 @@ def fly_slews(
     FlownSlew
         With a leading axis of slews.
     """
-    axes = (0, 0, Plant(None, None, None, None, 0), None, 0, None)
+    # Axes and not arrays, which is how `vmap` wants them.
+    plant_axes = Plant(None, None, None, None, 0)  # type: ignore[arg-type]
+    axes = (0, 0, plant_axes, None, 0, None)
     return jax.vmap(partial(fly_slew, substeps=substeps), in_axes=axes)(
         slews, schedules, plant, law, noise, active
     )
@@ -279,11 +198,21 @@ def _round(loop: _Loop, terms: _HookTerms) -> tuple[FlownSlew, _HookTerms]:
     change = jnp.max(jnp.abs(next_terms.commands - terms.commands)) / jnp.maximum(
         jnp.max(jnp.abs(command)), 1e-30
     )
-    truth = tuple(
-        x[::substeps] for x in (trajectory.attitude, trajectory.rate_B, trajectory.wheel_momentum)
+    attitude = trajectory.attitude[::substeps]
+    final_error_B, measured_error_B = _final_errors(loop.schedule, attitude, fixes)
+    flown = FlownSlew(
+        command=command,
+        rate=reading,
+        momentum=momentum,
+        fixes=fixes,
+        attitude=attitude,
+        rate_B=trajectory.rate_B[::substeps],
+        wheel_momentum=trajectory.wheel_momentum[::substeps],
+        final_error_B=final_error_B,
+        measured_error_B=measured_error_B,
+        relaxation_change=change,
     )
-    errors = _final_errors(loop.schedule, truth[0], fixes)
-    return FlownSlew(command, reading, momentum, fixes, *truth, *errors, change), next_terms
+    return flown, next_terms
 
 
 def _bias_snapshot(loop: _Loop, terms: _HookTerms) -> Array:
@@ -373,9 +302,14 @@ def _ask_hooks(
         rate_S = effect.rate_output(p, context, with_own, rate_S)
         fix = effect.attitude_output(p, context, with_own, fix)
         tachometer = effect.momentum_output(p, context, with_own, tachometer)
-    added = (rate_S - plain, quaternion.error(attitude, fix), tachometer - momentum)
-    at_rows = (x[:: loop.substeps] for x in added)
-    return trajectory, _HookTerms(jnp.zeros_like(commands), *at_rows, commands)
+    terms = _HookTerms(
+        torque=jnp.zeros_like(commands),
+        rate_S=(rate_S - plain)[:: loop.substeps],
+        attitude=quaternion.error(attitude, fix)[:: loop.substeps],
+        momentum=(tachometer - momentum)[:: loop.substeps],
+        commands=commands,
+    )
+    return trajectory, terms
 
 
 def _final_errors(schedule: SlewSchedule, attitude: Array, fixes: Array) -> tuple[Array, Array]:

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.flight.closed_loop import Plant, SensorNoise
+from bayes_inertia.flight.closed_loop_data import Plant, SensorNoise
 from bayes_inertia.flight.control_law import ControlLaw, SlewSchedule
 from bayes_inertia.flight.integration_grids import integration_grid
 from bayes_inertia.flight.mission import Mission
@@ -208,17 +208,17 @@ def slew_schedule(plan: Plan, i: int, n_rows: int, *, tracked: bool) -> SlewSche
         gain[before] = 1.0 / np.arange(1, len(before) + 1)
         weight[after] = 1.0 / len(after)
     return SlewSchedule(
-        start_attitude=plan.attitudes[i],
-        axis_B=np.array(slew.axis_B),
-        angle=np.array(slew.angle),
-        rate=np.array(slew.rate),
-        acceleration=np.array(slew.acceleration),
-        smooth=np.array(slew.profile == "smooth"),
-        motion_start=np.array(plan.rest_before),
-        n_rows=np.array(len(time)),
-        time=np.concatenate([time, np.full(n_rows - len(time), time[-1])]),
-        fix_gain=gain,
-        final_fix_weight=weight,
+        start_attitude=jnp.asarray(plan.attitudes[i]),
+        axis_B=jnp.asarray(slew.axis_B),
+        angle=jnp.asarray(slew.angle),
+        rate=jnp.asarray(slew.rate),
+        acceleration=jnp.asarray(slew.acceleration),
+        smooth=jnp.asarray(slew.profile == "smooth"),
+        motion_start=jnp.asarray(plan.rest_before),
+        n_rows=jnp.asarray(len(time)),
+        time=jnp.asarray(np.concatenate([time, np.full(n_rows - len(time), time[-1])])),
+        fix_gain=jnp.asarray(gain),
+        final_fix_weight=jnp.asarray(weight),
     )
 
 
@@ -340,10 +340,10 @@ def sensor_noise(
         attitude = tracker.sigma_cross * (rotation - roll) + tracker.sigma_roll * roll
     readings = max(1.0, controller.snapshot_time / plan.telemetry_period)
     return SensorNoise(
-        white(n_rows, 3) * sensor.sigma,
-        momentum,
-        attitude,
-        white(3) * np.array(sensor.sigma) / math.sqrt(readings),
+        rate=jnp.asarray(white(n_rows, 3) * sensor.sigma),
+        momentum=jnp.asarray(momentum),
+        attitude=jnp.asarray(attitude),
+        bias_snapshot=jnp.asarray(white(3) * np.array(sensor.sigma) / math.sqrt(readings)),
     )
 
 

@@ -175,9 +175,14 @@ def reference_motion(schedule: SlewSchedule) -> ReferenceMotion:
     attitude = quaternion.multiply(
         schedule.start_attitude, quaternion.exp(angle[:, None] * schedule.axis_B)
     )
-    vectors_B = [x[:, None] * schedule.axis_B for x in (rate, middle_rate, acceleration)]
-    elapsed = jnp.concatenate([jnp.zeros(1), step[:-1]])
-    return ReferenceMotion(attitude, *vectors_B, schedule.fix_gain, elapsed)
+    return ReferenceMotion(
+        attitude=attitude,
+        rate_B=rate[:, None] * schedule.axis_B,
+        middle_rate_B=middle_rate[:, None] * schedule.axis_B,
+        acceleration_B=acceleration[:, None] * schedule.axis_B,
+        fix_gain=schedule.fix_gain,
+        elapsed=jnp.concatenate([jnp.zeros(1), step[:-1]]),
+    )
 
 
 def wheel_command(

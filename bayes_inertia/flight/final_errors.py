@@ -15,7 +15,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bayes_inertia.flight.closed_loop import Plant, fly_slew
+from bayes_inertia.flight.closed_loop import fly_slew
+from bayes_inertia.flight.closed_loop_data import Plant
 from bayes_inertia.flight.closed_loop_inputs import (
     control_law,
     rate_bias,

@@ -72,7 +72,7 @@ def following_plan(campaign: Campaign, wheel_momentum: np.ndarray | None = None)
     # Without the rounding of times read from a file, so that alike campaigns share compiled code.
     period = float(f"{np.median(np.concatenate([np.diff(s.time) for s in campaign.slews])):.9g}")
     attitude = (0.0, 0.0, 0.0, 1.0)
-    if last.fixes.any():
+    if last.attitude is not None and last.fixes.any():
         attitude = tuple(last.attitude[last.fixes][-1].tolist())
     if last.wheel_momentum is not None and np.isfinite(last.wheel_momentum).all(1).any():
         wheel_momentum = last.wheel_momentum[np.isfinite(last.wheel_momentum).all(1)][-1]

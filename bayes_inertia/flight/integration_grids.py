@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import EffectError
@@ -74,8 +75,9 @@ def _padded(slews: SlewInput, missing: int) -> SlewInput:
     if missing == 0:
         return slews
 
-    def pad(x: jnp.ndarray, mode: str) -> np.ndarray:
-        return np.pad(x, [(0, 0), (0, missing)] + [(0, 0)] * (x.ndim - 2), mode=mode)
+    def pad(x: Array, mode: Literal["constant", "edge"]) -> Array:
+        width = [(0, 0), (0, missing)] + [(0, 0)] * (x.ndim - 2)
+        return jnp.asarray(np.pad(np.asarray(x), width, mode=mode))
 
     context = slews.context._replace(
         step=pad(slews.context.step, "constant"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import jax
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import EffectError
-from bayes_inertia.flight.closed_loop import RELAXATION_TOLERANCE, FlownSlew, fly_slews
+from bayes_inertia.flight.closed_loop import RELAXATION_TOLERANCE, fly_slews
 from bayes_inertia.flight.closed_loop_inputs import closed_loop_inputs
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
@@ -124,14 +125,14 @@ def fly(
         inputs.active,
         inputs.substeps,
     )
-    flown = jax.tree.map(np.asarray, flown)
-    _check_converged(flown, inputs.planned, mission.spacecraft.effects)
+    on_host: Any = jax.tree.map(np.asarray, flown)  # a FlownSlew of numpy arrays
+    _check_converged(on_host, inputs.planned, mission.spacecraft.effects)
     bias = tuple(np.asarray(inputs.plant.bias).tolist())
     craft = replace(mission.spacecraft, bias=bias)
-    return _flight(plan, replace(mission, spacecraft=craft), inputs.planned, flown)
+    return _flight(plan, replace(mission, spacecraft=craft), inputs.planned, on_host)
 
 
-def _check_converged(flown: FlownSlew, planned: Campaign, effects: Sequence[Effect]) -> None:
+def _check_converged(flown: Any, planned: Campaign, effects: Sequence[Effect]) -> None:
     """Raise for a slew that runs away or whose relaxation did not end."""
     bad = ~np.isfinite(flown.attitude).all(axis=(1, 2))
     if effects:
@@ -144,8 +145,8 @@ def _check_converged(flown: FlownSlew, planned: Campaign, effects: Sequence[Effe
         )
 
 
-def _flight(plan: Plan, mission: Mission, planned: Campaign, flown: FlownSlew) -> Flight:
-    """The flight, from the arrays of all slews."""
+def _flight(plan: Plan, mission: Mission, planned: Campaign, flown: Any) -> Flight:
+    """The flight, from the numpy arrays of all slews (a `FlownSlew`)."""
     craft = mission.spacecraft
     slews = tuple(_telemetry(plan, craft, i, slew, flown) for i, slew in enumerate(planned.slews))
     truth = tuple(_true_path(i, slew, flown) for i, slew in enumerate(planned.slews))
@@ -158,13 +159,13 @@ def _flight(plan: Plan, mission: Mission, planned: Campaign, flown: FlownSlew) -
         mission=mission,
         final_error_B=flown.final_error_B,
         measured_error_B=measured,
-        peak_torque=_peaks([slew.wheel_torque for slew in slews], craft, "max_torque"),
-        peak_momentum=_peaks([path.wheel_momentum for path in truth], craft, "max_momentum"),
+        peak_torque=_peaks(flown.command, planned, craft, "max_torque"),
+        peak_momentum=_peaks(flown.wheel_momentum, planned, craft, "max_momentum"),
         truth=truth,
     )
 
 
-def _telemetry(plan: Plan, craft: Spacecraft, i: int, slew: Slew, flown: FlownSlew) -> Slew:
+def _telemetry(plan: Plan, craft: Spacecraft, i: int, slew: Slew, flown: Any) -> Slew:
     """What telemetry shows of slew i."""
     n = len(slew.time)
     fixes = None
@@ -182,19 +183,22 @@ def _telemetry(plan: Plan, craft: Spacecraft, i: int, slew: Slew, flown: FlownSl
     )
 
 
-def _true_path(i: int, slew: Slew, flown: FlownSlew) -> Trajectory:
+def _true_path(i: int, slew: Slew, flown: Any) -> Trajectory:
     """True trajectory of slew i at the telemetry's times."""
     n = len(slew.time)
+    no_own_states: Any = np.zeros((n, 0))
+    time: Any = slew.time
     return Trajectory(
-        slew.time,
+        time,
         flown.attitude[i, :n],
         flown.rate_B[i, :n],
         flown.wheel_momentum[i, :n],
-        np.zeros((n, 0)),
+        no_own_states,
     )
 
 
-def _peaks(histories: Sequence[np.ndarray], craft: Spacecraft, limit: str) -> np.ndarray:
+def _peaks(padded: np.ndarray, planned: Campaign, craft: Spacecraft, limit: str) -> np.ndarray:
     """Largest magnitude (slews, wheels) in each slew, as a fraction of the wheels' limit."""
     limits = np.array([getattr(wheel, limit) or np.nan for wheel in craft.wheels])
+    histories = (x[: len(slew.time)] for x, slew in zip(padded, planned.slews, strict=True))
     return np.stack([np.abs(x).max(axis=0) for x in histories]) / limits

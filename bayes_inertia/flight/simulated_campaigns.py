@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
@@ -156,7 +157,9 @@ def _hidden_effects(
         space = _space_of(effect, template)
         settings = [r for r in requests if r.effect == effect.name and r.parameter]
         flat = space.nulls if settings else space.draw(rng, 1)[0]
-        by_parameter = {k: np.asarray(v) for k, v in space.split(flat)[effect.name].items()}
+        by_parameter = {
+            k: np.asarray(v) for k, v in space.split(jnp.asarray(flat))[effect.name].items()
+        }
         for request in settings:
             by_parameter[request.parameter] = _requested_value(request, by_parameter)
         values[effect.name] = by_parameter
@@ -223,7 +226,7 @@ def truth_of(flight: Flight, seed: int | None = None) -> dict[str, Any]:
         "J_locked_kgm2": locked.tolist(),
         "K": list(craft.scale_factor),
         "C_rate": craft.rate_sensor.axes.tolist(),
-        "b_radps": list(craft.bias),
+        "b_radps": np.asarray(craft.bias).tolist(),
         "wheel_axes_B": craft.wheel_axes_B.tolist(),
         "effects": values or {"none": {}},
         "slews": slews,
@@ -288,9 +291,8 @@ def _drawn_inertia(template: Campaign, rng: np.random.Generator) -> np.ndarray:
     prior = template.inertia
     spin = spin_tensor(template.wheels) if prior.includes_wheel_spin else np.zeros((3, 3))
     mean, sd = prior.elements, prior.sd
-    elements = draw_physical(
-        lambda n: rng.normal(mean, sd, (n, 6)), 1, wheel_spin=inertia_tensor.elements(spin)
-    )[0]
+    spin_elements = np.asarray(inertia_tensor.elements(jnp.asarray(spin)))
+    elements = draw_physical(lambda n: rng.normal(mean, sd, (n, 6)), 1, wheel_spin=spin_elements)[0]
     return np.array(inertia_tensor.tensor(elements)) - spin
 
 
