@@ -45,6 +45,7 @@ def test_sound_uncertainties_are_rarely_called_too_small():
     assert all(made(200, seed, shrink=0.85).too_small for seed in range(100))
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_as_often_as_they_say():
     """The 95 % interval of each share holds the level in about 95 %; with sds halved the 95 % intervals hold the truth in 67 %."""
     inside = [
@@ -58,6 +59,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
     assert halved == pytest.approx(2.0 * stats.norm.cdf(0.98) - 1.0, abs=0.02)
 
 
+@pytest.mark.slow
 def test_study_of_the_example_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
     out = tmp_path / "run"
     assert run("study", EXAMPLE, "-o", out, "--campaigns", 6) == 0

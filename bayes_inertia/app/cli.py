@@ -6,6 +6,7 @@ Exit codes: 0 done; 2 bad input; 3 finished, but the result must not be trusted 
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from typing import Annotated
 
 import typer
@@ -25,7 +26,7 @@ from bayes_inertia.app.commands.simulate import simulate_command
 from bayes_inertia.app.commands.study import study_command
 from bayes_inertia.errors import BayesInertiaError
 
-COMMANDS = {
+COMMANDS: dict[str, Callable[..., None]] = {
     "check": check_command,
     "fit": fit_command,
     "diagnose": diagnose_command,
@@ -96,7 +97,7 @@ def main(arguments: list[str] | None = None) -> None:
         typer.echo(f"error: {error}", err=True)
         code = 2
     except typer.TyperException as error:
-        error.show()
+        error.show()  # type: ignore[attr-defined]
         code = error.exit_code
     except (typer.Abort, KeyboardInterrupt):
         typer.echo("interrupted; `bayes-inertia resume RUN` goes on with a fit", err=True)

@@ -7,6 +7,7 @@ import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.design.limits import KeepOut, Limits
@@ -71,28 +72,34 @@ class DesignRequest:
         CampaignError
             If the attitude to end in or a keep-out cone cannot be read.
         """
-        rate = campaign.largest_rate() / (1.0 - Limits().rate_reserve)
-        degrees = {"angle": self.max_angle, "acceleration": self.max_acceleration}
+        usual = Limits()
+        own_rate = campaign.largest_rate() / (1.0 - usual.rate_reserve)
         return Limits(
-            rate=rate if self.max_rate is None else math.radians(self.max_rate),
+            rate=_radians(self.max_rate, own_rate),
+            angle=_radians(self.max_angle, usual.angle),
+            acceleration=_radians(self.max_acceleration, usual.acceleration),
             total_time=self.total_time,
             end_attitude=_quaternion(self.end_attitude),
             keep_out=keep_outs(self.keep_out),
-            **{key: math.radians(value) for key, value in degrees.items() if value is not None},
         )
 
 
-def _quaternion(text: str | None) -> tuple[float, ...] | None:
+def _radians(degrees: float | None, otherwise: float | None) -> Any:
+    return otherwise if degrees is None else math.radians(degrees)
+
+
+def _quaternion(text: str | None) -> tuple[float, float, float, float] | None:
     if text is None:
         return None
     try:
-        return tuple(float(part) for part in text.split(","))
+        q1, q2, q3, q4 = (float(part) for part in text.split(","))
     except ValueError:
         raise CampaignError(
             f"{text!r} is no quaternion",
-            where="end attitude",
+            where="end_attitude",
             advice="give q1,q2,q3,q4, scalar last",
         ) from None
+    return q1, q2, q3, q4
 
 
 def keep_outs(texts: Sequence[str]) -> tuple[KeepOut, ...]:
@@ -140,15 +147,11 @@ def _cone(text: str) -> KeepOut:
 
 def _cones_in(path: Path) -> list[KeepOut]:
     try:
-        tables = tomllib.loads(path.read_text())["keep_out"]
-        return [
-            KeepOut(
-                t["name"],
-                tuple(float(x) for x in t["direction_N"]),
-                math.radians(t["half_angle_deg"]),
-            )
-            for t in tables
-        ]
+        cones = []
+        for table in tomllib.loads(path.read_text())["keep_out"]:
+            x, y, z = (float(component) for component in table["direction_N"])
+            cones.append(KeepOut(table["name"], (x, y, z), math.radians(table["half_angle_deg"])))
+        return cones
     except (tomllib.TOMLDecodeError, KeyError, TypeError, ValueError, UnicodeDecodeError) as error:
         raise CampaignError(
             f"no keep-out cones ({error!r})",

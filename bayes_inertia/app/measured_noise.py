@@ -33,7 +33,8 @@ def with_measured_noise(
     """
     factors = factors if drive == "commanded" else {**factors, "momentum": factors["rate"]}
     sensor, tracker = campaign.rate_sensor, campaign.star_tracker
-    louder_sensor = replace(sensor, sigma=tuple(factors["rate"] * s for s in sensor.sigma))
+    x, y, z = (factors["rate"] * sigma for sigma in sensor.sigma)
+    louder_sensor = replace(sensor, sigma=(x, y, z))
     louder_wheels = tuple(
         replace(w, momentum_sigma=w.momentum_sigma and factors["momentum"] * w.momentum_sigma)
         for w in campaign.wheels

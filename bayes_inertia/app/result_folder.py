@@ -123,7 +123,7 @@ class ResultFolder:
         write_atomically(self.path / self.claim_file, text + "\n")
 
     def _free_or_error(self) -> None:
-        names = self.results
+        names = list(self.results)
         if not names and self.path.is_dir():
             # What a kill left of an unfinished claim is nobody's.
             unfinished = f".{self.claim_file}."

@@ -63,13 +63,15 @@ def show_campaign(campaign: Campaign) -> None:
 
 
 def _slew_cells(slew: Slew) -> tuple[str, ...]:
-    peak = np.degrees(np.nanmax(np.linalg.norm(slew.rate, axis=1)))
+    peak = "none"
+    if slew.rate is not None:
+        peak = f"{np.degrees(np.nanmax(np.linalg.norm(slew.rate, axis=1))):.3g}"
     return (
         slew.name,
         str(len(slew.time)),
         f"{np.median(np.diff(slew.time)):.4g}",
         f"{slew.duration:.4g}",
-        f"{peak:.3g}",
+        peak,
         str(int(slew.fixes.sum())),
         "no" if slew.wheel_torque is None else "yes",
         "no" if slew.wheel_momentum is None else "yes",
