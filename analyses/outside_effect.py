@@ -21,8 +21,9 @@ from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.check_effect import check_effect
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.forward_model import Model, predict_all
+from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import Normal, vector
+from bayes_inertia.physics.prediction import predict_all
 from bayes_inertia.physics.small_campaign import small_campaign
 
 

@@ -35,8 +35,9 @@ from bayes_inertia.physics.effects import (
     WheelCommandLag,
     by_name,
 )
-from bayes_inertia.physics.forward_model import Model, predict_all
+from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import Normal, scalar, vector
+from bayes_inertia.physics.prediction import predict_all
 from bayes_inertia.physics.simulator import simulate
 from bayes_inertia.physics.slew_context import State, Trajectory
 from bayes_inertia.physics.slew_input import Start, idle_slew

@@ -25,8 +25,9 @@ from bayes_inertia.physics.effects import (
     StarTrackerMisalignment,
     WheelCommandLag,
 )
-from bayes_inertia.physics.forward_model import Model, predict
+from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.packing import Reference
+from bayes_inertia.physics.prediction import predict
 
 DIAGONAL = np.array([1.0, -2.0, 2.0]) / 3.0
 

@@ -22,7 +22,8 @@ from bayes_inertia.inference.likelihood import (
 )
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.point import Point
-from bayes_inertia.physics.forward_model import Model, predict_all
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.prediction import predict_all
 
 DRIVES = ("commanded", "measured")
 

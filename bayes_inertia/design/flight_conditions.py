@@ -11,7 +11,8 @@ from jax import Array
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.orbit import Orbit
-from bayes_inertia.physics.forward_model import Model, NuisanceScale, Sensors
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.prediction import NuisanceScale, Sensors
 
 # Points of the table that holds an orbit's environment.
 _ORBIT_POINTS = 200

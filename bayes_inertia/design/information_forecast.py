@@ -35,7 +35,8 @@ from bayes_inertia.inference.objective import N_BIAS
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.forward_model import Model, Structure
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.prediction import Structure
 
 
 class ForecastArrays(NamedTuple):

@@ -19,7 +19,7 @@ from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.likelihood import Residuals
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.forward_model import Data, Structure, start_of
+from bayes_inertia.physics.prediction import Data, Structure, start_of
 from bayes_inertia.physics.simulator import simulate
 
 

@@ -21,15 +21,9 @@ from jax import Array
 from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor, quaternion
-from bayes_inertia.physics.forward_model import (
-    Data,
-    Model,
-    Prediction,
-    Structure,
-    predict,
-    predict_all,
-)
+from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import log_prior
+from bayes_inertia.physics.prediction import Data, Prediction, Structure, predict, predict_all
 
 # Sensitivities are taken so many columns at a time.
 _COLUMNS = 24

@@ -28,7 +28,7 @@ from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.likelihood import Marginal, log_posterior, shared_log_posterior
 from bayes_inertia.inference.moves import IndependenceMove
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.forward_model import Structure
+from bayes_inertia.physics.prediction import Structure
 
 Progress = Callable[[str, int, int], None]
 LogDensity = Callable[[np.ndarray], np.ndarray]

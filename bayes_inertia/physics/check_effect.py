@@ -13,8 +13,9 @@ from jax import Array
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effect_declaration import check_declaration, guarded, require
-from bayes_inertia.physics.forward_model import Model, Prediction, predict_all
+from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import N_BASE
+from bayes_inertia.physics.prediction import Prediction, predict_all
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.small_campaign import small_campaign
 

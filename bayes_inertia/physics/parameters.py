@@ -16,12 +16,6 @@ from bayes_inertia.maths.inertia_tensor import ELEMENTS
 BASE_NAMES = (*ELEMENTS, "K1", "K2", "K3")
 N_BASE = len(BASE_NAMES)
 
-from bayes_inertia.maths.inertia_tensor import ELEMENTS
-
-# J and K, first in every model, before the parameters of effects.
-BASE_NAMES = (*ELEMENTS, "K1", "K2", "K3")
-N_BASE = len(BASE_NAMES)
-
 
 @dataclass(frozen=True)
 class Normal:

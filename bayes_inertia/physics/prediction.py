@@ -1,0 +1,287 @@
+"""Predicted telemetry, compiled: parameters and nuisances of a model -> what the sensors report.
+
+`Structure` is the hashable part of a model, so that all campaigns of one shape share compiled
+code; `Data` holds its arrays.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from bayes_inertia.maths import inertia_tensor, quaternion
+from bayes_inertia.physics.active_effects import ActiveEffects
+from bayes_inertia.physics.components import Components
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.packing import Arrays, Reference, Telemetry
+from bayes_inertia.physics.parameters import N_BASE
+from bayes_inertia.physics.simulator import simulate
+from bayes_inertia.physics.slew_context import Trajectory
+from bayes_inertia.physics.slew_input import Drive, SlewInput, Start
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What decides the compiled code of a model.
+
+    Parameters
+    ----------
+    effects : tuple of Effect
+        What acts beside J and K.
+    drive : "commanded" or "measured"
+        What drives the model.
+    layout : tuple of (str, str, int or None)
+        Owner, name and number of components (None: a scalar) of each parameter after J and K.
+    includes_wheel_spin : bool
+        Whether the first six parameters are J_locked.
+    wheels : int
+        Number of wheels.
+    modes : int
+        Number of slow tachometer-noise shapes a wheel (measured drive).
+    refined : bool
+        Whether the integration grid is finer than the telemetry's rows.
+    """
+
+    effects: tuple[Effect, ...]
+    drive: Drive
+    layout: tuple[tuple[str, str, int | None], ...]
+    includes_wheel_spin: bool
+    wheels: int
+    modes: int
+    refined: bool
+
+    @property
+    def n_local(self) -> int:
+        """Number of one slew's nuisances.
+
+        Start rate and attitude, then start momentum (commanded) or tachometer shapes (measured).
+        """
+        return 6 + self.wheels * (self.modes if self.drive == "measured" else 1)
+
+    def active_effects(self, theta: Array) -> ActiveEffects:
+        """The effects with the parameters that a flat vector gives them.
+
+        Parameters
+        ----------
+        theta : (d,) array
+            Sampled parameters in physical units.
+
+        Returns
+        -------
+        ActiveEffects
+            The effects and their values.
+        """
+        values: dict[str, dict[str, Array]] = {effect.name: {} for effect in self.effects}
+        start = N_BASE
+        for owner, name, size in self.layout:
+            stop = start + (1 if size is None else size)
+            values[owner][name] = theta[start] if size is None else theta[start:stop]
+            start = stop
+        return ActiveEffects(self.effects, values)
+
+
+class Sensors(NamedTuple):
+    """Constants of the rate sensor.
+
+    Parameters
+    ----------
+    axes : (3, 3) array
+        C_rate, one row a sensor axis.
+    bias : (3,) array
+        Prior mean of the bias [rad/s].
+    """
+
+    axes: Array
+    bias: Array
+
+
+class NuisanceScale(NamedTuple):
+    """Prior sd that turns whitened nuisances into physical ones.
+
+    Parameters
+    ----------
+    local : (n_local,) array
+        Of one slew's nuisances [rad/s, rad, N m s].
+    bias : (3,) array
+        Of the rate bias [rad/s].
+    """
+
+    local: Array
+    bias: Array
+
+
+class Data(NamedTuple):
+    """All arrays of a model.
+
+    Parameters
+    ----------
+    arrays : Arrays
+        Inputs and measurements, with the slews as leading axis.
+    sensors : Sensors
+        Constants of the rate sensor.
+    scale : NuisanceScale
+        Prior sd of the nuisances.
+    """
+
+    arrays: Arrays
+    sensors: Sensors
+    scale: NuisanceScale
+
+
+class Prediction(NamedTuple):
+    """Predicted telemetry of one slew of n rows and f fixes.
+
+    Parameters
+    ----------
+    rate : (n, 3) array
+        As the rate sensor reads it [rad/s].
+    attitude : (f, 4) array
+        At the star-tracker fixes.
+    momentum : (n, wheels) array
+        Wheel momentum relative to the body [N m s].
+    """
+
+    rate: Array
+    attitude: Array
+    momentum: Array
+
+
+def start_of(
+    structure: Structure, scale: NuisanceScale, reference: Reference, local: Array
+) -> Start:
+    """Start state of one slew from its nuisances.
+
+    Parameters
+    ----------
+    structure : Structure
+        Of the model.
+    scale : NuisanceScale
+        Prior sd of the nuisances.
+    reference : Reference
+        Where the nuisances are counted from.
+    local : (n_local,) array
+        Whitened nuisances of the slew.
+
+    Returns
+    -------
+    Start
+        In physical units.
+    """
+    physical = local * scale.local
+    attitude = quaternion.multiply(reference.attitude, quaternion.exp(physical[3:6]))
+    momentum = reference.wheel_momentum + (physical[6:] if structure.drive == "commanded" else 0.0)
+    return Start(reference.rate_B + physical[:3], attitude, momentum)
+
+
+def predict(
+    structure: Structure,
+    theta: Array,
+    local: Array,
+    bias: Array,
+    slew: SlewInput,
+    telemetry: Telemetry,
+    reference: Reference,
+    data: Data,
+) -> Prediction:
+    """Predicted telemetry of one slew.
+
+    Parameters
+    ----------
+    structure : Structure
+        Of the model.
+    theta : (d,) array
+        Sampled parameters in physical units.
+    local : (n_local,) array
+        Whitened nuisances of the slew.
+    bias : (3,) array
+        Whitened rate bias.
+    slew : SlewInput
+        One slew of `data.arrays`, as are `telemetry` and `reference`.
+    telemetry : Telemetry
+        Says where rows and fixes stand on the grid.
+    reference : Reference
+        Where the nuisances are counted from.
+    data : Data
+        Sensors and scales of the model.
+
+    Returns
+    -------
+    Prediction
+        What the sensors would report without noise.
+    """
+    active = structure.active_effects(theta)
+    J = inertia_tensor.tensor(theta[:6])
+    if structure.includes_wheel_spin:
+        J = inertia_tensor.without_wheel_spin(
+            J, slew.context.wheel_axes_B, slew.context.spin_inertia
+        )
+    if structure.drive == "measured" and structure.wheels:
+        noise = (local[6:] * data.scale.local[6:]).reshape(structure.wheels, structure.modes)
+        slew = slew._replace(momentum=slew.momentum - telemetry.tachometer_modes @ noise.T)
+    start = start_of(structure, data.scale, reference, local)
+    trajectory, own = simulate(slew, start, J, active, structure.drive)
+    bias_S = data.sensors.bias + bias * data.scale.bias
+    C = data.sensors.axes
+    rate_S = jnp.stack(
+        [sum(C[i, j] * trajectory.rate_B[:, j] for j in range(3)) + bias_S[i] for i in range(3)], -1
+    )
+    return _sensed(structure, theta[6:N_BASE], rate_S, active, slew, telemetry, trajectory, own)
+
+
+def _sensed(
+    structure: Structure,
+    scale_factor: Array,
+    rate_S: Array,
+    active: ActiveEffects,
+    slew: SlewInput,
+    telemetry: Telemetry,
+    trajectory: Trajectory,
+    own: Components,
+) -> Prediction:
+    """Each effect's sensor hooks in order, then scale factors and sampling."""
+    attitude, momentum = trajectory.attitude, trajectory.wheel_momentum
+    for (effect, p), states in zip(active, own, strict=True):
+        with_own = trajectory._replace(own=states)
+        rate_S = effect.rate_output(p, slew.context, with_own, rate_S)
+        attitude = effect.attitude_output(p, slew.context, with_own, attitude)
+        momentum = effect.momentum_output(p, slew.context, with_own, momentum)
+    fixes = telemetry.fix_row
+    if structure.refined:
+        rows = telemetry.sample
+        rate_S, momentum, fixes = rate_S[rows], momentum[rows], rows[fixes]
+    return Prediction(rate_S / scale_factor, attitude[fixes], momentum)
+
+
+def predict_all(
+    structure: Structure, theta: Array, local: Array, bias: Array, data: Data
+) -> Prediction:
+    """Predicted telemetry of all slews.
+
+    Parameters
+    ----------
+    structure : Structure
+        Of the model.
+    theta : (d,) array
+        Sampled parameters in physical units.
+    local : (slews, n_local) array
+        Whitened nuisances of each slew.
+    bias : (3,) array
+        Whitened rate bias.
+    data : Data
+        Of the model.
+
+    Returns
+    -------
+    Prediction
+        With the slews as leading axis.
+    """
+    one = jax.vmap(
+        lambda x, slew, telemetry, reference: predict(
+            structure, theta, x, bias, slew, telemetry, reference, data
+        )
+    )
+    return one(local, *data.arrays)
