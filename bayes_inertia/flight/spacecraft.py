@@ -230,8 +230,20 @@ def most_like_prior() -> InertiaPrior:
 
 
 def spin_tensor(wheels: Sequence[Wheel]) -> np.ndarray:
-    """sum Js g g^T (3, 3) [kg m^2]: what J_locked has more than J.
+    """What J_locked has more than J: the sum of Js g g^T over all wheels.
 
+    Parameters
+    ----------
+    wheels : sequence of Wheel
+        Reaction wheels.
+
+    Returns
+    -------
+    (3, 3) array
+        Tensor [kg m^2].
+
+    Examples
+    --------
     >>> spin_tensor([Wheel("x", (1., 0., 0.), 1e-3)])[0, 0].item()
     0.001
     """
@@ -244,8 +256,24 @@ def spin_tensor(wheels: Sequence[Wheel]) -> np.ndarray:
 def without_spin(
     tensor: np.ndarray, includes_wheel_spin: bool, wheels: Sequence[Wheel]
 ) -> np.ndarray:
-    """J (..., 3, 3) of everything except the wheels' spin, from J_locked if that is what is given.
+    """J of everything except the wheels' spin, from J_locked if that is what is given.
 
+    Parameters
+    ----------
+    tensor : (..., 3, 3) array
+        J or J_locked [kg m^2].
+    includes_wheel_spin : bool
+        Whether it is J_locked.
+    wheels : sequence of Wheel
+        Reaction wheels.
+
+    Returns
+    -------
+    (..., 3, 3) array
+        J [kg m^2].
+
+    Examples
+    --------
     >>> without_spin(np.eye(3), True, [Wheel("x", (1., 0., 0.), 1e-3)])[0, 0].item()
     0.999
     """
