@@ -42,7 +42,7 @@ from bayes_inertia.design.plan_search import random_plans
 from bayes_inertia.design.planned_motion import slew_arrays
 from bayes_inertia.design.separating_slew import separating_slew
 from bayes_inertia.design.simulated_fits import AchievedErrors, fit_simulated_campaigns
-from bayes_inertia.diagnosis.score_test import Fingerprints, fingerprints
+from bayes_inertia.diagnosis.score_test import ScoreTests, score_tests
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.mission import Mission
@@ -266,12 +266,12 @@ def deaf_craft() -> Spacecraft:
 STRENGTH = 30.0
 
 
-def _hidden(effect: Effect, marks: Fingerprints, seed: int) -> dict:
+def _hidden(effect: Effect, marks: ScoreTests, seed: int) -> dict:
     """Values {effect: {parameter: value}} of that strength, in the direction that the other effect
     imitates best in the campaign of these fingerprints.
     """
     k = marks.names.index(effect.name)
-    own, other = marks.groups[k], marks.groups[1 - k]
+    own, other = marks.indices[k], marks.indices[1 - k]
     matrix, cross = marks.matrix[np.ix_(own, own)], marks.matrix[np.ix_(own, other)]
     taken = (
         cross
@@ -316,7 +316,7 @@ def told_apart(seeds: int) -> dict:
 
 def _plans_and_marks(
     pair: tuple[str, str], craft: Spacecraft
-) -> tuple[dict[str, Plan], dict[str, Fingerprints]]:
+) -> tuple[dict[str, Plan], dict[str, ScoreTests]]:
     """Slews like the paper's, alone, twice, and with those designed to separate a pair; the pair's
     fingerprints in each.
     """
@@ -333,10 +333,10 @@ def _plans_and_marks(
     return shown, {label: _marks(plan, craft, pair) for label, plan in shown.items()}
 
 
-def _marks(plan: Plan, craft: Spacecraft, pair: tuple[str, str]) -> Fingerprints:
-    """Fingerprints of two effects in a flight without them."""
+def _marks(plan: Plan, craft: Spacecraft, pair: tuple[str, str]) -> ScoreTests:
+    """Score tests of two effects in a flight without them."""
     at = estimate_at_truth(plan, Mission(craft, PRIOR), controller=MISSION.controller())
-    return fingerprints(move_to(at, Model(at.model.campaign, by_name(pair))), pair)
+    return score_tests(move_to(at, Model(at.model.campaign, by_name(pair))), pair)
 
 
 def _verdict(label: str, plan: Plan, acting: Spacecraft, hidden: str, seed: int) -> dict:

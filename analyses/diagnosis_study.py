@@ -25,11 +25,12 @@ from independent import Deadband, Disturbance, Leak, RateSquared, Ripple, Swirl,
 from scipy import optimize, stats
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.diagnosis.cross_validation import held_out
-from bayes_inertia.diagnosis.model_averaging import alternatives
+from bayes_inertia.diagnosis.cross_validation import held_out_chi2
+from bayes_inertia.diagnosis.model_averaging import alternative_parameters
 from bayes_inertia.diagnosis.result import Diagnosis
-from bayes_inertia.diagnosis.score_test import fingerprints
-from bayes_inertia.diagnosis.search import Rules, diagnose
+from bayes_inertia.diagnosis.rules import Rules
+from bayes_inertia.diagnosis.score_test import score_tests
+from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.errors import BayesInertiaError
 from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.mission import most_like_mission
@@ -145,7 +146,7 @@ def amplitude_for(effect: Effect, values: dict, wanted: float, seed, tachometers
     if effect.name == "flexible_mode":
         return mode_amplitude(effect, values, wanted, seed, first, tachometers)
     marks, step = (
-        fingerprints(move_to(first, Model(without, (effect,))), (effect.name,)),
+        score_tests(move_to(first, Model(without, (effect,))), (effect.name,)),
         unit_step(effect, values, without),
     )
     return float(
@@ -189,7 +190,7 @@ def ideal_powers(
     """
     without, _ = draw(seed, (), {}, tachometers)
     first = plain_fit(without)
-    marks = fingerprints(
+    marks = score_tests(
         move_to(first, Model(without, effects)),
         tuple(e.name for e in effects if e.name != "flexible_mode"),
     )
@@ -199,7 +200,7 @@ def ideal_powers(
         kept.append(nc)
     if len(marks.names) == 2:
         for i, j in ((0, 1), (1, 0)):
-            own, other = marks.groups[i], marks.groups[j]
+            own, other = marks.indices[i], marks.indices[j]
             alone = marks.matrix[np.ix_(own, own)]
             cross = marks.matrix[np.ix_(own, other)]
             apart = (
@@ -242,7 +243,7 @@ def _truth(flight) -> np.ndarray:
 
 def averaged_z(found: Diagnosis, truth: np.ndarray) -> np.ndarray:
     """Distance of J and K from the truth [sd], averaged over the effects of an ambiguous set."""
-    others = alternatives(found)
+    others = alternative_parameters(found)
     weights = np.array(
         [1.0 - sum(o.probability for o in others), *(o.probability for o in others)]
     )[:, None]
@@ -312,7 +313,7 @@ def run_one(
             for c, t in found.tests.items()
             if t.reduced_chi2 is not None
         },
-        "held_out": [held_out(found.base), held_out(found.final)],
+        "held_out": [held_out_chi2(found.base), held_out_chi2(found.final)],
         "seconds": seconds,
     }
 

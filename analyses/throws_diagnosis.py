@@ -36,10 +36,10 @@ from scipy import linalg
 
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.diagnosis.flexible_mode_search import (
-    Ringing,
-    best_ringing,
+    FlexibleModeCandidate,
+    best_flexible_mode,
     frequencies,
-    theta_of,
+    theta_with_mode,
 )
 from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.files import write_atomically
@@ -180,17 +180,17 @@ class Linear:
         )
 
 
-def ringing_of(at: Estimate, fit: LinearisedFit) -> tuple[Ringing, str]:
+def ringing_of(at: Estimate, fit: LinearisedFit) -> tuple[FlexibleModeCandidate, str]:
     """The flexible mode that the residuals show best, and what the tables call it."""
     flexible, response = next(e for e in LIBRARY if e.name == FLEXIBLE), torque_response(at)
-    ringing = best_ringing(
+    ringing = best_flexible_mode(
         FLEXIBLE, response, fit, flexible.parameters(at.model.campaign)[0].priors[0].sd ** 2
     )
     lowest = np.isclose(ringing.frequency, frequencies(response)[0])
     return ringing, f"{FLEXIBLE}@{ringing.frequency:.3g} Hz{', lowest' if lowest else ''}"
 
 
-def candidates(at: Estimate, fit: LinearisedFit, ringing: Ringing, label: str) -> list[Term]:
+def candidates(at: Estimate, fit: LinearisedFit, ringing: FlexibleModeCandidate, label: str) -> list[Term]:
     """Every effect that leaves a trace here, shared and different in each throw."""
     space, terms = at.model.space, []
     for effect in at.model.effects:
@@ -266,7 +266,7 @@ def diagnose_configuration(folder: Path) -> dict:
     return row
 
 
-def _full_fits(campaign, base: Estimate, steps: list[dict], ringing: Ringing) -> list[dict]:
+def _full_fits(campaign, base: Estimate, steps: list[dict], ringing: FlexibleModeCandidate) -> list[dict]:
     """Fits with the chosen effects added one after the other, each from the one before."""
     library = {e.name: e for e in LIBRARY}
     fits, effects, before = [], (), base
@@ -280,7 +280,7 @@ def _full_fits(campaign, base: Estimate, steps: list[dict], ringing: Ringing) ->
         effects = (*effects, effect if step["shared"] else EachSlew.of(effect, campaign))
         begin = move_to(before, Model(campaign, effects, "measured"))
         before = estimate(
-            begin.model, start=theta_of(ringing, begin) if name == FLEXIBLE else begin.theta
+            begin.model, start=theta_with_mode(begin, ringing) if name == FLEXIBLE else begin.theta
         )
         fits.append(_fitted("+ " + step["added"], before))
     return fits

@@ -65,3 +65,7 @@ class EstimateError(BayesInertiaError):
 
 class DesignError(BayesInertiaError):
     """No plan keeps what was asked; the error says which limit binds and by how much."""
+
+
+class SettingsError(BayesInertiaError):
+    """A setting has a value that it cannot have; `where` names the setting."""

@@ -28,12 +28,14 @@ PUBLIC = set(
     most_like_spacecraft paper_like_plan read_plan simulate write_plan
     ChannelTest Estimate Posterior Settings estimate fit
     Degeneracy Direction InformationArrival Observability ParameterObservability observe
-    Alternative Candidate Cells DiagnosedFit Diagnosis Disagreement History Investigation Match
-    Rival Rules Spectrum Step Undetected Unknown Window diagnose diagnose_and_fit investigate
+    AlternativeEffect AlternativeParameters BinnedResiduals Candidate DiagnosedFit Diagnosis
+    Disagreement FreeSignal Investigation Match Rules Spectrum Step Undetected
+    UnexplainedSignal Window diagnose diagnose_and_fit investigate
     AchievedErrors Contender CorrectionForecast Design Goal KeepOut Limits Margin Separation
     compare_plans design_plan next_slew separating_slew
     Picture Section standard_sections write_report
     BayesInertiaError CampaignError DesignError EffectError EstimateError OutputError
+    SettingsError
     """.split()  # noqa: SIM905
 )
 

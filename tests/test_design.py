@@ -39,7 +39,7 @@ from bayes_inertia.design.plan_search import PlanProblem, random_plans
 from bayes_inertia.design.planned_motion import slew_arrays
 from bayes_inertia.design.separating_slew import separating_slew
 from bayes_inertia.design.simulated_fits import fit_simulated_campaigns
-from bayes_inertia.diagnosis.score_test import fingerprints
+from bayes_inertia.diagnosis.score_test import score_tests
 from bayes_inertia.errors import CampaignError, DesignError
 from bayes_inertia.flight.final_errors import predict_final_errors
 from bayes_inertia.flight.mission import Mission
@@ -394,7 +394,7 @@ def test_separating_slew_starts_from_what_the_fingerprints_say(craft, prior):
     at = estimate(Model(campaign), starts=1)
     found = separating_slew(at, *effects)
     assert found.correlation[0] == pytest.approx(
-        fingerprints(move_to(at, Model(campaign, effects)), names).canonical_correlation(0, 1),
+        score_tests(move_to(at, Model(campaign, effects)), names).canonical_correlation(0, 1),
         abs=1e-6,
     )
     assert found.correlation[0] > 0.99

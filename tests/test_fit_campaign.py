@@ -33,7 +33,7 @@ def test_the_seed_is_the_one_given_or_that_of_the_settings(flown, monkeypatch, g
         raise Sampling
 
     monkeypatch.setattr(fit_campaign.optimizer, "estimate", estimate)
-    monkeypatch.setattr(fit_campaign, "with_ringing", lambda estimate: estimate)
+    monkeypatch.setattr(fit_campaign, "restarted_with_mode", lambda estimate: estimate)
     monkeypatch.setattr(fit_campaign, "sample", sample)
     with pytest.raises(Sampling):
         fit_campaign.fit(flown.campaign, **given)

@@ -16,9 +16,9 @@ from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.app.investigation import Investigation, investigate
 from bayes_inertia.app.measured_noise import with_measured_noise
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.diagnosis.model_averaging import Alternative, averaged
+from bayes_inertia.diagnosis.model_averaging import AlternativeParameters, averaged_posterior
 from bayes_inertia.diagnosis.result import Diagnosis
-from bayes_inertia.diagnosis.search import Rules
+from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.sampler import Progress, Settings
 from bayes_inertia.physics.effect import Effect
@@ -44,7 +44,7 @@ class NextFit:
         {channel: factor by which its noise exceeds what is stated}.
     drive : {"commanded", "measured"}
         What drove the model in the diagnosis.
-    alternatives : tuple of Alternative
+    alternatives : tuple of AlternativeParameters
         J and K with another effect of an ambiguous set, to be averaged over.
     """
 
@@ -52,7 +52,7 @@ class NextFit:
     effects: tuple[Effect, ...] = ()
     noise: Mapping[str, float] = field(default_factory=dict)
     drive: Drive = "commanded"
-    alternatives: tuple[Alternative, ...] = ()
+    alternatives: tuple[AlternativeParameters, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -237,4 +237,4 @@ def fit_what_was_found(
         about=about,
         progress=progress,
     )
-    return averaged(posterior, wanted.alternatives, settings.seed)
+    return averaged_posterior(posterior, wanted.alternatives, settings.seed)

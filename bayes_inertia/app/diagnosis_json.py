@@ -16,10 +16,11 @@ from bayes_inertia.app.diagnosis_tables import alike_pairs, candidate_rows, step
 from bayes_inertia.app.investigation import Investigation
 from bayes_inertia.design.correction_slew import CorrectionForecast
 from bayes_inertia.design.separating_slew import Separation
-from bayes_inertia.diagnosis.model_averaging import Alternative
+from bayes_inertia.diagnosis.model_averaging import AlternativeParameters
 from bayes_inertia.diagnosis.residual_scan import Disagreement
 from bayes_inertia.diagnosis.result import Diagnosis
-from bayes_inertia.diagnosis.unexplained import Unknown
+from bayes_inertia.diagnosis.signal_wording import describe
+from bayes_inertia.diagnosis.unexplained import UnexplainedSignal
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY
 
@@ -57,23 +58,25 @@ def to_json(investigation: Investigation) -> dict[str, Any]:
         "separating": [_separating(s) for s in investigation.separating_slews],
         "alternatives": [_alternative(a) for a in investigation.alternatives],
         "could_hide": [asdict(u) for u in investigation.blind_spots],
-        **_search(diagnosis, investigation.rules.alike),
+        **_search(diagnosis),
         "fitted": fitted_rows(diagnosis),
         "pictures": pictures_json(investigation),
     }
     return _plain(content)
 
 
-def _search(diagnosis: Diagnosis, alike: float) -> dict[str, Any]:
+def _search(diagnosis: Diagnosis) -> dict[str, Any]:
     """What the search says of itself."""
     return {
         "why_unknown": diagnosis.why_unknown,
         "nameless_lead": diagnosis.nameless_lead,
         "threshold": diagnosis.threshold,
+        "rules": asdict(diagnosis.rules),
         "noise": dict(diagnosis.noise),
         "skipped": [{"effect": name, "reason": reason} for name, reason in diagnosis.skipped],
         "alike": [
-            {"effects": list(pair), "correlation": r} for pair, r in alike_pairs(diagnosis, alike)
+            {"effects": list(pair), "correlation": r}
+            for pair, r in alike_pairs(diagnosis, diagnosis.rules.imitation_correlation)
         ],
         "fit": {
             key: {"reduced_chi2": t.reduced_chi2, "p_chi2": t.p_chi2, "p_white": t.p_white}
@@ -141,7 +144,7 @@ def next_fit_from(content: Mapping[str, Any], library: Sequence[Effect] = LIBRAR
     )
 
 
-def _alternative(alternative: Alternative) -> dict[str, Any]:
+def _alternative(alternative: AlternativeParameters) -> dict[str, Any]:
     return {
         **asdict(alternative),
         "names": list(alternative.names),
@@ -150,9 +153,9 @@ def _alternative(alternative: Alternative) -> dict[str, Any]:
     }
 
 
-def _alternative_from(row: Mapping[str, Any]) -> Alternative:
+def _alternative_from(row: Mapping[str, Any]) -> AlternativeParameters:
     arrays = {key: np.array(row[key]) for key in ("mean", "covariance")}
-    return Alternative(**{**row, **arrays, "names": tuple(row["names"])})
+    return AlternativeParameters(**{**row, **arrays, "names": tuple(row["names"])})
 
 
 def _correction(correction: CorrectionForecast | None) -> dict[str, Any] | None:
@@ -189,9 +192,9 @@ def _windows(disagreement: Disagreement) -> list[dict[str, Any]]:
     return [{key: getattr(w, key) for key in keys} for w in disagreement.windows]
 
 
-def _unknown(unknown: Unknown) -> dict[str, Any]:
+def _unknown(unknown: UnexplainedSignal) -> dict[str, Any]:
     return {
-        "description": unknown.description,
+        "description": describe(unknown),
         "axis": unknown.axis_B.tolist(),
         "frequency_hz": unknown.frequency_hz,
         "torque_rms": unknown.torque_rms,

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.app.investigation import Investigation
-from bayes_inertia.diagnosis.free_signal import History
+from bayes_inertia.diagnosis.free_signal import FreeSignal
 from bayes_inertia.diagnosis.residual_scan import Disagreement
 
 
@@ -29,7 +29,7 @@ def pictures_json(investigation: Investigation) -> dict[str, Any]:
     before, after = investigation.disagreement_before, investigation.disagreement_after
     unknown = investigation.unexplained
     torque = None if unknown is None else unknown.torque
-    other = None if unknown is None else unknown.other
+    other = None if unknown is None else unknown.better_signal
     return {
         "before": _residual_map(before),
         "after": None if after is None else _residual_map(after),
@@ -52,7 +52,7 @@ def _residual_map(disagreement: Disagreement) -> dict[str, Any]:
 
 
 def _signal(
-    history: History, slews: Sequence[str], components: Sequence[str] | None
+    history: FreeSignal, slews: Sequence[str], components: Sequence[str] | None
 ) -> dict[str, Any]:
     count = history.mean.shape[-1]
     return {

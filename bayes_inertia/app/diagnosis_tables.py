@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.diagnosis.cross_validation import held_out
-from bayes_inertia.diagnosis.result import NOISE, Candidate, Diagnosis, Step
+from bayes_inertia.diagnosis.cross_validation import held_out_chi2
+from bayes_inertia.diagnosis.result import NOISE_LEVEL, Candidate, Diagnosis, Step
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.physics.parameters import N_BASE
 
@@ -38,7 +38,7 @@ def candidate_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     without = [e.name for e in diagnosis.base.model.effects if e.name not in scored]
     rows += [_unscored(name, "has no parameters in this campaign") for name in without]
     louder = {channel: factor for channel, factor in diagnosis.noise.items() if factor > 1.0}
-    return [*rows, _unscored(NOISE, _noise_text(louder))]
+    return [*rows, _unscored(NOISE_LEVEL, _noise_text(louder))]
 
 
 def _scored(candidate: Candidate, final: Estimate, added: bool) -> dict[str, Any]:
@@ -128,13 +128,13 @@ def step_row(step: Step) -> dict[str, Any]:
         "added": step.added,
         "log_bayes_factor": step.log_bayes_factor,
         "alternatives": [
-            {"effect": rival.effect, "correlation": rival.correlation}
-            for rival in step.alternatives
+            {"effect": other.effect, "correlation": other.correlation}
+            for other in step.alternatives
         ],
         "reduced_chi2_before": {key: t.reduced_chi2 for key, t in step.before.tests.items()},
         "reduced_chi2_after": {key: t.reduced_chi2 for key, t in step.after.tests.items()},
-        "held_out_before": held_out(step.before),
-        "held_out_after": held_out(step.after),
+        "held_out_before": held_out_chi2(step.before),
+        "held_out_after": held_out_chi2(step.after),
         "shift": shift_rows(step.before, step.after),
     }
 

@@ -11,7 +11,7 @@ from threading import Thread
 from time import perf_counter
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.diagnosis.flexible_mode_search import with_ringing
+from bayes_inertia.diagnosis.flexible_mode_search import restarted_with_mode
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.posterior import Posterior, build
 from bayes_inertia.inference.sampler import Progress, Settings, sample
@@ -81,7 +81,7 @@ def fit(
         progress("optimizing", 0, 1)
     model = Model(campaign, tuple(effects), drive)
     # A flexible mode explains nothing near its null value: it begins at the ringing that is there.
-    estimate = with_ringing(optimizer.estimate(model, seed=settings.seed))
+    estimate = restarted_with_mode(optimizer.estimate(model, seed=settings.seed))
     samples = sample(estimate, settings, folder=chains, progress=progress)
     attributes = {"campaign": campaign.name, "seed": settings.seed, "campaign_sha256": None}
     posterior = build(estimate, samples, {**attributes, **(about or {})}, settings.seed)

@@ -14,12 +14,13 @@ from dataclasses import dataclass
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.design.correction_slew import CorrectionForecast, correction_forecast
 from bayes_inertia.design.separating_slew import Separation, separating_slew
-from bayes_inertia.diagnosis.blind_spots import Undetected, undetected
-from bayes_inertia.diagnosis.model_averaging import Alternative, alternatives
-from bayes_inertia.diagnosis.residual_scan import Disagreement, disagreement
+from bayes_inertia.diagnosis.blind_spots import Undetected, undetected_effects
+from bayes_inertia.diagnosis.model_averaging import AlternativeParameters, alternative_parameters
+from bayes_inertia.diagnosis.residual_scan import Disagreement, scan_residuals
 from bayes_inertia.diagnosis.result import Diagnosis
-from bayes_inertia.diagnosis.search import Rules, diagnose
-from bayes_inertia.diagnosis.unexplained import Unknown, unknown_torque
+from bayes_inertia.diagnosis.rules import Rules
+from bayes_inertia.diagnosis.search import diagnose
+from bayes_inertia.diagnosis.unexplained import UnexplainedSignal, unexplained_signal
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY
@@ -34,32 +35,29 @@ class Investigation:
     ----------
     diagnosis : Diagnosis
         Verdict, effects named, and the fits before and after.
-    rules : Rules
-        The thresholds that were used.
     disagreement_before : Disagreement
         Where residuals of the base model are not noise.
     disagreement_after : Disagreement or None
         The same after what was named; None where nothing changed.
-    unexplained : Unknown or None
+    unexplained : UnexplainedSignal or None
         The equivalent disturbance torque; None unless the verdict is "unknown".
     correction : CorrectionForecast or None
         The next correction slew, before and after; None unless effects were named.
     separating_slews : tuple of Separation
         For each ambiguous set the slew that best tells its first two apart, where there is one.
-    alternatives : tuple of Alternative
+    alternatives : tuple of AlternativeParameters
         J and K with another effect of an ambiguous set.
     blind_spots : tuple of Undetected
         How far what is too weak to be found could have moved J and K.
     """
 
     diagnosis: Diagnosis
-    rules: Rules
     disagreement_before: Disagreement
     disagreement_after: Disagreement | None = None
-    unexplained: Unknown | None = None
+    unexplained: UnexplainedSignal | None = None
     correction: CorrectionForecast | None = None
     separating_slews: tuple[Separation, ...] = ()
-    alternatives: tuple[Alternative, ...] = ()
+    alternatives: tuple[AlternativeParameters, ...] = ()
     blind_spots: tuple[Undetected, ...] = ()
 
 
@@ -96,7 +94,6 @@ def investigate(
     CampaignError, EffectError, EstimateError
         As `diagnose`.
     """
-    rules = rules or Rules()
     diagnosis = diagnose(campaign, library=library, drive=drive, rules=rules, seed=seed)
     base, final = diagnosis.base, diagnosis.final
     unknown = diagnosis.verdict == "unknown"
@@ -104,14 +101,13 @@ def investigate(
     corrected = diagnosis.steps and not unknown
     return Investigation(
         diagnosis=diagnosis,
-        rules=rules,
-        disagreement_before=disagreement(base, seed=seed),
-        disagreement_after=disagreement(final, seed=seed, stated=False) if changed else None,
-        unexplained=unknown_torque(base) if unknown else None,
+        disagreement_before=scan_residuals(base, seed=seed),
+        disagreement_after=scan_residuals(final, seed=seed, stated=False) if changed else None,
+        unexplained=unexplained_signal(base) if unknown else None,
         correction=correction_forecast(base, final, seed=seed) if corrected else None,
         separating_slews=separating_slews(diagnosis, library=library, seed=seed),
-        alternatives=alternatives(diagnosis),
-        blind_spots=undetected(diagnosis),
+        alternatives=alternative_parameters(diagnosis),
+        blind_spots=undetected_effects(diagnosis),
     )
 
 

@@ -1,9 +1,11 @@
 """How far an effect that is too weak to be found could have moved J and K.
 
-That a diagnosis names nothing does not mean that nothing is there. To first order an effect of amplitude a (in units of its prior sd) that
-is left out moves what is fitted by -N^-1 F^T C a, with N the normal matrix of everything fitted, F its columns and C the
-effect's, and shows itself with the non-centrality a^T S a of its score (`fingerprint`). Of all amplitudes that would be found with
-even odds at most, and that are no larger than two prior sds, the one that moves a parameter furthest has a closed form.
+That a diagnosis names nothing does not mean that nothing is there. To first order an effect of
+amplitude a (in units of its prior sd) that is left out moves what is fitted by -N^-1 F^T C a, with
+N the normal matrix of everything fitted, F its columns and C the effect's, and shows itself with
+the non-centrality a^T S a of its score (`score_test`). Of all amplitudes that would be found with
+even odds at most, and that are no larger than two prior sds, the one that moves a parameter
+furthest has a closed form.
 """
 
 from __future__ import annotations
@@ -14,23 +16,37 @@ import numpy as np
 from scipy import optimize, stats
 
 from bayes_inertia.diagnosis.result import Diagnosis
-from bayes_inertia.diagnosis.score_test import fingerprints, unfitted
+from bayes_inertia.diagnosis.score_test import ScoreTests, score_tests, unfitted
+from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.physics.parameters import N_BASE
 
-_MOST = 2.0  # [prior sd] largest amplitude
+_MAX_AMPLITUDE = 2.0  # [prior sd]
 
 
 @dataclass(frozen=True)
 class Undetected:
     """The effect, of those that were not found, that could have moved a parameter furthest.
 
-    Attributes
+    Parameters
     ----------
-    parameter : of J or K. sd : of its fit. shift : how far an effect found with even odds could move it, in the parameter's `unit`.
-    effect, values : which effect, and {its parameter: value} that does it (its opposite moves as far the other way).
-    unseen : whether it is the effect's own prior, not the data, that limits the shift.
+    parameter : str
+        Element of J or K.
+    unit : str
+        Its unit.
+    sd : float
+        Of its fit.
+    shift : float
+        How far an effect found with even odds could move it.
+    effect : str
+        Which effect.
+    values : dict
+        {parameter of the effect: value} that does it; its opposite moves as far the other way.
+    unseen : bool
+        Whether it is the effect's own prior, not the data, that limits the shift.
 
+    Examples
+    --------
     >>> Undetected("Jxx", "kg m^2", 2e-4, 1e-3, "wheel_command_lag", {"tau": 1e-3}, False).sds
     5.0
     """
@@ -49,48 +65,81 @@ class Undetected:
         return self.shift / self.sd
 
 
-def undetected(found: Diagnosis) -> tuple[Undetected, ...]:
-    """For each element of J and K the effect that could hide furthest behind it; empty where the verdict is "unknown".
+def undetected_effects(diagnosis: Diagnosis) -> tuple[Undetected, ...]:
+    """Find the effect that could hide furthest behind each element of J and K.
 
-    What was named is fitted and hides nothing. A flexible mode, whose signal is of second order, is left out.
+    What was named is fitted and hides nothing. A flexible mode, whose signal is of second order, is
+    left out.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        What was found.
+
+    Returns
+    -------
+    tuple of Undetected
+        One for each element that was fitted; empty where the verdict is "unknown".
     """
-    at = found.final
-    space = at.model.space
-    tried = unfitted(at)
-    if not tried or found.verdict == "unknown":
+    estimate = diagnosis.final
+    names = unfitted(estimate)
+    if not names or diagnosis.verdict == "unknown":
         return ()
-    fit = at.linearised()
-    marks = fingerprints(at, tried, fit=fit)
+    fit = estimate.linearised()
+    tests = score_tests(estimate, names, fit=fit)
     worst: dict[int, Undetected] = {}
-    for k, name in enumerate(tried):
-        part, index = space.slice_of(name), marks.groups[k]
-        data = marks.matrix[np.ix_(index, index)] / even_odds(max(marks.dof(k), 1), found.threshold)
-        shift, amplitude = furthest(
-            _pull(fit, at.free, fit.parameters[..., part] * space.sd[part]), data
-        )
-        values, unseen = (
-            space.nulls[part] + amplitude * space.sd[part],
-            np.sum(amplitude**2, 1) > 0.5 * _MOST**2,
-        )
-        names = [n.split(".", 1)[1] for n in space.names[part]]
-        for i in np.intersect1d(at.free, np.arange(N_BASE)):
-            if i not in worst or shift[i] > worst[i].shift:
-                own = dict(zip(names, values[i].tolist(), strict=True))
-                worst[i] = Undetected(
-                    space.names[i],
-                    space.units[i],
-                    float(at.sd[i]),
-                    float(shift[i]),
-                    name,
-                    own,
-                    bool(unseen[i]),
-                )
+    for k in range(len(names)):
+        for i, row in _shifts(estimate, fit, tests, k, diagnosis.threshold).items():
+            if i not in worst or row.shift > worst[i].shift:
+                worst[i] = row
     return tuple(worst[i] for i in sorted(worst))
 
 
-def even_odds(dof: int, level: float) -> float:
-    """Non-centrality that a chi^2 test of this level finds every second time.
+def _shifts(
+    estimate: Estimate, fit: LinearisedFit, tests: ScoreTests, k: int, threshold: float
+) -> dict[int, Undetected]:
+    """How far candidate k could move each element of J and K that was fitted."""
+    space, effect = estimate.model.space, tests.names[k]
+    part, index = space.slice_of(effect), tests.indices[k]
+    limit = even_odds(max(tests.dof(k), 1), threshold)
+    shift, amplitude = furthest(
+        _shift_per_amplitude(fit, estimate.free, fit.parameters[..., part] * space.sd[part]),
+        tests.matrix[np.ix_(index, index)] / limit,
+    )
+    values = space.nulls[part] + amplitude * space.sd[part]
+    unseen = np.sum(amplitude**2, 1) > 0.5 * _MAX_AMPLITUDE**2
+    names = [name.split(".", 1)[1] for name in space.names[part]]
+    return {
+        int(i): Undetected(
+            parameter=space.names[i],
+            unit=space.units[i],
+            sd=float(estimate.sd[i]),
+            shift=float(shift[i]),
+            effect=effect,
+            values=dict(zip(names, values[i].tolist(), strict=True)),
+            unseen=bool(unseen[i]),
+        )
+        for i in np.intersect1d(estimate.free, np.arange(N_BASE))
+    }
 
+
+def even_odds(dof: int, level: float) -> float:
+    """Find the non-centrality that a chi^2 test finds every second time.
+
+    Parameters
+    ----------
+    dof : int
+        Degrees of freedom of the test.
+    level : float
+        Its level: the p-value below which it finds something.
+
+    Returns
+    -------
+    float
+        Non-centrality of chi^2.
+
+    Examples
+    --------
     >>> round(even_odds(1, 0.05), 2)
     3.84
     """
@@ -99,19 +148,35 @@ def even_odds(dof: int, level: float) -> float:
 
 
 def furthest(pull: np.ndarray, data: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Largest pull a (p,) over amplitudes a with a^T data a + |a|^2 / 4 at most 1, and the amplitudes (p, n) that do it.
+    """Maximise pulls over amplitudes a with a^T data a + |a|^2 / 4 at most 1.
 
+    Parameters
+    ----------
+    pull : (p, n) array
+        p linear functions of the amplitudes.
+    data : (n, n) array
+        Normal matrix of the amplitudes, 1 where an effect is found with even odds.
+
+    Returns
+    -------
+    shift : (p,) array
+        The largest value of each function.
+    amplitude : (p, n) array
+        The amplitudes that reach it.
+
+    Examples
+    --------
     >>> shift, amplitude = furthest(np.eye(2), np.diag([1e6, 0.0]))
     >>> shift.round(6).tolist(), amplitude.round(6).tolist()
     ([0.001, 2.0], [[0.001, 0.0], [0.0, 2.0]])
     """
-    towards = np.linalg.solve(data + np.eye(len(data)) / _MOST**2, pull.T).T
+    towards = np.linalg.solve(data + np.eye(len(data)) / _MAX_AMPLITUDE**2, pull.T).T
     shift = np.sqrt(np.maximum(np.sum(pull * towards, 1), 0.0))
     return shift, towards / np.maximum(shift, 1e-300)[:, None]
 
 
-def _pull(fit: LinearisedFit, free: np.ndarray, columns: np.ndarray) -> np.ndarray:
+def _shift_per_amplitude(fit: LinearisedFit, free: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Shift (9, n) of J and K per unit of what is left out; zero where they are held."""
-    out, rigid = np.zeros((N_BASE, columns.shape[-1])), free < N_BASE
-    out[free[rigid]] = (fit.inverse_root.T @ fit.imitated(columns))[: len(free)][rigid]
+    out, base = np.zeros((N_BASE, columns.shape[-1])), free < N_BASE
+    out[free[base]] = (fit.inverse_root.T @ fit.imitated(columns))[: len(free)][base]
     return out

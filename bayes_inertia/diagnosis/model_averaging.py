@@ -1,8 +1,9 @@
 """J and K where it is not known which of several effects is the true one: Bayesian model averaging.
 
-An ambiguous diagnosis goes on with the effect that explains the data best. Another of its set may be the true one, and then J and K
-are others: their sd given the first alone is too small. Averaged over the set, each effect in proportion to its evidence
-(Hoeting et al. 1999, Bayesian model averaging: a tutorial), mean and sd hold whichever it is.
+An ambiguous diagnosis goes on with the effect that explains the data best. Another of its set may
+be the true one, and then J and K are others: their sd given the first alone is too small. Averaged
+over the set, each effect in proportion to its evidence (Hoeting et al. 1999, Bayesian model
+averaging: a tutorial), mean and sd hold whichever it is.
 """
 
 from __future__ import annotations
@@ -10,10 +11,11 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from bayes_inertia.diagnosis.result import Diagnosis, Rival, Step
+from bayes_inertia.diagnosis.result import AlternativeEffect, Diagnosis, Step
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import move_to, re_estimate, with_noise
 from bayes_inertia.inference.posterior import Posterior
@@ -25,15 +27,31 @@ from bayes_inertia.physics.parameters import N_BASE
 
 
 @array_dataclass
-class Alternative:
+class AlternativeParameters:
     """J and K if `effect` is the true one and not `instead_of`, which was named.
 
-    Attributes
+    Parameters
     ----------
-    probability : of this, from the evidence; what is missing from 1 in the sum over all alternatives belongs to the effects named.
-    names, mean, covariance : of J and K (9,), (9,), (9, 9), in SI units, by Laplace's approximation.
+    effect : str
+        The effect assumed.
+    instead_of : str
+        The effect named.
+    probability : float
+        Of this, from the evidence. What is missing from 1 in the sum over all alternatives belongs
+        to the effects named.
+    names : tuple of str
+        Of the elements of J and K.
+    mean : (9,) array
+        Of J and K, SI units.
+    covariance : (9, 9) array
+        By Laplace's approximation.
 
-    >>> Alternative("wheel_friction", "viscous_torque", 0.25, ("K1",), np.ones(1), np.full((1, 1), 4e-6)).sd
+    Examples
+    --------
+    >>> variance = np.full((1, 1), 4e-6)
+    >>> AlternativeParameters(
+    ...     "wheel_friction", "viscous_torque", 0.25, ("K1",), np.ones(1), variance
+    ... ).sd
     array([0.002])
     """
 
@@ -50,79 +68,116 @@ class Alternative:
         return np.sqrt(np.diag(self.covariance))
 
 
-def alternatives(found: Diagnosis) -> tuple[Alternative, ...]:
-    """The fits with another effect of an ambiguous set in place of the one named; empty where the verdict is another.
+def alternative_parameters(diagnosis: Diagnosis) -> tuple[AlternativeParameters, ...]:
+    """Fit J and K with another effect of an ambiguous set in place of the one named.
 
     One effect is exchanged at a time: that two sets are both led by the wrong one is left out.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        What was found.
+
+    Returns
+    -------
+    tuple of AlternativeParameters
+        One for each alternative; empty where the verdict is not "ambiguous".
     """
-    if found.verdict != "ambiguous":
+    if diagnosis.verdict != "ambiguous":
         return ()
-    pairs = [(step, rival) for step in found.steps for rival in step.alternatives]
-    # At equal odds beforehand. Each rival was weighed beside the effect of its own step.
-    odds = np.exp([rival.log_bayes_factor - step.log_bayes_factor for step, rival in pairs])
-    return tuple(
-        _alternative(found, *pair, float(p))
-        for pair, p in zip(pairs, odds / (1.0 + odds.sum()), strict=True)
-    )
-
-
-def _alternative(found: Diagnosis, step: Step, rival: Rival, probability: float) -> Alternative:
-    at = _exchanged(found, step, rival)
-    return Alternative(
-        rival.effect,
-        step.added,
-        probability,
-        tuple(at.model.space.names[:N_BASE]),
-        at.theta[:N_BASE],
-        at.covariance[:N_BASE, :N_BASE],
-    )
-
-
-def _exchanged(found: Diagnosis, step: Step, rival: Rival) -> Estimate:
-    """The final fit with one effect in place of another."""
-    if len(found.steps) == 1:
-        begun = with_noise(rival.after, found.noise)
-        return re_estimate(begun, begun.theta, begun.free)
-    final, effects = found.final, {e.name: e for e in rival.after.model.effects}
-    model = final.model
-    if rival.effect not in {
-        e.name for e in model.effects
-    }:  # a flexible mode has a model of its own
-        model = Model(
-            model.campaign, (*model.effects, effects[rival.effect]), model.structure.drive
+    pairs = [(step, other) for step in diagnosis.steps for other in step.alternatives]
+    # At equal odds beforehand. Each alternative was weighed beside the effect of its own step.
+    odds = np.exp([other.log_bayes_factor - step.log_bayes_factor for step, other in pairs])
+    rows = []
+    for (step, other), probability in zip(pairs, odds / (1.0 + odds.sum()), strict=True):
+        estimate = _exchanged(diagnosis, step, other)
+        rows.append(
+            AlternativeParameters(
+                other.effect,
+                step.added,
+                float(probability),
+                tuple(estimate.model.space.names[:N_BASE]),
+                estimate.theta[:N_BASE],
+                estimate.covariance[:N_BASE, :N_BASE],
+            )
         )
-    at, space = move_to(final, model), model.space
-    there = dict(zip(rival.after.model.space.names, rival.after.theta, strict=True))
-    theta, gone, come = at.theta.copy(), space.slice_of(step.added), space.slice_of(rival.effect)
-    theta[gone] = space.nulls[gone]
-    for i in (*range(N_BASE), *range(come.start, come.stop)):
-        theta[i] = there[space.names[i]]
-    kept = at.free[(at.free < gone.start) | (at.free >= gone.stop)]
-    return re_estimate(at, theta, np.concatenate([kept, np.arange(come.start, come.stop)]))
+    return tuple(rows)
 
 
-def averaged(posterior: Posterior, others: Sequence[Alternative], seed: int) -> Posterior:
-    """The posterior with a group `averaged` more: J, K and principal moments, whichever effect is the true one.
+def _exchanged(diagnosis: Diagnosis, step: Step, other: AlternativeEffect) -> Estimate:
+    """The final fit with one effect in place of another."""
+    if len(diagnosis.steps) == 1:
+        start = with_noise(other.estimate, diagnosis.noise)
+        return re_estimate(start, start.theta, start.free)
+    start = move_to(diagnosis.final, _model_with(diagnosis.final.model, other))
+    space = start.model.space
+    values = dict(zip(other.estimate.model.space.names, other.estimate.theta, strict=True))
+    removed, added = space.slice_of(step.added), space.slice_of(other.effect)
+    theta = start.theta.copy()
+    theta[removed] = space.nulls[removed]
+    for i in (*range(N_BASE), *range(added.start, added.stop)):
+        theta[i] = values[space.names[i]]
+    kept = start.free[(start.free < removed.start) | (start.free >= removed.stop)]
+    return re_estimate(start, theta, np.concatenate([kept, np.arange(added.start, added.stop)]))
 
-    Each draw is kept or gives way to one of an alternative's Gaussian, in proportion to the probabilities.
-    `Posterior.summary` then speaks of the averaged J and K. The group `posterior` stays that of the effects named.
+
+def _model_with(model: Model, other: AlternativeEffect) -> Model:
+    """A model that holds an alternative effect too: a flexible mode has a model of its own."""
+    if other.effect in {effect.name for effect in model.effects}:
+        return model
+    effects = {effect.name: effect for effect in other.estimate.model.effects}
+    return Model(model.campaign, (*model.effects, effects[other.effect]), model.structure.drive)
+
+
+def averaged_posterior(
+    posterior: Posterior, alternatives: Sequence[AlternativeParameters], seed: int
+) -> Posterior:
+    """Average J and K over the effects that may be the true one.
+
+    Each draw is kept or gives way to one of an alternative's Gaussian, in proportion to the
+    probabilities.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        With the effects named.
+    alternatives : sequence of AlternativeParameters
+        J and K with other effects in their place.
+    seed : int
+        Of the draws.
+
+    Returns
+    -------
+    Posterior
+        With one group `averaged` more, of J, K and principal moments, of which `Posterior.summary`
+        then speaks. The group `posterior` stays that of the effects named.
     """
-    import xarray as xr
-
-    if not others:
+    if not alternatives:
         return posterior
-    rng, names = np.random.default_rng([seed, 4]), others[0].names
-    draws = np.stack([posterior.tree["posterior"][name].values for name in names], -1)
+    rng, names = np.random.default_rng([seed, 4]), alternatives[0].names
+    named_draws: Any = posterior.tree["posterior"]
+    draws = np.stack([named_draws[name].values for name in names], -1)
     given = {
         name: {"mean": float(x.mean()), "sd": float(x.std(ddof=1))}
         for name, x in zip(names, np.moveaxis(draws, -1, 0), strict=True)
     }
-    first = 1.0 - sum(o.probability for o in others)
-    which = rng.choice(
-        len(others) + 1, size=draws.shape[:2], p=[first, *(o.probability for o in others)]
-    )
-    for k, other in enumerate(others, 1):
-        draws[which == k] = _physical_draws(other, int(np.sum(which == k)), rng)
+    probabilities = [a.probability for a in alternatives]
+    first = 1.0 - sum(probabilities)
+    which = rng.choice(len(alternatives) + 1, size=draws.shape[:2], p=[first, *probabilities])
+    for k, alternative in enumerate(alternatives, 1):
+        draws[which == k] = _physical_draws(alternative, int(np.sum(which == k)), rng)
+    named = posterior.attributes["effects"]
+    rows = [{"effects": named, "probability": first, "parameters": given}]
+    rows += [_row(named, alternative) for alternative in alternatives]
+    return _with_group(posterior, names, draws, rows)
+
+
+def _with_group(
+    posterior: Posterior, names: Sequence[str], draws: np.ndarray, rows: list[dict[str, Any]]
+) -> Posterior:
+    """The posterior with averaged draws (chains, draws, 9), and what they are averaged over."""
+    import xarray as xr
+
     group = xr.Dataset(
         {name: (("chain", "draw"), draws[..., i]) for i, name in enumerate(names)},
         coords=posterior.tree["posterior"].coords,
@@ -136,26 +191,28 @@ def averaged(posterior: Posterior, others: Sequence[Alternative], seed: int) -> 
     for name in (*names, "principal_moment"):
         source = "derived" if name == "principal_moment" else "posterior"
         tree["averaged"][name].attrs["units"] = tree[source][name].attrs.get("units", "")
-    fitted = posterior.attributes["effects"]
-    rows = [{"effects": fitted, "probability": first, "parameters": given}]
-    rows += [
-        _row([o.effect if name == o.instead_of else name for name in fitted], o) for o in others
-    ]
     tree.attrs = posterior.tree.attrs | {
         "bayes_inertia": json.dumps(posterior.attributes | {"averaged_over": rows})
     }
     return replace(posterior, tree=tree)
 
 
-def _row(effects: list[str], other: Alternative) -> dict:
+def _row(named: Sequence[str], alternative: AlternativeParameters) -> dict[str, Any]:
+    effects = [alternative.effect if n == alternative.instead_of else n for n in named]
     parameters = {
         name: {"mean": float(m), "sd": float(s)}
-        for name, m, s in zip(other.names, other.mean, other.sd, strict=True)
+        for name, m, s in zip(alternative.names, alternative.mean, alternative.sd, strict=True)
     }
-    return {"effects": effects, "probability": other.probability, "parameters": parameters}
+    return {
+        "effects": effects,
+        "probability": alternative.probability,
+        "parameters": parameters,
+    }
 
 
-def _physical_draws(alternative: Alternative, n: int, rng: np.random.Generator) -> np.ndarray:
+def _physical_draws(
+    alternative: AlternativeParameters, n: int, rng: np.random.Generator
+) -> np.ndarray:
     """Draws (n, 9) of J and K."""
     mean, covariance = alternative.mean, alternative.covariance
     return draw_physical(

@@ -1,4 +1,7 @@
-"""The noise as the data show it: its white level, measured from second differences, which smooth misfit does not touch."""
+"""The noise as the data show it: its white level, measured from differences of the residuals.
+
+Smooth misfit does not touch second differences.
+"""
 
 from __future__ import annotations
 
@@ -6,79 +9,110 @@ import numpy as np
 
 from bayes_inertia.inference.laplace import Estimate
 
-# Differences of white noise, by order: variance, and number of independent values that one is worth times two (from their correlations).
+# Differences of white noise, by order: variance, and the number of independent values that one is
+# worth times two (from their correlations).
 _VARIANCE = {2: 6.0, 4: 70.0}
 _SPREAD = {
     2: 2.0 * (1.0 + 2.0 * (16.0 + 1.0) / 36.0),
     4: 2.0 * (1.0 + 2.0 * (56.0**2 + 28.0**2 + 8.0**2 + 1.0) / 70.0**2),
 }
-_SIGMAS = 4.0
-# Squared second differences that a level needs at least.
-_LEAST = 30
-# Mean square of a standard normal number that is below three sigma.
-_KEPT = 0.973337
+_SIGNIFICANT_SIGMAS = 4.0
+_MIN_DIFFERENCES = 30  # squared second differences that a level needs
+_MEDIAN_OF_CHI2 = 0.454936  # with one degree of freedom
+_POWER_BELOW_3_SIGMA = 0.973337  # mean square of a standard normal number that is below 3 sigma
+_GAP = 3.0  # times the usual spacing of fixes
 
 
-def noise_factors(at: Estimate) -> dict[str, float]:
-    """Factor by which each channel's white noise exceeds its stated sigma; 1 unless that is significant (four sigma).
+def noise_factors(estimate: Estimate) -> dict[str, float]:
+    """Measure by what factor each channel's white noise exceeds its stated sigma.
 
     Smaller noise than stated is left alone: it makes the result cautious, not wrong.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        A fit; its residuals are in stated sigmas.
+
+    Returns
+    -------
+    dict
+        {channel: factor}; 1 unless the excess is significant (four sigma).
     """
-    series = dict(at.residual_series)
-    fixes = [slew.time[slew.fixes] for slew in at.model.campaign.slews]
+    series = dict(estimate.residual_series)
+    times = [slew.time[slew.fixes] for slew in estimate.model.campaign.slews]
     series["attitude"] = [
         burst
-        for t, slew in zip(fixes, series["attitude"], strict=True)
-        for burst in _bursts(t, slew[: len(t)])
+        for time, slew in zip(times, series["attitude"], strict=True)
+        for burst in _bursts(time, slew[: len(time)])
     ]
     return {channel: white_factor(pieces) for channel, pieces in series.items()}
 
 
 def white_factor(pieces: list[np.ndarray]) -> float:
-    """Factor by which the white noise of series (rows, components) exceeds one; 1 unless that is significant.
+    """Measure by what factor the white noise of series exceeds one.
 
-    Components (sensor axes, wheels) share one factor: where one is significantly louder than all together it is the loudest one's, so
-    that no uncertainty comes out too small. That one is measured from fourth differences, in which a ringing of one axis hardly counts.
+    Components (sensor axes, wheels) share one factor. Where one is significantly louder than all
+    together it is the loudest one's, so that no uncertainty comes out too small. That one is
+    measured from fourth differences, in which a ringing of one axis hardly counts.
 
+    Parameters
+    ----------
+    pieces : list of (rows, components) arrays
+        Series of even spacing; NaN where nothing was measured.
+
+    Returns
+    -------
+    float
+        1 unless the excess is significant.
+
+    Examples
+    --------
     >>> rng = np.random.default_rng(1)
-    >>> white_factor([rng.normal(size=(500, 3))]), round(white_factor([rng.normal(size=(5000, 3)) * [1.0, 1.0, 3.0]]), 1)
-    (1.0, 3.0)
+    >>> white_factor([rng.normal(size=(500, 3))])
+    1.0
+    >>> round(white_factor([rng.normal(size=(5000, 3)) * [1.0, 1.0, 3.0]]), 1)
+    3.0
     """
     together = np.concatenate([np.zeros(0), *_squares(pieces, 2)])
-    if len(together) < _LEAST:
+    if len(together) < _MIN_DIFFERENCES:
         return 1.0
     power = _clipped_power(together, 2)
-    scatter = _SIGMAS * np.sqrt(_SPREAD[2] / len(together))
-    columns = [column for column in _squares(pieces, 4) if len(column) >= _LEAST]
-    for column in columns:
-        own, own_scatter = _clipped_power(column, 4), _SIGMAS * np.sqrt(_SPREAD[4] / len(column))
-        if own > power * (1.0 + own_scatter):
-            power, scatter = own, own_scatter
+    scatter = _SIGNIFICANT_SIGMAS * np.sqrt(_SPREAD[2] / len(together))
+    for component in _squares(pieces, 4):
+        if len(component) < _MIN_DIFFERENCES:
+            continue
+        component_power = _clipped_power(component, 4)
+        component_scatter = _SIGNIFICANT_SIGMAS * np.sqrt(_SPREAD[4] / len(component))
+        if component_power > power * (1.0 + component_scatter):
+            power, scatter = component_power, component_scatter
     return float(np.sqrt(power)) if power > 1.0 + scatter else 1.0
 
 
 def _squares(pieces: list[np.ndarray], order: int) -> list[np.ndarray]:
     """Squared differences of some order, one array a component."""
-    long = [np.diff(piece, n=order, axis=0) ** 2 for piece in pieces if len(piece) > order]
-    return [column[np.isfinite(column)] for column in np.concatenate(long).T] if long else []
+    squares = [np.diff(piece, n=order, axis=0) ** 2 for piece in pieces if len(piece) > order]
+    if not squares:
+        return []
+    return [column[np.isfinite(column)] for column in np.concatenate(squares).T]
 
 
 def _bursts(time: np.ndarray, series: np.ndarray) -> list[np.ndarray]:
-    """A series of fixes split at its gaps: what differs between before and after a slew is not noise."""
+    """A series of fixes split at its gaps.
+
+    What differs between before and after a slew is not noise.
+    """
     gaps = np.diff(time)
-    return (
-        np.split(series, 1 + np.flatnonzero(gaps > 3.0 * np.quantile(gaps, 0.25)))
-        if len(gaps)
-        else [series]
-    )
+    if not len(gaps):
+        return [series]
+    return np.split(series, 1 + np.flatnonzero(gaps > _GAP * np.quantile(gaps, 0.25)))
 
 
-def _clipped_power(values: np.ndarray, order: int) -> float:
-    """White noise power from squared differences of some order, without the few jumps that an unmodelled step leaves.
+def _clipped_power(squares: np.ndarray, order: int) -> float:
+    """White noise power from squared differences, without the few jumps of an unmodelled step.
 
     The median starts it; the mean below three sigma, which scatters far less, finishes it.
     """
-    power = float(np.median(values)) / 0.454936
+    power = float(np.median(squares)) / _MEDIAN_OF_CHI2
     for _ in range(20):
-        power = float(np.mean(values[values < 9.0 * power])) / _KEPT
+        power = float(np.mean(squares[squares < 9.0 * power])) / _POWER_BELOW_3_SIGMA
     return power / _VARIANCE[order]

@@ -1,8 +1,9 @@
 """Where a fit disagrees with the data: a scan over channels, slews, components and time windows.
 
-Windows of 1, 2, 4, ... rows, each overlapping the next by half, are tested for a shift of their mean and for too
-large a mean square. The largest of all these statistics is compared with the largest that fits of a perfect
-model leave (simulated, with the share that fitting takes), so that each p-value counts all the places looked at.
+Windows are tested for a shift of their mean and for too large a mean square (`scan_statistic`). The
+largest of all these statistics is compared with the largest that fits of a perfect model leave
+(simulated, with the share that fitting takes), so that each p-value counts all the places looked
+at.
 """
 
 from __future__ import annotations
@@ -12,14 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from bayes_inertia.diagnosis.scan_statistic import ChannelScan, channel_scans
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import ChannelRows, LinearisedFit
 from bayes_inertia.maths.values import array_dataclass
 
-SIGNIFICANT = 0.05
-# More windows than this only cost time: the shortest ones are left out first.
-_MOST_WINDOWS = 20_000
-_BATCH = 50
+SIGNIFICANT_P_VALUE = 0.05
+_REPLICATES_AT_A_TIME = 50
 _BINS = 60
 
 
@@ -27,11 +27,20 @@ _BINS = 60
 class Window:
     """A stretch of one channel in one slew that noise does not explain.
 
-    Attributes
+    Parameters
     ----------
-    channel : "rate", "attitude" or "momentum". slew, component : names. t_start, t_end : first and last row in it [s].
-    kind : "shift" (the mean is off) or "energy" (the mean square is too large). score : in standard deviations.
-    p_value : probability of a window like this anywhere in the campaign if model and noise are right.
+    channel : {"rate", "attitude", "momentum"}
+        Which channel.
+    slew, component : str
+        Names.
+    t_start, t_end : float
+        First and last row in it [s].
+    kind : {"shift", "energy"}
+        Whether the mean is off, or the mean square is too large.
+    score : float
+        In standard deviations.
+    p_value : float
+        Probability of a window like this anywhere in the campaign if model and noise are right.
     """
 
     channel: str
@@ -45,10 +54,17 @@ class Window:
 
 
 @array_dataclass
-class Cells:
-    """One channel for the picture: mean residuals in short bins, in standard deviations of such a mean.
+class BinnedResiduals:
+    """One channel for the picture: mean residuals in short bins.
 
-    `edges` (slews, bins + 1) [s]; `shift` (slews, components, bins), NaN where nothing was measured.
+    Parameters
+    ----------
+    components : tuple of str
+        Names.
+    edges : (slews, bins + 1) array
+        Of the bins [s].
+    shift : (slews, components, bins) array
+        In standard deviations of such a mean; NaN where nothing was measured.
     """
 
     components: tuple[str, ...]
@@ -58,212 +74,171 @@ class Cells:
 
 @dataclass(frozen=True)
 class Disagreement:
-    """`windows` most significant first, not overlapping within a channel and slew; `p_value` of the strongest disagreement
-    anywhere; `cells` by channel, for the picture; names of the `slews`."""
-
-    windows: tuple[Window, ...]
-    p_value: float
-    cells: dict[str, Cells]
-    slews: tuple[str, ...]
-
-
-def disagreement(
-    at: Estimate, *, seed: int = 0, stated: bool = True, replicates: int = 300
-) -> Disagreement:
-    """Scan the residuals of an estimate.
+    """Where residuals are not what noise would leave.
 
     Parameters
     ----------
-    stated : compare with the noise that the campaign states; False: with the noise as used in the fit.
-    replicates : simulated fits behind the p-values (smaller p-values than they reach follow from a Gumbel tail).
+    windows : tuple of Window
+        Most significant first, not overlapping within a channel and slew.
+    p_value : float
+        Of the strongest disagreement anywhere.
+    cells : dict
+        {channel: BinnedResiduals}, for the picture.
+    slews : tuple of str
+        Names.
     """
-    fit, rng = at.linearised(), np.random.default_rng([seed, 5])
+
+    windows: tuple[Window, ...]
+    p_value: float
+    cells: dict[str, BinnedResiduals]
+    slews: tuple[str, ...]
+
+
+def scan_residuals(
+    estimate: Estimate, *, seed: int = 0, stated: bool = True, replicates: int = 300
+) -> Disagreement:
+    """Scan the residuals of a fit for windows that noise does not explain.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The fit.
+    seed : int
+        Of the simulated fits.
+    stated : bool
+        Compare with the noise that the campaign states, or (False) with the noise as used.
+    replicates : int
+        Simulated fits behind the p-values. Smaller p-values than they reach follow from the tail
+        of a Gumbel distribution.
+
+    Returns
+    -------
+    Disagreement
+        The windows, and what the picture needs.
+    """
+    fit, rng = estimate.linearised(), np.random.default_rng([seed, 5])
     noise = fit.weight if stated else np.ones_like(fit.weight)
-    scans = _scans(fit, noise)
-    largest = []
-    for begin in range(0, replicates, _BATCH):
-        drawn = fit.replicates(rng, min(_BATCH, replicates - begin), noise)
-        tops = [
-            np.maximum(*scan.scores(channel.shaped(drawn))).reshape(-1, drawn.shape[-1]).max(0)
-            for channel, scan in scans
-        ]
-        largest.append(np.max(tops, axis=0))
-    # Half the square of a normal score has an exponential tail, and the largest of many such a Gumbel distribution.
-    null = stats.gumbel_r(*stats.gumbel_r.fit(0.5 * np.concatenate(largest) ** 2))
-    slews = tuple(s.name for s in at.model.campaign.slews)
-    found, cells, best = [], {}, 1.0
-    for (name, channel), (_, scan) in zip(
-        [(n, c) for n, c in fit.channels.items() if c.valid.any()], scans, strict=True
-    ):
-        components = component_names(at, name)
-        shift, energy = (
-            x[..., 0] for x in scan.scores(channel.shaped(fit.settled_residual[..., None]))
-        )
-        p = np.maximum(null.sf(0.5 * np.maximum(shift, energy) ** 2), 1e-300)
-        best = min(best, float(p.min()))
-        found += _significant(
-            name, channel, scan, components, slews, np.maximum(shift, energy), shift >= energy, p
-        )
-        cells[name] = _cells(channel, components, fit, noise)
+    scans = channel_scans(fit, noise)
+    largest = 0.5 * _largest_scores(fit, scans, rng, replicates, noise) ** 2
+    # Half the square of a normal score has an exponential tail, and the largest of many such a
+    # Gumbel distribution.
+    null = stats.gumbel_r(*stats.gumbel_r.fit(largest))
+    windows: list[Window] = []
+    smallest = 1.0
+    for name, scan in scans.items():
+        scores = scan.scores(fit.channels[name].shaped(fit.settled_residual[..., None]))
+        shift, energy = (x[..., 0] for x in scores)
+        p_value = np.maximum(null.sf(0.5 * np.maximum(shift, energy) ** 2), 1e-300)
+        smallest = min(smallest, float(p_value.min()))
+        windows += _significant_windows(estimate, fit, name, scan, shift, energy, p_value)
     return Disagreement(
-        tuple(sorted(found, key=lambda w: (w.p_value, -w.score))), best, cells, slews
+        tuple(sorted(windows, key=lambda w: (w.p_value, -w.score))),
+        smallest,
+        {name: _binned(estimate, fit, name, noise) for name in scans},
+        tuple(slew.name for slew in estimate.model.campaign.slews),
     )
 
 
-def component_names(at: Estimate, channel: str) -> tuple[str, ...]:
-    """What the components of a channel are called."""
-    if channel == "momentum":
-        return tuple(w.name for w in at.model.campaign.wheels)
-    return (
-        ("axis 1", "axis 2", "axis 3") if channel == "rate" else ("about x", "about y", "about z")
-    )
+def component_names(estimate: Estimate, channel: str) -> tuple[str, ...]:
+    """Name the components of a channel.
 
+    Parameters
+    ----------
+    estimate : Estimate
+        Its campaign names the wheels.
+    channel : {"rate", "attitude", "momentum"}
+        Which channel.
 
-@array_dataclass
-class _Scan:
-    """Windows of one channel: rows `start` to `stop` (w,), and for each (slews, w, components): the `sd` of its sum and
-    the expected sum of squares `energy` if the model is right; zero where nothing was measured; `noise` of each number."""
-
-    start: np.ndarray
-    stop: np.ndarray
-    sd: np.ndarray
-    energy: np.ndarray
-    dof: np.ndarray
-
-    def scores(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Normal scores of mean shift and energy (slews, w, components, k) of residuals (slews, rows, components, k)."""
-        shift = (
-            np.abs(_sums(values, self.start, self.stop))
-            / np.where(self.sd > 0, self.sd, np.inf)[..., None]
-        )
-        ratio = (
-            _sums(values**2, self.start, self.stop)
-            / np.where(self.energy > 0, self.energy, np.inf)[..., None]
-        )
-        # Wilson and Hilferty (1931): the cube root of a mean square is nearly normal.
-        spread = (2.0 / (9.0 * np.maximum(self.dof, 1e-3)))[..., None]
-        energy = np.where(
-            self.dof[..., None] > 0.5, (np.cbrt(ratio) - 1.0 + spread) / np.sqrt(spread), 0.0
-        )
-        return shift, np.maximum(energy, 0.0)
-
-
-def _sums(values: np.ndarray, start: np.ndarray, stop: np.ndarray) -> np.ndarray:
-    total = np.concatenate([np.zeros_like(values[:, :1]), np.cumsum(values, axis=1)], axis=1)
-    return total[:, stop] - total[:, start]
-
-
-def _scans(fit: LinearisedFit, noise: np.ndarray) -> list[tuple[ChannelRows, _Scan]]:
-    channels = [c for c in fit.channels.values() if c.valid.any()]
-    numbers = sum(c.valid.size for c in channels)
-    shortest = 2 ** max(0, int(np.ceil(np.log2(4.0 * numbers / _MOST_WINDOWS))))
-    columns, blocks = fit.columns, [fit.covariance_of(s) for s in range(len(fit.residual))]
-    return [
-        (c, _scan(c, columns, blocks, noise, shortest if c.valid.shape[1] > 8 * shortest else 1))
-        for c in channels
-    ]
-
-
-def _windows(rows: int, shortest: int) -> tuple[np.ndarray, np.ndarray]:
-    """First row and row after the last of all windows.
-
-    >>> [x.tolist() for x in _windows(4, 2)]
-    [[0, 1, 2, 0], [2, 3, 4, 4]]
+    Returns
+    -------
+    tuple of str
+        One name a component.
     """
-    pairs = []
-    length = shortest
-    while length < 2 * rows:
-        size = min(length, rows)
-        starts = (
-            np.arange(0, rows - size + 1, max(1, size // 2)) if size < rows else np.zeros(1, int)
-        )
-        pairs.append(np.stack([starts, starts + size]))
-        length *= 2
-    start, stop = np.concatenate(pairs, axis=1)
-    return start, stop
+    if channel == "momentum":
+        return tuple(wheel.name for wheel in estimate.model.campaign.wheels)
+    if channel == "rate":
+        return ("axis 1", "axis 2", "axis 3")
+    return ("about x", "about y", "about z")
 
 
-def _scan(
-    channel: ChannelRows,
-    columns: np.ndarray,
-    blocks: list[np.ndarray],
+def _largest_scores(
+    fit: LinearisedFit,
+    scans: dict[str, ChannelScan],
+    rng: np.random.Generator,
+    replicates: int,
     noise: np.ndarray,
-    shortest: int,
-) -> _Scan:
-    start, stop = _windows(channel.valid.shape[1], shortest)
-    valid, share = channel.valid.astype(float), channel.shaped(noise) ** 2
-    own = channel.shaped(columns)
-    n = _sums(valid, start, stop)
-    leverage = np.stack(
-        [
-            np.einsum("rcp,pq,rcq->rc", x, b, x, optimize=True)
-            for x, b in zip(own, blocks, strict=True)
+) -> np.ndarray:
+    """The largest score (replicates,) anywhere in each of many fits of a perfect model."""
+    largest = []
+    for start in range(0, replicates, _REPLICATES_AT_A_TIME):
+        drawn = fit.replicates(rng, min(_REPLICATES_AT_A_TIME, replicates - start), noise)
+        by_channel = [
+            np.maximum(*scan.scores(fit.channels[name].shaped(drawn)))
+            .reshape(-1, drawn.shape[-1])
+            .max(0)
+            for name, scan in scans.items()
         ]
-    )
-    along = _sums(own, start, stop)
-    taken = np.stack(
-        [
-            np.einsum("wcp,pq,wcq->wc", x, b, x, optimize=True)
-            for x, b in zip(along, blocks, strict=True)
-        ]
-    )
-    # Noise is the same for all numbers of one channel and slew.
-    scale = _sums(share * valid, start, stop) / np.maximum(n, 1.0)
-    variance = np.where(n > 0, np.maximum(scale * (n - taken), 1e-3 * scale * n), 0.0)
-    dof = np.where(n > 0, n - _sums(leverage * valid, start, stop), 0.0)
-    return _Scan(start, stop, np.sqrt(variance), scale * np.maximum(dof, 0.0), dof)
+        largest.append(np.max(by_channel, axis=0))
+    return np.concatenate(largest)
 
 
-def _significant(
-    name, channel: ChannelRows, scan: _Scan, components, slews, score, shifted, p
+def _significant_windows(
+    estimate: Estimate,
+    fit: LinearisedFit,
+    name: str,
+    scan: ChannelScan,
+    shift: np.ndarray,
+    energy: np.ndarray,
+    p_value: np.ndarray,
 ) -> list[Window]:
-    """The most significant windows of each slew that do not overlap."""
-    found = []
-    for s, slew in enumerate(slews):
-        taken = np.zeros(channel.valid.shape[1], bool)
-        order = [(w, c) for w, c in np.argwhere(p[s] < SIGNIFICANT)]
-        for w, c in sorted(order, key=lambda i: -score[s][tuple(i)]):
-            begin, end = _trimmed(channel.valid[s, :, c], scan.start[w], scan.stop[w])
-            if taken[begin:end].any():
+    """The most significant windows of each slew of one channel that do not overlap."""
+    channel, components = fit.channels[name], component_names(estimate, name)
+    score = np.maximum(shift, energy)
+    windows = []
+    for s, slew in enumerate(estimate.model.campaign.slews):
+        covered = np.zeros(channel.valid.shape[1], bool)
+        significant = np.argwhere(p_value[s] < SIGNIFICANT_P_VALUE)
+        for w, c in sorted(significant, key=lambda i: -score[s][tuple(i)]):
+            first, last = _measured_rows(channel, s, c, scan.start[w], scan.stop[w])
+            if covered[first : last + 1].any():
                 continue
-            taken[begin:end] = True
-            t = channel.time[s]
-            kind = "shift" if shifted[s, w, c] else "energy"
-            found.append(
+            covered[first : last + 1] = True
+            windows.append(
                 Window(
-                    name,
-                    slew,
-                    components[c],
-                    float(t[begin]),
-                    float(t[end - 1]),
-                    kind,
-                    float(score[s, w, c]),
-                    float(p[s, w, c]),
+                    channel=name,
+                    slew=slew.name,
+                    component=components[c],
+                    t_start=float(channel.time[s, first]),
+                    t_end=float(channel.time[s, last]),
+                    kind="shift" if shift[s, w, c] >= energy[s, w, c] else "energy",
+                    score=float(score[s, w, c]),
+                    p_value=float(p_value[s, w, c]),
                 )
             )
-    return found
+    return windows
 
 
-def _trimmed(valid: np.ndarray, start: int, stop: int) -> tuple[int, int]:
-    inside = start + np.flatnonzero(valid[start:stop])
-    return int(inside[0]), int(inside[-1]) + 1
+def _measured_rows(channel: ChannelRows, s: int, c: int, start: int, stop: int) -> tuple[int, int]:
+    """First and last row of a window where component c of slew s was measured."""
+    inside = start + np.flatnonzero(channel.valid[s, start:stop, c])
+    return int(inside[0]), int(inside[-1])
 
 
-def _cells(
-    channel: ChannelRows, components: tuple[str, ...], fit: LinearisedFit, noise: np.ndarray
-) -> Cells:
-    residual, scale = channel.shaped(fit.settled_residual), channel.shaped(noise)
-    slews, _, width = channel.valid.shape
-    everywhere = fit.channels["rate"].time
-    edges = np.stack(
-        [np.linspace(t[0], t[-1] * (1 + 1e-12) + 1e-12, _BINS + 1) for t in everywhere]
-    )
-    shift = np.full((slews, width, _BINS), np.nan)
+def _binned(
+    estimate: Estimate, fit: LinearisedFit, name: str, noise: np.ndarray
+) -> BinnedResiduals:
+    """Mean residuals of one channel in even bins over each slew."""
+    channel = fit.channels[name]
+    scaled = channel.shaped(fit.settled_residual) / channel.shaped(noise)
+    slews, _, components = channel.valid.shape
+    times = fit.channels["rate"].time
+    edges = np.stack([np.linspace(t[0], t[-1] * (1 + 1e-12) + 1e-12, _BINS + 1) for t in times])
+    shift = np.full((slews, components, _BINS), np.nan)
     for s in range(slews):
         place = np.clip(np.searchsorted(edges[s], channel.time[s], side="right") - 1, 0, _BINS - 1)
-        for c in range(width):
+        for c in range(components):
             ok = channel.valid[s, :, c]
             n = np.bincount(place[ok], minlength=_BINS)
-            total = np.bincount(place[ok], residual[s, ok, c] / scale[s, ok, c], minlength=_BINS)
+            total = np.bincount(place[ok], scaled[s, ok, c], minlength=_BINS)
             shift[s, c] = np.where(n > 0, total / np.sqrt(np.maximum(n, 1)), np.nan)
-    return Cells(components, edges, shift)
+    return BinnedResiduals(component_names(estimate, name), edges, shift)

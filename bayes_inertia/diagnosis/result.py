@@ -5,15 +5,31 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.residual_tests import ChannelTest
+from bayes_inertia.maths.values import array_dataclass
 
-NOISE = "noise_level"
+NOISE_LEVEL = "noise_level"  # the verdict that noise is larger than stated, and white
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """One candidate at the base fit: `score` is chi^2 with `dof` if the effect is absent; `log_bayes_factor` to first order."""
+    """One candidate effect, scored at a fit without it.
+
+    Parameters
+    ----------
+    effect : str
+        Its name.
+    dof : int
+        Degrees of freedom of the score: 0 if the campaign cannot see the effect.
+    score : float
+        Score statistic: chi^2 with `dof` if the effect is absent.
+    p_value : float
+        Probability of at least this score if the effect is absent.
+    log_bayes_factor : float
+        Log evidence for the effect against nothing, to first order.
+    """
 
     effect: str
     dof: int
@@ -23,41 +39,86 @@ class Candidate:
 
 
 @dataclass(frozen=True)
-class Rival:
-    """An effect that explains the data about as well as the one added in its place: the fit with it, its log evidence, canonical correlation of the two."""
+class AlternativeEffect:
+    """An effect that explains the data about as well as the one added in its place.
+
+    Parameters
+    ----------
+    effect : str
+        Its name.
+    estimate : Estimate
+        The fit with it in place of the effect added.
+    log_bayes_factor : float
+        Log evidence for it against the fit before the step.
+    correlation : float
+        Canonical correlation with the effect added: 1 if the data cannot tell them apart.
+    """
 
     effect: str
-    after: Estimate
+    estimate: Estimate
     log_bayes_factor: float
     correlation: float
 
 
 @dataclass(frozen=True)
 class Step:
-    """One effect added: the fits before and after, and others that explain the data as well."""
+    """One effect added.
+
+    Parameters
+    ----------
+    added : str
+        Name of the effect.
+    before, after : Estimate
+        The fits without and with it.
+    log_bayes_factor : float
+        Log evidence for the fit after against the fit before.
+    alternatives : tuple of AlternativeEffect
+        Effects that explain the data about as well.
+    """
 
     added: str
     before: Estimate
     after: Estimate
     log_bayes_factor: float
-    alternatives: tuple[Rival, ...] = ()
+    alternatives: tuple[AlternativeEffect, ...] = ()
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class Diagnosis:
     """The answer.
 
-    Attributes
+    Parameters
     ----------
-    verdict : "consistent", "named", "ambiguous" or "unknown". named : effects added (and `noise_level`).
-    ambiguous_with : sets of effects, the named one first, that this campaign cannot tell apart.
-    candidates : all candidates, scored at the base fit. threshold : p-value below which one is significant.
-    steps : what was added. base, final : the fits with nothing and with everything added.
-    noise : factor by which each channel's noise exceeds what is stated. tests : of the final residuals, at that noise.
-    skipped : candidates that could not be tried, and why. correlations : canonical ones, of pairs of candidates.
-    why_unknown : "misfit" (the residuals are not explained), "imitation" (effects added would explain them, but something of
-        free shape does so better), or "".
-    nameless_lead : log evidence by which something without a name explains the data better than what was named; -inf if nothing was.
+    verdict : {"consistent", "named", "ambiguous", "unknown"}
+        What was found.
+    named : tuple of str
+        Effects added, and `noise_level` if the noise is larger than stated.
+    ambiguous_with : tuple of tuple of str
+        Sets of effects, the named one first, that this campaign cannot tell apart.
+    candidates : tuple of Candidate
+        All candidates, scored at the base fit, best evidence first.
+    threshold : float
+        p-value below which a candidate is significant.
+    steps : tuple of Step
+        What was added.
+    base, final : Estimate
+        The fits with nothing and with everything added.
+    noise : dict
+        Factor by which each channel's noise exceeds what is stated.
+    tests : dict
+        Tests of the final residuals by channel, at that noise.
+    rules : Rules
+        The thresholds used.
+    skipped : tuple of (str, str)
+        Candidates that could not be tried, and why.
+    correlations : dict
+        Canonical correlations of pairs of candidates.
+    why_unknown : {"", "misfit", "imitation"}
+        "misfit": the residuals are not explained. "imitation": the effects added would
+        explain them, but a disturbance without a name does so better.
+    nameless_lead : float
+        Log evidence by which a disturbance without a name (of free shape, or in proportion to
+        something known) explains the data better than what was named; -inf if nothing was.
     """
 
     verdict: str
@@ -70,6 +131,7 @@ class Diagnosis:
     final: Estimate
     noise: dict[str, float]
     tests: dict[str, ChannelTest]
+    rules: Rules
     skipped: tuple[tuple[str, str], ...] = ()
     correlations: dict[tuple[str, str], float] = field(default_factory=dict)
     why_unknown: str = ""

@@ -1,14 +1,15 @@
-"""Fingerprints of candidate effects: what each would do to the residuals, beyond all that is fitted already.
+"""Score tests of candidate effects: what each would do to the residuals, beyond all that is fitted.
 
 The sensitivities of every candidate's parameters at their null are projected off the fitted
 parameters and nuisances. With u the projected gradient and S the projected normal matrix, both in
-units of the candidates' prior sd, u^T S^-1 u is the score statistic (Rao 1948): chi^2 with its rank as
-degrees of freedom if the effect is absent. Directions in which a prior-sized effect would move the
-residuals by less than one sigma in all are not counted: this campaign cannot see them.
+units of the candidates' prior sd, u^T S^-1 u is the score statistic (Rao 1948): chi^2 with its rank
+as degrees of freedom if the effect is absent. Directions in which a prior-sized effect would move
+the residuals by less than one sigma in all are not counted: this campaign cannot see them.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from itertools import pairwise
 
 import numpy as np
@@ -22,14 +23,24 @@ from bayes_inertia.maths.values import array_dataclass
 
 
 @array_dataclass
-class Imprint:
-    """A candidate that is not linear in its parameters: the best of its kind, given by what it gains and by columns near it.
+class NonlinearCandidate:
+    """A candidate that is not linear in its parameters: the best of its kind.
 
-    Attributes
+    Parameters
     ----------
-    columns : (slews, numbers, k) changes of the residuals, all channels one after the other, by small changes of its parameters.
-    score : chi^2 that it gains, with `dof` degrees of freedom if the effect is absent, but for being the best of `trials`.
-    log_bayes_factor : log evidence for it against nothing, to first order.
+    name : str
+        Of the effect.
+    columns : (slews, numbers, k) array
+        Changes of the whitened residuals, all channels one after the other, by small changes of
+        its parameters.
+    score : float
+        chi^2 that it gains.
+    dof : int
+        Degrees of freedom of the score if the effect is absent, but for being the best of many.
+    trials : int
+        How many independent ones it is the best of.
+    log_bayes_factor : float
+        Log evidence for it against nothing, to first order.
     """
 
     name: str
@@ -41,66 +52,135 @@ class Imprint:
 
 
 @array_dataclass
-class Fingerprints:
-    """Projected sensitivities of all candidates, in units of prior sd.
+class ScoreTests:
+    """Projected sensitivities of all candidates, in units of prior sd, and their score tests.
 
-    Attributes
+    Parameters
     ----------
-    names : of the candidates. groups : indices of each candidate's columns.
-    one_sided : whether a candidate is one parameter that cannot be negative.
-    gradient : (c,) u. matrix : (c, c) S.
-    imprints : candidates that are not linear in their parameters, by name; they were scored already.
+    names : tuple of str
+        Of the candidates.
+    indices : tuple of (n,) array of int
+        Where each candidate's n parameters stand among all c.
+    one_sided : tuple of bool
+        Whether a candidate is one parameter that cannot be negative.
+    gradient : (c,) array
+        The projected gradient u.
+    matrix : (c, c) array
+        The projected normal matrix S.
+    nonlinear : mapping
+        Candidates that are not linear in their parameters, by name. They were scored already.
     """
 
     names: tuple[str, ...]
-    groups: tuple[np.ndarray, ...]
+    indices: tuple[np.ndarray, ...]
     one_sided: tuple[bool, ...]
     gradient: np.ndarray
     matrix: np.ndarray
-    imprints: dict[str, Imprint]
+    nonlinear: Mapping[str, NonlinearCandidate]
 
     def visible(self, k: int) -> tuple[np.ndarray, np.ndarray]:
-        """Signal powers (r,) and directions (n, r) of candidate k that this campaign can see."""
-        index = self.groups[k]
+        """Find the directions of a candidate that this campaign can see.
+
+        Parameters
+        ----------
+        k : int
+            Which candidate.
+
+        Returns
+        -------
+        powers : (r,) array
+            Signal-to-noise power of an effect of prior size.
+        directions : (n, r) array
+            Unit vectors in the space of its parameters.
+        """
+        index = self.indices[k]
         powers, directions = np.linalg.eigh(self.matrix[np.ix_(index, index)])
         keep = powers > VISIBLE
         return powers[keep], directions[:, keep]
 
     def dof(self, k: int) -> int:
-        """Degrees of freedom of candidate k's score."""
-        imprint = self.imprints.get(self.names[k])
-        return len(self.visible(k)[0]) if imprint is None else imprint.dof
+        """Count the degrees of freedom of a score.
+
+        Parameters
+        ----------
+        k : int
+            Which candidate.
+
+        Returns
+        -------
+        int
+            Number of its visible directions.
+        """
+        nonlinear = self.nonlinear.get(self.names[k])
+        return len(self.visible(k)[0]) if nonlinear is None else nonlinear.dof
 
     def score(self, k: int, gradient: np.ndarray | None = None) -> np.ndarray:
-        """Score statistic of candidate k, for the data or (if it is linear) for other gradients (..., c)."""
-        if self.names[k] in self.imprints:
-            return np.asarray(self.imprints[self.names[k]].score)
+        """Compute the score statistic of a candidate.
+
+        Parameters
+        ----------
+        k : int
+            Which candidate.
+        gradient : (..., c) array, optional
+            Other gradients than that of the data; a nonlinear candidate has one score only.
+
+        Returns
+        -------
+        (...) array
+            chi^2 with `dof(k)` degrees of freedom if the effect is absent.
+        """
+        if self.names[k] in self.nonlinear:
+            return np.asarray(self.nonlinear[self.names[k]].score)
         gradient = self.gradient if gradient is None else gradient
         powers, directions = self.visible(k)
-        along = gradient[..., self.groups[k]] @ directions
+        along = gradient[..., self.indices[k]] @ directions
         if self.one_sided[k]:
             along = np.maximum(along * np.sign(directions.sum(0)), 0.0)
         return np.sum(along**2 / powers, axis=-1)
 
     def p_value(self, k: int, score: np.ndarray) -> np.ndarray:
-        """Probability of at least this score if the effect is absent: 1 if the campaign cannot see it, halved if it is one-sided,
-        Sidak's if it is the best of many."""
+        """Compute the probability of at least this score if the effect is absent.
+
+        It is 1 if the campaign cannot see the effect, halved if the effect is one-sided, and
+        Sidak's if it is the best of many.
+
+        Parameters
+        ----------
+        k : int
+            Which candidate.
+        score : array
+            Scores of it.
+
+        Returns
+        -------
+        array
+            p-values, of the shape of `score`.
+        """
         dof = self.dof(k)
         if dof == 0:
             return np.ones_like(score)
-        single = np.where(np.asarray(score) > 0, stats.chi2.sf(score, dof), 1.0) * (
-            0.5 if self.one_sided[k] else 1.0
-        )
-        imprint = self.imprints.get(self.names[k])
-        return -np.expm1(
-            (1 if imprint is None else imprint.trials) * np.log1p(-np.minimum(single, 1.0 - 1e-16))
-        )
+        single = np.where(np.asarray(score) > 0, stats.chi2.sf(score, dof), 1.0)
+        single = single * (0.5 if self.one_sided[k] else 1.0)
+        nonlinear = self.nonlinear.get(self.names[k])
+        trials = 1 if nonlinear is None else nonlinear.trials
+        return -np.expm1(trials * np.log1p(-np.minimum(single, 1.0 - 1e-16)))
 
     def log_bayes_factor(self, k: int) -> float:
-        """Log evidence for candidate k against nothing, to first order in its parameters (`evidence`)."""
-        if self.names[k] in self.imprints:
-            return self.imprints[self.names[k]].log_bayes_factor
-        index = self.groups[k]
+        """Compute the log evidence for a candidate against nothing, to first order.
+
+        Parameters
+        ----------
+        k : int
+            Which candidate.
+
+        Returns
+        -------
+        float
+            As `evidence.log_bayes_factor_of`.
+        """
+        if self.names[k] in self.nonlinear:
+            return self.nonlinear[self.names[k]].log_bayes_factor
+        index = self.indices[k]
         powers, directions = np.linalg.eigh(self.matrix[np.ix_(index, index)])
         gradient = self.gradient[index]
         if self.one_sided[k]:
@@ -108,31 +188,84 @@ class Fingerprints:
         return log_bayes_factor_of(gradient @ directions, powers)
 
     def amplitude(self, k: int) -> np.ndarray:
-        """Best amplitude of candidate k's parameters, in units of prior sd, to first order."""
-        index = self.groups[k]
+        """Compute the best amplitude of a candidate's parameters, to first order.
+
+        Parameters
+        ----------
+        k : int
+            Which candidate.
+
+        Returns
+        -------
+        (n,) array
+            In units of prior sd.
+        """
+        index = self.indices[k]
         block = self.matrix[np.ix_(index, index)]
         return np.linalg.solve(block + np.eye(len(index)), self.gradient[index])
 
     def canonical_correlation(self, j: int, k: int) -> float:
-        """Largest correlation between what candidates j and k can do: 1 means that the data cannot tell them apart."""
-        both = np.concatenate([self.groups[j], self.groups[k]])
-        return canonical_correlation(self.matrix[np.ix_(both, both)], len(self.groups[j]))
+        """Compute the largest correlation between what two candidates can do.
+
+        Parameters
+        ----------
+        j, k : int
+            Which candidates.
+
+        Returns
+        -------
+        float
+            1 means that the data cannot tell them apart.
+        """
+        both = np.concatenate([self.indices[j], self.indices[k]])
+        return canonical_correlation(self.matrix[np.ix_(both, both)], len(self.indices[j]))
+
+    def correlation_between(self, first: str, second: str) -> float:
+        """Compute the canonical correlation of two candidates given by their names.
+
+        Parameters
+        ----------
+        first, second : str
+            Names of effects.
+
+        Returns
+        -------
+        float
+            As `canonical_correlation`.
+        """
+        return self.canonical_correlation(self.names.index(first), self.names.index(second))
 
     def threshold(
         self, false_alarms: float, rng: np.random.Generator, draws: int = 20_000
     ) -> float:
-        """p-value below which the smallest of all candidates' p-values falls with probability `false_alarms` if none is present.
+        """Find the p-value below which a candidate is significant among all.
 
-        By simulation of the joint distribution of all scores, so that correlated candidates do not cost double.
+        By simulation of the joint distribution of all scores, so that correlated candidates do
+        not cost double.
+
+        Parameters
+        ----------
+        false_alarms : float
+            Probability that the smallest of all p-values falls below it if no effect is present.
+        rng : numpy.random.Generator
+            Source of the draws.
+        draws : int
+            Number of simulated campaigns.
+
+        Returns
+        -------
+        float
+            The threshold.
         """
         root = _root(self.matrix)
         gradients = rng.standard_normal((draws, root.shape[1])) @ root.T
         smallest = np.ones(draws)
         for k in range(len(self.names)):
-            # The best of many was chosen by these data: what matters of it is that its corrected p-value is uniform.
+            # The best of many was chosen by these data: what matters of it is that its corrected
+            # p-value is uniform.
             p = (
                 rng.uniform(size=draws)
-                if self.names[k] in self.imprints
+                if self.names[k] in self.nonlinear
                 else self.p_value(k, self.score(k, gradients))
             )
             smallest = np.minimum(smallest, p)
@@ -144,47 +277,68 @@ def _root(matrix: np.ndarray) -> np.ndarray:
     return vectors * np.sqrt(np.maximum(values, 0.0))
 
 
-def unfitted(at: Estimate) -> tuple[str, ...]:
-    """Names of the effects of a model that have parameters and were held at their null."""
-    parts = {e.name: at.model.space.slice_of(e.name) for e in at.model.effects}
-    return tuple(
-        name
-        for name, part in parts.items()
-        if part.stop > part.start and not np.isin(range(part.start, part.stop), at.free).any()
-    )
-
-
-def fingerprints(
-    at: Estimate,
-    names: tuple[str, ...],
-    imprints: tuple[Imprint, ...] = (),
-    fit: LinearisedFit | None = None,
-) -> Fingerprints:
-    """Fingerprints of candidate effects against all that is fitted.
+def unfitted(estimate: Estimate) -> tuple[str, ...]:
+    """List the effects of a model that have parameters and were held at their null.
 
     Parameters
     ----------
-    at : an estimate of a model that holds the effects `names` at their null; only others' parameters were free.
-    imprints : further candidates, given by their columns. fit : `at.linearised()`, if it is there already.
+    estimate : Estimate
+        A fit with only some parameters free.
+
+    Returns
+    -------
+    tuple of str
+        Names of effects.
     """
-    fit, space = fit or at.linearised(), at.model.space
-    slices = [space.slice_of(name) for name in names]
-    parts = [fit.parameters[..., s] * space.sd[s] for s in slices] + [i.columns for i in imprints]
-    columns = np.concatenate(parts, -1) if parts else np.zeros((*fit.residual.shape, 0))
-    taken = fit.imitated(columns)
-    matrix = np.einsum("snj,snk->jk", columns, columns, optimize=True) - taken.T @ taken
-    groups = tuple(
-        np.arange(a, b) for a, b in pairwise(np.cumsum([0, *(p.shape[-1] for p in parts)]))
+    space = estimate.model.space
+    parts = {effect.name: space.slice_of(effect.name) for effect in estimate.model.effects}
+    return tuple(
+        name
+        for name, part in parts.items()
+        if part.stop > part.start and not np.isin(range(part.start, part.stop), estimate.free).any()
     )
+
+
+def score_tests(
+    estimate: Estimate,
+    names: tuple[str, ...],
+    nonlinear: tuple[NonlinearCandidate, ...] = (),
+    fit: LinearisedFit | None = None,
+) -> ScoreTests:
+    """Score candidate effects against all that is fitted.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        A fit of a model that holds the effects `names` at their null; only others were free.
+    names : tuple of str
+        Candidates that are linear in their parameters.
+    nonlinear : tuple of NonlinearCandidate
+        Further candidates, given by their columns.
+    fit : LinearisedFit, optional
+        `estimate.linearised()`, if it is known already.
+
+    Returns
+    -------
+    ScoreTests
+        The tests of all candidates.
+    """
+    fit, space = fit or estimate.linearised(), estimate.model.space
+    slices = [space.slice_of(name) for name in names]
+    parts = [fit.parameters[..., s] * space.sd[s] for s in slices]
+    parts += [candidate.columns for candidate in nonlinear]
+    columns = np.concatenate(parts, -1) if parts else np.zeros((*fit.residual.shape, 0))
+    imitated = fit.imitated(columns)
+    matrix = np.einsum("snj,snk->jk", columns, columns, optimize=True) - imitated.T @ imitated
+    bounds = pairwise(np.cumsum([0, *(part.shape[-1] for part in parts)]))
     one_sided = [
         s.stop - s.start == 1 and space.lower[s.start] == space.nulls[s.start] for s in slices
-    ] + [False] * len(imprints)
-    labels = (*names, *(i.name for i in imprints))
-    return Fingerprints(
-        labels,
-        groups,
-        tuple(one_sided),
-        fit.pull(columns, taken),
-        matrix,
-        {i.name: i for i in imprints},
+    ]
+    return ScoreTests(
+        names=(*names, *(candidate.name for candidate in nonlinear)),
+        indices=tuple(np.arange(start, stop) for start, stop in bounds),
+        one_sided=(*one_sided, *(False for _ in nonlinear)),
+        gradient=fit.pull(columns, imitated),
+        matrix=matrix,
+        nonlinear={candidate.name: candidate for candidate in nonlinear},
     )

@@ -1,9 +1,9 @@
 """What any small body torque would do to the residuals, to first order, without simulating it.
 
 A torque at time t' moves the state by J^-1 tau dt'; carried back to the start of the slew by the
-transition matrix X of the perturbed motion it is a change of the start state, whose effect on all later
-telemetry is known. With c(t) = integral of X(t')^-1 (0, J^-1 tau) dt' the attitude and rate change by
-X(t) c(t). One set of six tangents a slew serves all torque histories.
+transition matrix X of the perturbed motion it is a change of the start state, whose effect on all
+later telemetry is known. With c(t) = integral of X(t')^-1 (0, J^-1 tau) dt' the attitude and rate
+change by X(t) c(t). One set of six tangents a slew serves all torque histories.
 """
 
 from __future__ import annotations
@@ -27,15 +27,25 @@ from bayes_inertia.physics.simulator import simulate
 class TorqueResponse:
     """Linear response of every slew to body torques, at an estimate.
 
-    Attributes
+    Parameters
     ----------
-    time : (slews, n) [s] of the integration grid, from each slew's zero (padding repeats the end).
-    attitude (slews, n, 4), rate_B (slews, n, 3) [rad/s] and wheel_momentum (slews, n, wheels) [N m s] of the estimate.
-    transition : (slews, n, 6, 6) change of (attitude [rad, body axes], rate [rad/s]) per change of the start state.
-    inverse_inertia : (3, 3) [1/(kg m^2)] from body momentum to body rate.
+    estimate : Estimate
+        The fit.
+    time : (slews, n) array
+        The integration grid from each slew's zero [s]; padding repeats the end.
+    attitude : (slews, n, 4) array
+        Of the fit, body from inertial.
+    rate_B : (slews, n, 3) array
+        Of the fit [rad/s].
+    wheel_momentum : (slews, n, wheels) array
+        Of the fit, relative to the body [N m s].
+    transition : (slews, n, 6, 6) array
+        Change of attitude [rad, body axes] and rate [rad/s] per change of the start state.
+    inverse_inertia : (3, 3) array
+        From body momentum to body rate [1/(kg m^2)].
     """
 
-    at: Estimate
+    estimate: Estimate
     time: np.ndarray
     attitude: np.ndarray
     rate_B: np.ndarray
@@ -44,7 +54,18 @@ class TorqueResponse:
     inverse_inertia: np.ndarray
 
     def residual_change(self, torque_B: np.ndarray) -> Residuals:
-        """Change of the whitened residuals by k torque histories (slews, n, 3, k) [N m]: by channel (slews, numbers, k)."""
+        """Compute the change of the whitened residuals by torques on the body.
+
+        Parameters
+        ----------
+        torque_B : (slews, n, 3, k) array
+            k torque histories [N m].
+
+        Returns
+        -------
+        Residuals
+            By channel, (slews, numbers, k) arrays.
+        """
         kick = np.zeros((*torque_B.shape[:2], 6, torque_B.shape[-1]))
         kick[:, :, 3:] = np.einsum("ij,snjk->snik", self.inverse_inertia, torque_B)
         rate_of_change = np.linalg.solve(self.transition, kick)
@@ -55,59 +76,77 @@ class TorqueResponse:
         return self._whitened(moved[:, :, :3], moved[:, :, 3:])
 
     def reading_change(self, error: np.ndarray) -> np.ndarray:
-        """Size of the change of the whitened residuals (slews, numbers, k) by k errors of the rate sensor's readings (slews, n, 3, k) [rad/s]."""
-        telemetry, white = self.at.model.data.arrays.telemetry, np.asarray(self.at.white.rate)
+        """Compute the size of the change of the whitened residuals by errors of the rate sensor.
+
+        Parameters
+        ----------
+        error : (slews, n, 3, k) array
+            k histories of the readings' error, sensor axes [rad/s].
+
+        Returns
+        -------
+        (slews, numbers, k) array
+            All channels one after the other.
+        """
+        telemetry = self.estimate.model.data.arrays.telemetry
+        white = np.asarray(self.estimate.white.rate)
         slews = np.arange(len(error))[:, None]
-        own = np.einsum("snij,snjk->snik", white, error[slews, np.asarray(telemetry.sample)])
-        others = self._whitened(
-            np.zeros((*error.shape[:2], 3, 1)), np.zeros((*error.shape[:2], 3, 1))
+        of_rate = np.einsum("snij,snjk->snik", white, error[slews, np.asarray(telemetry.sample)])
+        still = np.zeros((*error.shape[:2], 3, 1))
+        numbers = sum(np.shape(x)[1] for x in self._whitened(still, still))
+        columns = np.zeros((len(of_rate), numbers, error.shape[-1]))
+        columns[:, : of_rate.shape[1] * of_rate.shape[2]] = of_rate.reshape(
+            len(of_rate), -1, error.shape[-1]
         )
-        numbers = sum(np.shape(x)[1] for x in others)
-        columns = np.zeros((len(own), numbers, error.shape[-1]))
-        columns[:, : own.shape[1] * own.shape[2]] = own.reshape(len(own), -1, error.shape[-1])
         return columns
 
-    def _whitened(self, turn: np.ndarray, rate: np.ndarray) -> Residuals:
-        at, telemetry = self.at, self.at.model.data.arrays.telemetry
+    def _whitened(self, turn: np.ndarray, rate_B: np.ndarray) -> Residuals:
+        """Changes of attitude and rate (slews, n, 3, k) as changes of the whitened residuals."""
+        model, white = self.estimate.model, self.estimate.white
+        campaign, telemetry = model.campaign, model.data.arrays.telemetry
         sample, fix = np.asarray(telemetry.sample), np.asarray(telemetry.fix_row)
         slews = np.arange(len(sample))[:, None]
-        rate = rate[slews, sample]
-        k, white = rate.shape[-1], at.white
-        sensed = (
-            np.einsum("ij,snjk->snik", at.model.campaign.rate_sensor.axes, rate)
-            / at.theta[6:9][:, None]
-        )
+        rate_B = rate_B[slews, sample]
+        scale_factors = self.estimate.theta[6:9][:, None]
+        sensed = np.einsum("ij,snjk->snik", campaign.rate_sensor.axes, rate_B) / scale_factors
         of_rate = -np.einsum("snij,snjk->snik", np.asarray(white.rate), sensed)
         of_attitude = -np.einsum(
             "sfij,sfjk->sfik", np.asarray(white.attitude), turn[slews, sample[slews, fix]]
         )
-        campaign = at.model.campaign
         of_momentum = np.einsum(
             "snw,w,iw,snik->snwk",
             np.asarray(white.momentum),
             campaign.spin_inertias,
             campaign.wheel_axes_B,
-            rate,
+            rate_B,
         )
-        if at.model.structure.drive == "measured":
+        if model.structure.drive == "measured":
             of_momentum = of_momentum[:, :, :0]
-        return Residuals(
-            *(x.reshape(len(sample), -1, k) for x in (of_rate, of_attitude, of_momentum))
-        )
+        channels = (of_rate, of_attitude, of_momentum)
+        return Residuals(*(x.reshape(len(sample), -1, rate_B.shape[-1]) for x in channels))
 
 
-def torque_response(at: Estimate) -> TorqueResponse:
-    """The linear response to body torques of all slews of an estimate."""
-    model = at.model
+def torque_response(estimate: Estimate) -> TorqueResponse:
+    """Compute the linear response of all slews to body torques.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The fit to linearise around.
+
+    Returns
+    -------
+    TorqueResponse
+        Serves all torque histories.
+    """
+    model = estimate.model
     time = np.asarray(model.data.arrays.slews.context.time)
-    attitude, rate, momentum, turn, change = (
-        np.asarray(x)
-        for x in tangents(
-            model.structure, jnp.asarray(at.theta), jnp.asarray(at.point.local), model.data
-        )
+    theta, local = jnp.asarray(estimate.theta), jnp.asarray(estimate.point.local)
+    attitude, rate_B, momentum, turn, change = (
+        np.asarray(x) for x in tangents(model.structure, theta, local, model.data)
     )
     transition = np.concatenate([turn, change], axis=-2)
-    J = np.array(inertia_tensor.tensor(jnp.asarray(at.theta[:6])))
+    J = np.array(inertia_tensor.tensor(jnp.asarray(estimate.theta[:6])))
     axes = jnp.asarray(model.campaign.wheel_axes_B)
     spin = jnp.asarray(model.campaign.spin_inertias)
     if model.structure.includes_wheel_spin:
@@ -115,13 +154,38 @@ def torque_response(at: Estimate) -> TorqueResponse:
     if model.structure.drive == "measured":
         J = inertia_tensor.with_wheel_spin(J, axes, spin)
     inverse = np.linalg.inv(np.array(J))
-    return TorqueResponse(at, time, attitude, rate, momentum, transition, inverse)
+    return TorqueResponse(estimate, time, attitude, rate_B, momentum, transition, inverse)
 
 
 # Compiled without optimization: half the time to compile, a few calls of less than 0.1 s.
 @partial(jax.jit, static_argnums=0, compiler_options={"xla_backend_optimization_level": 0})
-def tangents(structure: Structure, theta: Array, local: Array, data: Data):
-    """Attitude, rate and wheel momentum of every slew, and how attitude (body axes) and rate follow the start state."""
+def tangents(
+    structure: Structure, theta: Array, local: Array, data: Data
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Simulate every slew, and how its attitude and rate follow the start state.
+
+    Parameters
+    ----------
+    structure : Structure
+        Of the model.
+    theta : (d,) array
+        Parameters, physical units.
+    local : (slews, n_local) array
+        Whitened nuisances.
+    data : Data
+        Of the model.
+
+    Returns
+    -------
+    attitude : (slews, n, 4) array
+        Body from inertial.
+    rate_B : (slews, n, 3) array
+        [rad/s].
+    wheel_momentum : (slews, n, wheels) array
+        [N m s].
+    turn, change : (slews, n, 3, 6) arrays
+        Change of attitude [rad, body axes] and rate [rad/s] per change of the start state.
+    """
     active = structure.active_effects(theta)
     J = inertia_tensor.tensor(theta[:6])
 

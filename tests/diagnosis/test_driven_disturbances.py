@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayes_inertia.diagnosis.driven_disturbances import CONSTANT, drivers, log_evidence
+from bayes_inertia.diagnosis.driven_disturbances import CONSTANT, driven_evidence, drivers
 from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.forward_model import Model
@@ -19,7 +19,7 @@ def estimate_of(campaign):
 
 
 def evidence_in(estimate):
-    return log_evidence(estimate, torque_response(estimate), estimate.linearised())
+    return driven_evidence(torque_response(estimate), estimate.linearised())
 
 
 def test_coasting_wheels_are_no_driver():

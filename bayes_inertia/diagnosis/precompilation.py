@@ -1,6 +1,7 @@
-"""Compile what will be needed while something else runs.
+"""Compile the model with all candidate effects while the plain model is fitted.
 
-The first evaluation of a model with all candidate effects compiles for some seconds; the compiler needs no interpreter lock.
+The first evaluation of the large model compiles for some seconds. The compiler needs no interpreter
+lock, so that it can work beside the optimizer.
 """
 
 from __future__ import annotations
@@ -16,10 +17,16 @@ from bayes_inertia.inference.point import Point
 from bayes_inertia.physics.forward_model import Model
 
 
-def compile_ahead(model: Model) -> None:
-    """Evaluate a model once where all its effects are at their null, so that later calls find their code compiled.
+def precompile(model: Model) -> None:
+    """Evaluate a model once, all its effects at their null, so that later calls find compiled code.
 
-    To be waited for before the model is used: two threads that call the same new function compile it twice.
+    Wait for it before the model is used: two threads that call the same new function compile it
+    twice.
+
+    Parameters
+    ----------
+    model : Model
+        The model with all candidate effects.
     """
     theta, local = model.space.nulls, jnp.zeros((model.n_slews, model.structure.n_local))
     point, white = Point(theta, jnp.zeros(N_BIAS), local), whitening(model, theta)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_inertia.diagnosis.residual_scan import SIGNIFICANT, _windows, disagreement
+from bayes_inertia.diagnosis.residual_scan import SIGNIFICANT_P_VALUE, scan_residuals
+from bayes_inertia.diagnosis.scan_statistic import scan_windows
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.forward_model import Model
 
@@ -23,10 +24,10 @@ def edited(campaign, index, change):
 
 def test_perfect_campaigns_give_uniform_p_values(flying):
     fits = [fitted(flying(100 + i).campaign) for i in range(12)]
-    p = np.array([disagreement(at, seed=i).p_value for i, at in enumerate(fits)])
+    p = np.array([scan_residuals(at, seed=i).p_value for i, at in enumerate(fits)])
     assert stats.kstest(p, "uniform").pvalue > 1e-3
-    n = sum(bool(disagreement(at, seed=i).windows) for i, at in enumerate(fits))
-    assert n <= stats.binom.ppf(0.9999, len(fits), SIGNIFICANT)
+    n = sum(bool(scan_residuals(at, seed=i).windows) for i, at in enumerate(fits))
+    assert n <= stats.binom.ppf(0.9999, len(fits), SIGNIFICANT_P_VALUE)
 
 
 def test_replicates_have_the_covariance_that_a_fit_leaves(flown):
@@ -50,7 +51,7 @@ def test_a_planted_offset_is_found_where_it_is(flown, channel, column):
         values[40:56, column] += 4.0 * {"rate": 2e-5, "momentum": 5e-6}[channel]
         return replace(slew, **{{"rate": "rate", "momentum": "wheel_momentum"}[channel]: values})
 
-    found = disagreement(fitted(edited(flown.campaign, 1, change)))
+    found = scan_residuals(fitted(edited(flown.campaign, 1, change)))
     best = found.windows[0]
     assert (best.channel, best.slew) == (channel, "slew 2")
     assert best.component == ("axis 2" if channel == "rate" else "w2")
@@ -66,18 +67,18 @@ def test_a_planted_offset_is_found_where_it_is(flown, channel, column):
 
 def test_more_noise_is_energy_everywhere_and_none_against_the_measured_noise(flying):
     at = fitted(flying(3, noise=1.5).campaign)
-    found = disagreement(at)
+    found = scan_residuals(at)
     assert {w.slew for w in found.windows if w.kind == "energy"} == {"slew 1", "slew 2", "slew 3"}
     from bayes_inertia.inference.optimizer import with_noise
 
     louder = with_noise(at, dict.fromkeys(("rate", "attitude", "momentum"), 1.5))
-    assert disagreement(louder, stated=False).p_value > 1e-3
-    assert disagreement(louder).p_value < 1e-6  # the stated noise is still wrong
+    assert scan_residuals(louder, stated=False).p_value > 1e-3
+    assert scan_residuals(louder).p_value < 1e-6  # the stated noise is still wrong
 
 
 def test_measured_drive_without_star_tracker(flying, setup_type):
     campaign = flying(4, setup_type(fix_rows=(), rows=160)).campaign
-    found = disagreement(fitted(campaign, "measured"))
+    found = scan_residuals(fitted(campaign, "measured"))
     assert set(found.cells) == {"rate"}
     assert found.p_value > 1e-3
     assert found.cells["rate"].shift.shape == (3, 3, 60)
@@ -85,11 +86,11 @@ def test_measured_drive_without_star_tracker(flying, setup_type):
 
 def test_the_same_seed_gives_the_same_answer(flown):
     at = fitted(flown.campaign)
-    assert disagreement(at, seed=5).p_value == disagreement(at, seed=5).p_value
+    assert scan_residuals(at, seed=5).p_value == scan_residuals(at, seed=5).p_value
 
 
 def test_windows_cover_everything_and_overlap_by_half():
-    start, stop = _windows(96, 1)
+    start, stop = scan_windows(96, 1)
     assert (start.min(), stop.max()) == (0, 96)
     assert set(np.unique(stop - start)) == {1, 2, 4, 8, 16, 32, 64, 96}
     of_16 = np.sort(start[stop - start == 16])

@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 
 from bayes_inertia.diagnosis.driven_disturbances import CONSTANT
-from bayes_inertia.diagnosis.free_signal import body_torque, cardinal, infer
+from bayes_inertia.diagnosis.free_signal import infer_signal
+from bayes_inertia.diagnosis.signal_basis import body_torque, cardinal_splines
+from bayes_inertia.diagnosis.signal_wording import describe
 from bayes_inertia.diagnosis.torque_response import torque_response
-from bayes_inertia.diagnosis.unexplained import unknown_torque
+from bayes_inertia.diagnosis.unexplained import unexplained_signal
 from bayes_inertia.flight.mission import most_like_mission
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
@@ -67,13 +69,13 @@ def edited(campaign, change):
 
 def test_ringing_about_an_axis(planted):
     amplitude = 3e-4
-    found = unknown_torque(fitted(planted(sine=amplitude)))
+    found = unexplained_signal(fitted(planted(sine=amplitude)))
     assert found.source == "body torque"
     assert found.frequency_hz == pytest.approx(0.3, abs=0.01)  # a slew resolves 1 / 115 s
     assert abs(found.axis_B[1]) > 0.99
     assert found.torque_rms == pytest.approx(amplitude / np.sqrt(2.0), rel=0.2)
-    assert found.description.startswith("0.3 Hz ringing about y")
-    assert "before the wheels act" in found.description  # it runs all the time
+    assert describe(found).startswith("0.3 Hz ringing about y")
+    assert "before the wheels act" in describe(found)  # it runs all the time
     # The band holds the truth.
     truth = -amplitude * np.sin(2.0 * np.pi * 0.3 * found.torque.time)
     inside = np.abs(found.torque.mean[..., 1] - truth) < 2.5 * found.torque.sd[..., 1]
@@ -81,55 +83,56 @@ def test_ringing_about_an_axis(planted):
 
 
 def test_a_torque_that_grows_with_the_square_of_the_rate(planted):
-    found = unknown_torque(fitted(planted(square=2e-5)))
+    found = unexplained_signal(fitted(planted(square=2e-5)))
     assert found.source == "body torque"
     assert found.axis_B[0] > 0.99
     assert found.matches[0].name == "square of the body rate"
-    assert "about +x, proportional to the square of the body rate" in found.description
+    assert "about +x, proportional to the square of the body rate" in describe(found)
     assert found.frequency_hz is None
 
 
 def test_a_constant_torque(planted):
-    found = unknown_torque(fitted(planted(steady=-5e-6)))
-    assert "constant about -z in all slews" in found.description
+    found = unexplained_signal(fitted(planted(steady=-5e-6)))
+    assert "constant about -z in all slews" in describe(found)
     assert found.torque_rms == pytest.approx(5e-6, rel=0.1)
 
 
 def test_evidence_tells_what_a_weak_torque_follows(planted):
-    # Squares of rates are nearly constant in these slews, and a constant torque explains most of this one.
+    # Squares of rates are nearly constant in these slews, and a constant torque explains most of
+    # this one.
     at = fitted(planted(square=8e-7))
     torques = {
         name: e
-        for (source, name), e in unknown_torque(at).followed.items()
+        for (source, name), e in unexplained_signal(at).driven_evidence.items()
         if source == "body torque"
     }
     assert max(torques, key=torques.get) == "square of the body rate"
     assert torques["square of the body rate"] > torques[CONSTANT] + 3.0 > 30.0
     # The other way round, and with nothing there.
-    steady = unknown_torque(fitted(planted(steady=8e-7))).followed
+    steady = unexplained_signal(fitted(planted(steady=8e-7))).driven_evidence
     assert steady["body torque", CONSTANT] > steady["body torque", "square of the body rate"]
-    assert max(unknown_torque(fitted(planted())).followed.values()) < 3.0
+    assert max(unexplained_signal(fitted(planted())).driven_evidence.values()) < 3.0
 
 
 def test_a_glitch_of_the_rate_sensor_is_no_torque(planted):
     def shifted(time, rate):
         rate[(time > 60.0) & (time < 70.0), 0] += 3e-4
 
-    found = unknown_torque(fitted(edited(planted(), shifted)))
+    found = unexplained_signal(fitted(edited(planted(), shifted)))
     assert found.source == "rate sensor"
-    assert "no torque explains it: it is in the sensors" in found.description
+    assert "no torque explains it: it is in the sensors" in describe(found)
 
     def spikes(time, rate):
         rate[::23, 2] += 6e-4
 
-    found = unknown_torque(fitted(edited(planted(), spikes)))
+    found = unexplained_signal(fitted(edited(planted(), spikes)))
     assert found.source in ("rate sensor", "nothing smooth")
-    assert "no torque explains it" in found.description
+    assert "no torque explains it" in describe(found)
 
 
 def test_nothing_is_found_in_perfect_data(planted):
     at = fitted(planted())
-    history = infer(at.linearised(), body_torque(at.linearised(), torque_response(at)))
+    history = infer_signal(at.linearised(), body_torque(at.linearised(), torque_response(at)))
     assert history.log_evidence < 8.0  # the best of many sizes and lengths gains a little by chance
     assert np.mean(np.abs(history.mean) < 2.5 * history.sd) > 0.97
 
@@ -137,4 +140,6 @@ def test_nothing_is_found_in_perfect_data(planted):
 def test_splines_reproduce_cubics():
     t = np.linspace(0.0, 10.0, 12)
     at = np.linspace(0.0, 10.0, 77)
-    np.testing.assert_allclose(cardinal(at, t) @ (t**3 - 4.0 * t), at**3 - 4.0 * at, atol=1e-9)
+    np.testing.assert_allclose(
+        cardinal_splines(at, t) @ (t**3 - 4.0 * t), at**3 - 4.0 * at, atol=1e-9
+    )

@@ -6,7 +6,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_inertia.diagnosis.flexible_mode_search import best_ringing, frequencies, with_ringing
+from bayes_inertia.diagnosis.flexible_mode_search import (
+    best_flexible_mode,
+    frequencies,
+    restarted_with_mode,
+)
 from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.flight.mission import most_like_mission
 from bayes_inertia.flight.plan import paper_like_plan
@@ -17,7 +21,8 @@ from bayes_inertia.inference.point import Point
 from bayes_inertia.physics.effects import FlexibleMode
 from bayes_inertia.physics.forward_model import Model
 
-# A coupling so large that every frequency is seen: where a mode is invisible the p-value is only the safer.
+# A coupling so large that every frequency is seen: where a mode is invisible the p-value is only
+# the safer.
 NAME, SCALE = "flexible_mode", 100.0
 
 
@@ -33,7 +38,7 @@ def searched(small_flown):
     def search(residual):
         left = replace(fit, point=centre)
         vars(left)["rows"] = replace(fit.rows, residual=residual)  # what is cached there otherwise
-        return best_ringing(NAME, response, left, SCALE)
+        return best_flexible_mode(NAME, response, left, SCALE)
 
     return search, response, fit.residual.shape
 
@@ -68,7 +73,8 @@ def test_noise_gains_what_the_p_value_says(searched):
     found = [search(rng.normal(size=shape)) for _ in range(n)]
     for level in (0.3, 0.1):
         assert sum(p_value(f) < level for f in found) <= stats.binom.ppf(0.999, n, level)
-        # Negative controls: as if only one frequency had been tried; and not safe at the price of seeing nothing.
+        # Negative controls: as if only one frequency had been tried; and not safe at the price of
+        # seeing nothing.
         assert sum(p_value(f, trials=1) < level for f in found) > stats.binom.ppf(0.999, n, level)
     assert sum(p_value(f) < 0.5 for f in found) >= stats.binom.ppf(0.001, n, 0.25)
 
@@ -93,11 +99,11 @@ def test_an_optimizer_that_stayed_at_zero_coupling_begins_again_at_the_ringing()
     assert (
         np.abs(at.theta[coupling]).max() < 0.01
     )  # a stationary point, which it does not leave by itself
-    found = with_ringing(at)
+    found = restarted_with_mode(at)
     assert found.objective < at.objective - 20.0
     aligned = found.theta[coupling] * np.sign(found.theta[9])
     assert np.abs((aligned - truth) / found.sd[coupling]).max() < 4.0
     assert abs(found.theta[12] - 0.23) < 4.0 * found.sd[12]
     assert found.sd[12] < 0.01
     rigid = estimate(Model(flight.campaign), starts=1, discount=False)
-    assert with_ringing(rigid) is rigid
+    assert restarted_with_mode(rigid) is rigid

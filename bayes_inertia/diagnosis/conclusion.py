@@ -1,0 +1,207 @@
+"""From the steps of a search to the verdict: named, ambiguous, consistent or unknown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from scipy.special import logsumexp
+
+from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.diagnosis.candidates import FLEXIBLE_MODE
+from bayes_inertia.diagnosis.driven_disturbances import DRIVEN_BY_LIBRARY
+from bayes_inertia.diagnosis.refitting import ScoredRound
+from bayes_inertia.diagnosis.result import NOISE_LEVEL, Diagnosis, Step
+from bayes_inertia.diagnosis.rules import Rules
+from bayes_inertia.diagnosis.score_test import ScoreTests
+from bayes_inertia.diagnosis.unexplained import unexplained_signal
+from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.residual_tests import ChannelTest, channel_tests
+
+
+def conclude(
+    first: ScoredRound,
+    final: Estimate,
+    steps: Sequence[Step],
+    noise: dict[str, float],
+    skipped: tuple[tuple[str, str], ...],
+    rules: Rules,
+) -> Diagnosis:
+    """Reach the verdict.
+
+    Parameters
+    ----------
+    first : ScoredRound
+        All candidates, scored at the fit with nothing added.
+    final : Estimate
+        The fit with everything added.
+    steps : sequence of Step
+        What was added.
+    noise : dict
+        Factor by which each channel's noise exceeds what is stated.
+    skipped : tuple of (str, str)
+        Candidates that could not be tried, and why.
+    rules : Rules
+        The thresholds.
+
+    Returns
+    -------
+    Diagnosis
+        The answer.
+    """
+    tests = final_tests(final)
+    lead = nameless_lead(steps, len(first.candidates))
+    imitation = "imitation" if lead > rules.log_evidence_margin else ""
+    why_unknown = imitation if is_explained(tests, rules) else "misfit"
+    steps = without_named_alternatives(steps)
+    sets = tuple((s.added, *(a.effect for a in s.alternatives)) for s in steps if s.alternatives)
+    is_louder = any(factor > 1.0 for factor in noise.values())
+    named = tuple(s.added for s in steps) + ((NOISE_LEVEL,) if is_louder else ())
+    verdict = _verdict(why_unknown, sets, named)
+    return Diagnosis(
+        verdict=verdict,
+        named=() if why_unknown else named,
+        ambiguous_with=sets if verdict == "ambiguous" else (),
+        candidates=first.candidates,
+        threshold=first.threshold,
+        steps=steps,
+        base=first.estimate,
+        final=final,
+        noise=noise,
+        tests=tests,
+        rules=rules,
+        skipped=skipped,
+        correlations=_correlations(first.tests),
+        why_unknown=why_unknown,
+        nameless_lead=lead,
+    )
+
+
+def _verdict(why_unknown: str, sets: Sequence[Sequence[str]], named: Sequence[str]) -> str:
+    if why_unknown:
+        return "unknown"
+    if sets:
+        return "ambiguous"
+    return "named" if named else "consistent"
+
+
+def without_named_alternatives(steps: Sequence[Step]) -> tuple[Step, ...]:
+    """Take effects that were named too out of the alternatives.
+
+    What is needed beside another effect is no alternative to it.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        What was added.
+
+    Returns
+    -------
+    tuple of Step
+        The same steps; no alternative is among the effects added.
+    """
+    added = {step.added for step in steps}
+    return tuple(
+        replace(s, alternatives=tuple(a for a in s.alternatives if a.effect not in added))
+        for s in steps
+    )
+
+
+def _correlations(tests: ScoreTests) -> dict[tuple[str, str], float]:
+    """Canonical correlations of all pairs of linear candidates."""
+    return {
+        (a, b): tests.canonical_correlation(i, j)
+        for i, a in enumerate(tests.names)
+        for j, b in enumerate(tests.names)
+        if i < j and FLEXIBLE_MODE not in (a, b)
+    }
+
+
+def final_tests(estimate: Estimate) -> dict[str, ChannelTest]:
+    """Test the residuals against the noise as used: stated noise times what was measured of it.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        A fit; its noise has one factor a channel in all slews.
+
+    Returns
+    -------
+    dict
+        {channel: ChannelTest}, and `total`.
+    """
+    scale = {c: np.sqrt(estimate.discount[0, i]) for i, c in enumerate(CHANNELS)}
+    series = {c: [scale[c] * x for x in slews] for c, slews in estimate.residual_series.items()}
+    info = estimate.information
+    dof = info.n_data.sum(0) - estimate.effective_parameters
+    return channel_tests(series, info.chi2.sum(0), dof)
+
+
+def is_explained(tests: dict[str, ChannelTest], rules: Rules) -> bool:
+    """Test whether nothing is left in the residuals that noise would not leave.
+
+    Parameters
+    ----------
+    tests : dict
+        Tests of the residuals by channel.
+    rules : Rules
+        Its `misfit_p_value` is the limit.
+
+    Returns
+    -------
+    bool
+        Whether no test fails.
+    """
+    large = [
+        t.p_chi2
+        for t in tests.values()
+        if t.p_chi2 is not None and t.reduced_chi2 is not None and t.reduced_chi2 > 1.0
+    ]
+    structured = [t.p_white for t in tests.values() if t.p_white is not None]
+    return min([*large, *structured], default=1.0) > rules.misfit_p_value
+
+
+def nameless_lead(steps: Sequence[Step], candidates: int) -> float:
+    """Weigh a disturbance without a name against the effects named.
+
+    Several effects together can imitate one that is not in the library, each taking a part. A
+    torque or sensor error of any shape has far more freedom and pays for it in evidence; one in
+    proportion to something known (`driven_disturbances`) has about as much. Where either wins
+    clearly, the names are not the cause. A claim of several effects at once pays for each further
+    choice among the candidates (Scott and Berger 2010).
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        What was added.
+    candidates : int
+        How many there were to choose from.
+
+    Returns
+    -------
+    float
+        Log evidence by which the disturbance beats all effects named, or the last of them,
+        whichever is more; -inf without steps.
+    """
+    claimed, lead = np.log(candidates), -np.inf
+    for step in reversed(steps):
+        claimed += step.log_bayes_factor - np.log(candidates)
+        lead = max(lead, _nameless_evidence(step.before) - claimed)
+    return float(lead)
+
+
+def _nameless_evidence(estimate: Estimate) -> float:
+    """The best log evidence for a disturbance without a name in what an estimate leaves.
+
+    A disturbance in proportion to something is one hypothesis, whatever drives it: its evidence
+    is the average over all drivers.
+    """
+    signal = unexplained_signal(estimate)
+    driven = [
+        evidence
+        for driver, evidence in signal.driven_evidence.items()
+        if driver not in DRIVEN_BY_LIBRARY
+    ]
+    free = [s.log_evidence for s in (signal.torque, signal.better_signal) if s is not None]
+    return max(*free, float(logsumexp(driven) - np.log(len(driven))))

@@ -1,0 +1,149 @@
+"""Campaigns with and without hidden effects, diagnosed once a session; what all tests of it share."""
+
+import json
+import math
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from bayes_inertia.app.diagnosis_json import to_json
+from bayes_inertia.app.investigation import Investigation
+from bayes_inertia.diagnosis.residual_scan import scan_residuals
+from bayes_inertia.diagnosis.search import diagnose
+from bayes_inertia.flight.mission import most_like_mission
+from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.flight.planned_telemetry import planned_campaign
+from bayes_inertia.flight.simulated_campaigns import draw_flight
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effects import LIBRARY, ConstantTorque, WheelCommandLag
+from bayes_inertia.physics.parameters import Normal, scalar
+
+# Without the flexible mode, whose every refit compiles code of its own.
+RIGID = tuple(e for e in LIBRARY if e.name != "flexible_mode")
+
+
+@dataclass(frozen=True)
+class Pump(Effect):
+    """Outside the library: a torque at 0.3 Hz about -y that never stops."""
+
+    name: ClassVar[str] = "pump"
+
+    def parameters(self, campaign):
+        return (scalar("torque", unit="N m", prior=Normal(0.0, 1e-4)),)
+
+    def body_torque(self, p, slew, t, state):
+        return -p["torque"] * jnp.sin(2.0 * jnp.pi * 0.3 * t) * jnp.array([0.0, 1.0, 0.0])
+
+
+@pytest.fixture(scope="session")
+def rigid_library():
+    """The library without the flexible mode."""
+    return RIGID
+
+
+@pytest.fixture(scope="session")
+def flight():
+    """`flight(effects, values, seed)`: a campaign of three slews at 2 Hz; all have one shape, so that they share compiled code."""
+    plan = replace(paper_like_plan(), telemetry_period=0.5)
+    plan = replace(plan, slews=(plan.slews[0], plan.slews[3], plan.slews[4]))
+    template = planned_campaign(plan, most_like_mission())
+
+    def fly(effects=(), values=None, seed=11):
+        return draw_flight(
+            template, plan, seed, effects=effects, values=values, vary=False
+        ).campaign
+
+    return fly
+
+
+@pytest.fixture(scope="session")
+def clean(flight):
+    return flight()
+
+
+@pytest.fixture(scope="session")
+def clean_diagnosis(clean):
+    """The diagnosis of a campaign where nothing is missing."""
+    return diagnose(clean)
+
+
+@pytest.fixture(scope="session")
+def lagging(flight):
+    return diagnose(flight((WheelCommandLag(),), {"wheel_command_lag": {"tau": np.array(0.1)}}))
+
+
+@pytest.fixture(scope="session")
+def pumped(flight):
+    return diagnose(flight((Pump(),), {"pump": {"torque": np.array(3e-4)}}), library=RIGID)
+
+
+@pytest.fixture(scope="session")
+def torqued(flight):
+    """A weak constant torque, which three slews cannot tell from a dipole or a star-tracker shift."""
+    return diagnose(
+        flight(
+            (ConstantTorque(),), {"constant_torque": {"torque": 1e-7 * np.array([1.0, -1.0, 1.0])}}
+        ),
+        library=RIGID,
+    )
+
+
+def _content_of(found, **more):
+    changed = bool(found.steps) or any(f > 1.0 for f in found.noise.values())
+    after = scan_residuals(found.final, stated=False) if changed else None
+    return to_json(Investigation(found, scan_residuals(found.base), after, **more))
+
+
+@pytest.fixture(scope="session")
+def content_of():
+    """`content_of(diagnosis, **more)`: what diagnosis.json holds."""
+    return _content_of
+
+
+def _check_contract(content: dict, library=LIBRARY) -> None:
+    """diagnosis.json as DESIGN section 8 promises it."""
+    assert json.loads(json.dumps(content, allow_nan=False)) == content
+    assert content["verdict"] in ("consistent", "named", "ambiguous", "unknown")
+    assert {e.name for e in library} | {"noise_level"} == {
+        c["effect"] for c in content["candidates"]
+    }
+    for c in content["candidates"]:
+        assert {
+            "effect",
+            "dof",
+            "score",
+            "p_value",
+            "log_bayes_factor",
+            "parameters",
+            "reason",
+        } == set(c)
+        assert (c["p_value"] is None) == (c["score"] is None)
+        assert c["p_value"] is not None or c["reason"]
+        assert (c["parameters"] is not None) == (
+            c["effect"] in [s["added"] for s in content["steps"]]
+        )
+    for w in content["disagreement"]:
+        assert {"channel", "slew", "t_start", "t_end", "p_value"} <= set(w)
+        assert w["channel"] in ("rate", "attitude", "momentum")
+        assert w["t_start"] <= w["t_end"]
+        assert 0.0 <= w["p_value"] < 0.05
+    for s in content["steps"]:
+        assert (
+            set(s["reduced_chi2_before"])
+            == set(s["reduced_chi2_after"])
+            == {"rate", "attitude", "momentum", "total"}
+        )
+        assert set(s["shift"]) == {"Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz", "K1", "K2", "K3"}
+    assert (content["unknown"] is not None) == (content["verdict"] == "unknown")
+    if content["unknown"]:
+        assert {"description", "axis", "frequency_hz", "torque_rms"} <= set(content["unknown"])
+        assert math.isclose(np.linalg.norm(content["unknown"]["axis"]), 1.0, rel_tol=1e-9)
+
+
+@pytest.fixture(scope="session")
+def check_contract():
+    """`check_contract(content, library)`: diagnosis.json holds what DESIGN section 8 promises."""
+    return _check_contract

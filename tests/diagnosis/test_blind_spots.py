@@ -1,0 +1,76 @@
+"""How far an effect too weak to be found could have moved J and K."""
+
+import math
+
+import numpy as np
+import pytest
+
+from bayes_inertia.diagnosis.blind_spots import even_odds, furthest, undetected_effects
+from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.parameters import ParameterSpace
+from bayes_inertia.report.diagnosis_sections import diagnosis_sections
+from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict
+
+
+@pytest.mark.slow
+def test_what_could_hide_moves_the_fit_as_far_as_it_says(
+    flight, clean, clean_diagnosis, content_of, check_contract, rigid_library
+):
+    """The effect is flown, with the noise of the clean campaign, and left out of the fit."""
+    found = clean_diagnosis
+    rows = {row.parameter: row for row in undetected_effects(found)}
+    assert tuple(rows) == found.base.model.space.names[:9]
+    for name in ("Jxy", "Jxz", "K2"):
+        row, i = rows[name], found.base.model.space.names.index(name)
+        assert row.shift > 2.0 * row.sd
+        (effect,) = (e for e in rigid_library if e.name == row.effect)
+        space = ParameterSpace(tuple((effect.name, p) for p in effect.parameters(clean)))
+        theta = np.array([row.values[n.split(".", 1)[1]] for n in space.names])
+        values = {k: np.asarray(v) for k, v in space.split(theta)[effect.name].items()}
+        moved = estimate(Model(flight((effect,), {effect.name: values})), discount=False)
+        # Half a per cent of it is of second order in the effect.
+        assert (moved.theta[i] - found.base.theta[i]) / row.shift == pytest.approx(1.0, abs=0.02)
+        # What moves one furthest moves the others no further than what moves those furthest.
+        assert all(
+            abs(moved.theta[j] - found.base.theta[j]) < 1.02 * other.shift
+            for j, other in enumerate(rows.values())
+        )
+    content = content_of(found, blind_spots=tuple(rows.values()))
+    check_contract(content)
+    assert (
+        diagnosis_verdict(content)
+        .sentences[-1]
+        .startswith("An effect too weak to be found could still have moved J and K: most of all ")
+    )
+    assert "What could still hide" in [section.title for section in diagnosis_sections(content)]
+
+
+@pytest.mark.slow
+def test_what_is_fitted_hides_nothing_and_of_the_unknown_nothing_is_said(lagging, pumped):
+    assert "wheel_command_lag" not in {row.effect for row in undetected_effects(lagging)}
+    assert undetected_effects(pumped) == ()
+
+
+def test_even_odds_are_even_and_the_furthest_amplitude_is_the_furthest():
+    rng, n = np.random.default_rng(4), 40_000
+    size, limit = (
+        even_odds(3, 1e-3),
+        16.266,
+    )  # chi^2 with three degrees of freedom exceeds it once in a thousand times
+    error = math.sqrt(0.25 / n)
+
+    def found(size):
+        return np.mean(np.sum(rng.normal([math.sqrt(size), 0.0, 0.0], 1.0, (n, 3)) ** 2, 1) > limit)
+
+    assert abs(found(size) - 0.5) < 4.0 * error
+    assert abs(found(1.1 * size) - 0.5) > 4.0 * error
+    pull, root = rng.normal(size=(2, 4)), rng.normal(size=(4, 4))
+    data = 9.0 * root @ root.T
+    shift, amplitude = furthest(pull, data)
+    shape = data + 0.25 * np.eye(4)
+    np.testing.assert_allclose(np.einsum("pi,ij,pj->p", amplitude, shape, amplitude), 1.0)
+    np.testing.assert_allclose(np.sum(pull * amplitude, 1), shift)
+    others = rng.normal(size=(5000, 4))
+    others /= np.sqrt(np.einsum("ni,ij,nj->n", others, shape, others))[:, None]
+    assert np.all(np.abs(others @ pull.T) <= shift * (1.0 + 1e-12))

@@ -1,0 +1,72 @@
+"""The next correction slew, before and after what was missing is named."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayes_inertia.design.correction_slew import correction_forecast
+from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.physics.effects import ConstantTorque, EachSlew, InertiaChange
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.slew_input import idle_slew
+from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict
+
+
+@pytest.mark.slow
+def test_the_next_correction_slew_before_and_after(lagging, flight, content_of, check_contract):
+    # A lag is removed by feedback and leaves nothing at rest, but the K that was fitted without it
+    # does.
+    found = correction_forecast(lagging.base, lagging.final)
+    assert found.expected[0] > 1.5 * found.promised[0]
+    assert found.updated[0] < found.expected[0]
+    same = correction_forecast(lagging.final, lagging.final)
+    assert same.expected == same.updated
+    content = content_of(lagging, correction=found)
+    check_contract(content)
+    assert any("should need a correction of" in s for s in diagnosis_verdict(content).sentences)
+
+
+@pytest.mark.slow
+def test_the_next_slew_is_flown_with_the_tensor_after_its_change(flight):
+    size = np.array([0.15, 0.1, -0.1, 0.0, 0.0, 0.0])
+    first = idle_slew([0.0, 1.0]).context
+    assert np.allclose(
+        InertiaChange().afterwards().inertia({"change": size}, first, np.eye(3)),
+        np.diag([1.15, 1.1, 0.9]),
+    )
+    assert np.allclose(InertiaChange().inertia({"change": size}, first, np.eye(3)), np.eye(3))
+    final = estimate(
+        Model(flight((InertiaChange(),), {"inertia_change": {"change": size}}), (InertiaChange(),))
+    )
+    # One estimate on both sides: what differs is the tensor flown with, before and after the
+    # change, and the spacecraft's own.
+    found = correction_forecast(final, final)
+    assert len({found.promised, found.expected, found.updated}) == 3
+
+
+@pytest.mark.slow
+def test_what_differs_from_slew_to_slew_is_drawn_from_its_prior_in_the_next_slew(clean):
+    """It was as in the first slew; what the next slew will have, only the prior tells."""
+    apart = EachSlew.of(ConstantTorque(sigma=1e-4), clean)
+    base, final = estimate(Model(clean)), estimate(Model(clean, (apart,)))
+    forecast = correction_forecast(base, final)
+    assert forecast.expected[1] > 2.0 * forecast.promised[1]
+
+
+@pytest.mark.slow
+def test_wheels_about_two_axes_turn_no_body_anywhere(lagging):
+    campaign = lagging.final.model.campaign
+    flat = replace(
+        campaign,
+        wheels=tuple(
+            replace(w, axis_B=axis)
+            for w, axis in zip(campaign.wheels, np.eye(3)[[0, 1, 1]], strict=True)
+        ),
+    )
+    assert (
+        correction_forecast(
+            lagging.base, replace(lagging.final, model=replace(lagging.final.model, campaign=flat))
+        )
+        is None
+    )

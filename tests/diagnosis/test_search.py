@@ -1,0 +1,134 @@
+"""What is missing: hidden effects are named, nothing is named where nothing is missing, outsiders stay unknown."""
+
+from dataclasses import asdict, dataclass
+from typing import ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from bayes_inertia.app.diagnosed_fit import fitted_effects
+from bayes_inertia.app.diagnosis_json import next_fit_from
+from bayes_inertia.app.measured_noise import with_measured_noise
+from bayes_inertia.diagnosis.conclusion import nameless_lead
+from bayes_inertia.diagnosis.rules import Rules
+from bayes_inertia.diagnosis.search import diagnose
+from bayes_inertia.diagnosis.unexplained import unexplained_signal
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effects import ConstantTorque
+from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict, headline
+
+
+@dataclass(frozen=True)
+class Leak(Effect):
+    """Outside the library: a thruster that leaks for ten seconds in each slew, which several effects together can imitate."""
+
+    name: ClassVar[str] = "leak"
+
+    def body_torque(self, p, slew, t, state):
+        return p["size"] * jnp.array([0.3, -1.0, 0.0]) * jnp.exp(-(((t - 50.0) / 6.0) ** 2))
+
+
+@pytest.mark.slow
+def test_nothing_is_named_in_a_clean_campaign(clean_diagnosis, content_of, check_contract):
+    found = clean_diagnosis
+    assert (found.verdict, found.named, found.ambiguous_with, found.steps) == (
+        "consistent",
+        (),
+        (),
+        (),
+    )
+    content = content_of(found)
+    check_contract(content)
+    assert content["disagreement"] == []
+    assert headline(content) == "Nothing is missing: the model explains the data."
+
+
+@pytest.mark.slow
+def test_a_lag_is_named_and_measured(lagging, content_of, check_contract):
+    assert (lagging.verdict, lagging.named) == ("named", ("wheel_command_lag",))
+    content = content_of(lagging)
+    check_contract(content)
+    tau = next(c for c in content["candidates"] if c["effect"] == "wheel_command_lag")[
+        "parameters"
+    ]["tau"]
+    assert abs(tau["mean"] - 0.1) < 4.0 * tau["sd"]
+    assert tau["q025"] < tau["mean"] < tau["q975"]
+    assert tau["unit"] == "s"
+    (step,) = content["steps"]
+    assert step["reduced_chi2_before"]["total"] > 10.0 > 1.2 > step["reduced_chi2_after"]["total"]
+    # Three slews: two alone leave J so open that the third is predicted badly even by a perfect
+    # model.
+    assert step["held_out_before"] > step["held_out_after"]
+    assert {w["channel"] for w in content["disagreement"]} >= {"momentum"}
+    assert content["disagreement_after"] == []
+    assert [e.name for e in next_fit_from(content).effects] == ["wheel_command_lag"]
+
+
+@pytest.mark.slow
+def test_a_constant_torque_is_named(flight):
+    found = diagnose(
+        flight((ConstantTorque(),), {"constant_torque": {"torque": np.array([1e-5, 0.0, -5e-6])}})
+    )
+    assert found.verdict == "named"
+    assert found.named == ("constant_torque",)
+
+
+@pytest.mark.slow
+def test_loud_noise_is_measured_and_nothing_physical_is_named(clean, content_of, check_contract):
+    # The noise of campaigns where nothing but the noise is wrong is a verdict of its own.
+    quieter = with_measured_noise(clean, dict.fromkeys(("rate", "attitude", "momentum"), 1.0 / 1.5))
+    found = diagnose(quieter)
+    assert (found.steps, found.verdict, found.named) == ((), "named", ("noise_level",))
+    for channel in ("rate", "momentum"):
+        n = sum(len(x) * 3 for x in found.base.residual_series[channel])
+        # Median of squared second differences: see `noise`. The sd of the factor is half that of
+        # the power.
+        assert found.noise[channel] == pytest.approx(
+            1.5, abs=4.0 * 0.5 * 1.5 * np.sqrt(1.4 * 3.9 / n)
+        )
+    content = content_of(
+        found, unexplained=unexplained_signal(found.base) if found.verdict == "unknown" else None
+    )
+    check_contract(content)
+    assert next_fit_from(content).effects == ()
+    assert {w["kind"] for w in content["disagreement"]} == {"energy"}
+    assert {w["channel"] for w in content["disagreement"]} == {"rate", "attitude", "momentum"}
+
+
+@pytest.mark.slow
+def test_what_no_candidate_explains_is_unknown_and_described(
+    pumped, content_of, check_contract, rigid_library
+):
+    assert (pumped.verdict, pumped.named) == ("unknown", ())
+    content = content_of(pumped, unexplained=unexplained_signal(pumped.base))
+    check_contract(content, rigid_library)
+    assert content["unknown"]["frequency_hz"] == pytest.approx(0.3, abs=0.01)
+    assert abs(content["unknown"]["axis"][1]) > 0.97
+    assert fitted_effects(pumped) == ()
+    assert diagnosis_verdict(content).level == "bad"
+    assert any("0.3 Hz ringing about y" in s for s in diagnosis_verdict(content).sentences)
+
+
+@pytest.mark.slow
+def test_effects_that_only_imitate_another_are_not_named(
+    flight, lagging, content_of, check_contract, rigid_library
+):
+    found = diagnose(flight((Leak(),), {"leak": {"size": np.array(1.2e-5)}}), library=rigid_library)
+    assert (found.verdict, found.named) == ("unknown", ())
+    assert len(found.steps) >= 2
+    assert (
+        found.nameless_lead
+        == nameless_lead(found.steps, len(found.candidates))
+        > Rules().log_evidence_margin
+    )
+    assert lagging.nameless_lead < -Rules().log_evidence_margin
+    content = content_of(found, unexplained=unexplained_signal(found.base)) | {
+        "why_unknown": "imitation"
+    }
+    check_contract(content, rigid_library)
+    assert content["rules"] == asdict(Rules())
+    assert any(
+        "an imitation of something that is not among the candidates" in s
+        for s in diagnosis_verdict(content).sentences
+    )
