@@ -107,7 +107,7 @@ class Slew:
         """Time from the first to the last row [s]."""
         return float(self.time[-1] - self.time[0])
 
-    def complete_rates(self, valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def complete_rates(self, valid: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Rows at which the rates about all three axes are known, and the rates there.
 
         These are the rows in which every reading is valid. Where such rows are rare, because the
@@ -116,8 +116,8 @@ class Slew:
 
         Parameters
         ----------
-        valid : (n, 3) array of bool
-            Which readings count.
+        valid : (n, 3) array of bool, optional
+            Which readings count; by default all that are numbers.
 
         Returns
         -------
@@ -130,12 +130,13 @@ class Slew:
         --------
         >>> x, y = [0., np.nan, 2.], [np.nan, 5., np.nan]
         >>> slew = Slew("a", 0.0, np.arange(3.0), rate=np.array([x, y, x]).T)
-        >>> rows, rates = slew.complete_rates(np.isfinite(slew.rate))
+        >>> rows, rates = slew.complete_rates()
         >>> rows.tolist(), rates.tolist()
         ([1], [[1.0, 5.0, 1.0]])
         """
         if self.rate is None:
             return np.zeros(0, dtype=int), np.zeros((0, 3))
+        valid = np.isfinite(self.rate) if valid is None else valid
         rows = np.flatnonzero(valid.all(axis=1))
         if len(rows) > _ENOUGH_COMPLETE_ROWS * valid.any(axis=1).sum() or not valid.any(0).all():
             return rows, self.rate[rows]

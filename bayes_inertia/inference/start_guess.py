@@ -38,13 +38,11 @@ def _momentum(
     """Momentum of the wheels (wheels,) at the beginning of slew s beyond the reference, in prior sd: least squares with that prior."""
     campaign, slew = model.campaign, model.campaign.slews[s]
     sensor, axes = campaign.rate_sensor, campaign.wheel_axes_B
-    rows = np.flatnonzero(campaign.valid_readings(slew).all(axis=1))
+    rows, readings = slew.complete_rates(campaign.valid_readings(slew))
     if len(rows) < 2:
         return np.zeros(len(scale))
     time = slew.time[rows]
-    rate = np.linalg.solve(
-        sensor.axes, (scale_factor * slew.rate[rows] - np.asarray(sensor.bias)).T
-    ).T
+    rate = np.linalg.solve(sensor.axes, (scale_factor * readings - np.asarray(sensor.bias)).T).T
     taken_up = integrate.cumulative_trapezoid(slew.wheel_torque, slew.time, axis=0, initial=0.0)[
         rows
     ]

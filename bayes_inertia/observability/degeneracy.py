@@ -161,8 +161,9 @@ def turned_axes(campaign: Campaign) -> tuple[np.ndarray, np.ndarray]:
         The axes as columns, in the body frame.
     """
     sensor = campaign.rate_sensor
-    rates = np.concatenate([s.rate for s in campaign.slews if s.rate is not None])
-    rates = rates[np.isfinite(rates).all(axis=1)]
+    rates = np.concatenate(
+        [s.complete_rates(campaign.valid_readings(s))[1] for s in campaign.slews]
+    )
     if not len(rates):
         return np.zeros(3), np.eye(3)
     body = np.linalg.inv(sensor.axes)

@@ -97,8 +97,8 @@ def longest_step(campaign: Campaign) -> float:
     >>> round(longest_step(Campaign("c", InertiaPrior(np.eye(3), 0.1, 0.1), (), RateSensor(sigma=1e-5), None, (slew,))), 3)
     0.008
     """
-    rates = np.concatenate([np.linalg.norm(s.rate, axis=1) for s in campaign.slews])
-    rates = rates[np.isfinite(rates)]
+    readings = [s.complete_rates()[1] for s in campaign.slews]
+    rates = np.concatenate([np.linalg.norm(r, axis=1) for r in readings])
     fastest = 2.0 * float(np.quantile(rates, 0.95)) if len(rates) else 0.0
     # A power of two, so that the grid does not change with every reading.
     return float(2.0 ** np.floor(np.log2(0.05 / max(fastest, 1e-9))))
@@ -227,7 +227,7 @@ def _pack_telemetry(campaign, slew, sample, n_grid, n_rows, n_fixes, modes, n) -
 def _reference(campaign: Campaign, slew: Slew) -> Reference:
     """Rough start state from the first readings; what is not measured starts from zero."""
     sensor = campaign.rate_sensor
-    readings = slew.rate[np.isfinite(slew.rate).all(axis=1)]
+    _, readings = slew.complete_rates(campaign.valid_readings(slew))
     first = (
         readings[: max(1, min(8, len(readings) // 50))].mean(axis=0)
         if len(readings)

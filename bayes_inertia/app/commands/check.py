@@ -63,9 +63,8 @@ def show_campaign(campaign: Campaign) -> None:
 
 
 def _slew_cells(slew: Slew) -> tuple[str, ...]:
-    peak = "none"
-    if slew.rate is not None:
-        peak = f"{np.degrees(np.nanmax(np.linalg.norm(slew.rate, axis=1))):.3g}"
+    _, rates = slew.complete_rates()
+    peak = f"{np.degrees(np.linalg.norm(rates, axis=1).max()):.3g}" if len(rates) else "none"
     return (
         slew.name,
         str(len(slew.time)),
