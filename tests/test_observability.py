@@ -1,4 +1,4 @@
-"""Why each parameter is as uncertain as it is: exact splits, degeneracies, and the comparison with a posterior."""
+"""Why each parameter is as uncertain as it is: exact splits, degeneracies, the posterior beside."""
 
 from __future__ import annotations
 
@@ -15,10 +15,13 @@ from scipy import stats
 from bayes_inertia.app.cli import main
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.errors import EstimateError
+from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.objective import normal_equations
-from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.maths import inertia_tensor
-from bayes_inertia.observability.against_posterior import compare_with_posterior
+from bayes_inertia.observability.against_posterior import (
+    compare_with_posterior,
+    comparison_json,
+)
 from bayes_inertia.observability.analysis import observe
 from bayes_inertia.observability.degeneracy import data_information, stated_degeneracies
 from bayes_inertia.observability.result import commands_worth, in_windows
@@ -31,20 +34,20 @@ from bayes_inertia.physics.slew_input import Start, idle_slew
 
 
 @pytest.fixture(scope="module")
-def at(flown):
-    return estimate(Model(flown.campaign), starts=1)
+def estimate(flown):
+    return optimizer.estimate(Model(flown.campaign), starts=1)
 
 
 @pytest.fixture(scope="module")
-def found(at):
-    return observe(at)
+def observability(estimate):
+    return observe(estimate)
 
 
 def without_tachometers(campaign):
     return replace(campaign, wheels=tuple(replace(w, momentum_sigma=None) for w in campaign.wheels))
 
 
-# --- variance inflation on linear examples made by hand --------------------------------------------------------
+# --- variance inflation on linear examples made by hand ---------
 def test_inflation_by_one_group_is_one_over_one_minus_r_squared():
     r = 0.8
     H = np.array([[1.0, r, 0.0], [r, 1.0, 0.0], [0.0, 0.0, 4.0]])
@@ -78,10 +81,10 @@ def test_inflation_is_the_average_over_all_orders_and_multiplies_to_the_whole():
     np.testing.assert_allclose(again[:, ::-1], factors, rtol=1e-10)
 
 
-# --- a real campaign -------------------------------------------------------------------------------------------
-def test_sd_is_that_of_the_laplace_approximation_and_is_split_exactly(at, found):
-    np.testing.assert_allclose([p.sd for p in found.parameters], at.sd, rtol=1e-9)
-    for p in found.parameters:
+# --- a real campaign --------------------------------------------
+def test_sd_is_that_of_the_laplace_approximation_and_is_split_exactly(estimate, observability):
+    np.testing.assert_allclose([p.sd for p in observability.parameters], estimate.sd, rtol=1e-9)
+    for p in observability.parameters:
         assert p.share.min() >= 0.0
         assert abs(p.share.sum() + p.share_own_prior + p.share_other_priors - 1.0) < 1e-8
         assert abs(np.prod(list(p.inflation.values())) / p.variance_inflation - 1.0) < 1e-8
@@ -94,59 +97,65 @@ def test_sd_is_that_of_the_laplace_approximation_and_is_split_exactly(at, found)
         assert abs(np.sum(p.signal_by**2) - p.signal**2) < 1e-8 * p.signal**2
 
 
-def test_information_over_time_sums_to_that_of_the_marginal(at, found):
-    for i, p in enumerate(found.parameters):
-        total = sum(a.precision[..., i].sum() for a in found.arrivals)
+def test_information_over_time_sums_to_that_of_the_marginal(estimate, observability):
+    for i, p in enumerate(observability.parameters):
+        total = sum(a.precision[..., i].sum() for a in observability.arrivals)
         assert abs(total * p.sd**2 + p.share_own_prior + p.share_other_priors - 1.0) < 1e-8
-        for s, arrival in enumerate(found.arrivals):
+        for s, arrival in enumerate(observability.arrivals):
             np.testing.assert_allclose(
                 arrival.precision[..., i].sum(0) * p.sd**2, p.share[s], rtol=1e-7, atol=1e-12
             )
             np.testing.assert_allclose(
                 in_windows(arrival)[1].sum(0), arrival.precision.sum(0), rtol=1e-12
             )
-            assert len(arrival.time) == len(at.model.campaign.slews[s].time)
+            assert len(arrival.time) == len(estimate.model.campaign.slews[s].time)
     # Star tracker fixes tell only at their own rows.
-    fixes = np.isfinite(at.model.campaign.slews[0].attitude).all(axis=1)
-    assert np.all(found.arrivals[0].precision[~fixes, 1] == 0.0)
-    assert np.all(found.arrivals[0].precision[fixes, 1].sum(1) > 0.0)
+    fixes = np.isfinite(estimate.model.campaign.slews[0].attitude).all(axis=1)
+    assert np.all(observability.arrivals[0].precision[~fixes, 1] == 0.0)
+    assert np.all(observability.arrivals[0].precision[fixes, 1].sum(1) > 0.0)
 
 
-def test_leaving_out_a_slew_is_what_the_estimate_says_of_it(at, found):
-    hessian, _ = normal_equations(at.model, at.point, at.information, np.array([1.0, 0.0, 1.0]))
+def test_leaving_out_a_slew_is_what_the_estimate_says_of_it(estimate, observability):
+    hessian, _ = normal_equations(
+        estimate.model, estimate.point, estimate.information, np.array([1.0, 0.0, 1.0])
+    )
     np.testing.assert_allclose(
-        [p.sd_without_slew[1] for p in found.parameters],
+        [p.sd_without_slew[1] for p in observability.parameters],
         np.sqrt(np.diag(np.linalg.inv(hessian)))[:9],
         rtol=1e-5,
     )
 
 
-def test_directions_rebuild_the_covariance(at, found):
-    scale = at.model.space.sd
-    rebuilt = sum((1.0 - d.contraction) * np.outer(d.weights, d.weights) for d in found.directions)
-    np.testing.assert_allclose(rebuilt, at.covariance / np.outer(scale, scale), atol=1e-9)
-    assert not any(d.exact for d in found.directions)
+def test_directions_rebuild_the_covariance(estimate, observability):
+    scale = estimate.model.space.sd
+    rebuilt = sum(
+        (1.0 - d.contraction) * np.outer(d.weights, d.weights) for d in observability.directions
+    )
+    np.testing.assert_allclose(rebuilt, estimate.covariance / np.outer(scale, scale), atol=1e-9)
+    assert not any(d.exact for d in observability.directions)
 
 
-def test_the_other_drive_must_be_of_the_same_parameters(at):
+def test_the_other_drive_must_be_of_the_same_parameters(estimate):
     with pytest.raises(EstimateError, match="other drive"):
-        observe(at, at)
+        observe(estimate, estimate)
 
 
-def test_commands_are_worth_the_sd_without_them_over_the_sd_with_them(at, found):
+def test_commands_are_worth_the_sd_without_them_over_the_sd_with_them(estimate, observability):
     measured = replace(
-        at, model=Model(at.model.campaign, drive="measured"), hessian=at.hessian / 4.0
+        estimate,
+        model=Model(estimate.model.campaign, drive="measured"),
+        hessian=estimate.hessian / 4.0,
     )  # as if its sd were twice as large
-    view = observe(at, measured)["Jxy"]
+    view = observe(estimate, measured)["Jxy"]
     assert abs(commands_worth(view, "commanded") - 2.0) < 1e-9
     assert abs(commands_worth(view, "measured") - 0.5) < 1e-9
-    assert commands_worth(found["Jxy"], "commanded") is None
+    assert commands_worth(observability["Jxy"], "commanded") is None
     assert "without the recorded commands its sd would be 2 times larger" in sentence(
-        observe(at, measured), "Jxy"
+        observe(estimate, measured), "Jxy"
     )
 
 
-# --- what cannot be told -----------------------------------------------------------------------------------------
+# --- what cannot be told ----------------------------------------
 def test_one_slew_about_z_leaves_the_rest_of_the_tensor_to_the_prior(
     flying, setup_type, truth_type
 ):
@@ -154,52 +163,52 @@ def test_one_slew_about_z_leaves_the_rest_of_the_tensor_to_the_prior(
     setup = setup_type(turns=((0.0, 0.0, 0.7),), start_rate=(0.0, 0.0, 0.0), start_momentum=0.0)
     prior = flying(61, setup).campaign.inertia.elements
     flown = flying(61, setup, truth=truth_type(np.concatenate([prior, np.ones(3)]), np.zeros(3)))
-    found = observe(estimate(Model(flown.campaign), starts=1))
+    observability = observe(optimizer.estimate(Model(flown.campaign), starts=1))
     for seen in ("Jzz", "Jxz", "Jyz", "K3"):
-        assert found[seen].verdict == "determined", seen
+        assert observability[seen].verdict == "determined", seen
     for hidden in ("Jxx", "Jyy", "Jxy", "K1", "K2"):
-        assert found[hidden].contraction < found["Jxz"].contraction, hidden
-        assert found[hidden].verdict != "determined", hidden
-    stated = {d.name: d for d in found.degeneracies}
+        assert observability[hidden].contraction < observability["Jxz"].contraction, hidden
+        assert observability[hidden].verdict != "determined", hidden
+    stated = {d.name: d for d in observability.degeneracies}
     assert {"Jxx", "Jyy", "Jxy"} <= set(stated["single axis"].parameters)
     assert not {"Jzz", "Jxz", "Jyz", "K3"} & set(stated["single axis"].parameters)
-    weakest = found.directions[0]
+    weakest = observability.directions[0]
     assert weakest.verdict_is_prior
     assert not {"Jzz", "Jxz", "Jyz", "K3"} & set(
         weakest.says.replace("+", " ").replace("-", " ").split()
     )
 
 
-def test_a_common_wheel_gain_is_always_stated_and_shown_where_it_is_fitted(flown, found):
-    stated = [d for d in found.degeneracies if d.name == "common wheel gain"]
+def test_a_common_wheel_gain_is_always_stated_and_shown_where_it_is_fitted(flown, observability):
+    stated = [d for d in observability.degeneracies if d.name == "common wheel gain"]
     assert len(stated) == 1
     assert stated[0].exact
     assert not stated[0].in_sd
     assert stated[0].information_ratio is None
-    at = estimate(
+    estimate = optimizer.estimate(
         Model(without_tachometers(flown.campaign), by_name(["wheel_torque_gain"])), starts=1
     )
-    with_gain = observe(at)
+    with_gain = observe(estimate)
     shown = next(d for d in with_gain.degeneracies if d.name == "common wheel gain")
     assert shown.exact
     assert shown.in_sd
     assert shown.information_ratio < 1e-6
-    # Along it the size of J follows the gains, and both stay as uncertain as their priors leave them.
+    # Along it the size of J follows the gains; both stay as uncertain as their priors leave them.
     weakest = with_gain.directions[0]
     gains = [n for n in with_gain.names if "gain" in n]
     assert len(gains) == 3
     for name in gains:
         assert name in weakest.says
-    assert found["Jxx"].sd < 0.1 * with_gain["Jxx"].sd
+    assert observability["Jxx"].sd < 0.1 * with_gain["Jxx"].sd
     assert with_gain["Jxx"].inflation["effects"] > 10.0
     # A direction that is not degenerate has information: the same test would have failed for it.
     v = np.zeros(len(with_gain.names))
     v[with_gain.names.index("Jxx")] = with_gain["Jxx"].value
-    assert v @ data_information(at) @ v > 1e4
+    assert v @ data_information(estimate) @ v > 1e4
 
 
 def test_without_wheels_the_size_of_the_tensor_is_exactly_degenerate(flown):
-    """A body that tumbles freely, simulated here: stated, and found in the numbers as the weakest direction."""
+    """A body that tumbles freely, simulated here: stated, and the weakest direction."""
     rng, truth = np.random.default_rng(62), flown.truth.theta
     slews = []
     for s in flown.campaign.slews:
@@ -215,7 +224,7 @@ def test_without_wheels_the_size_of_the_tensor_is_exactly_degenerate(flown):
             replace(s, rate=rate, attitude=attitude, wheel_torque=None, wheel_momentum=None)
         )
     free = observe(
-        estimate(Model(replace(flown.campaign, wheels=(), slews=tuple(slews))), starts=1)
+        optimizer.estimate(Model(replace(flown.campaign, wheels=(), slews=tuple(slews))), starts=1)
     )
     stated = next(d for d in free.degeneracies if d.name == "no wheels")
     assert stated.exact
@@ -226,17 +235,17 @@ def test_without_wheels_the_size_of_the_tensor_is_exactly_degenerate(flown):
 
 
 def test_tachometers_tell_the_gain_and_take_its_place(flown):
-    at = estimate(Model(flown.campaign, by_name(["wheel_torque_gain"])), starts=1)
-    shown = next(d for d in stated_degeneracies(at) if d.name == "common wheel gain")
+    estimate = optimizer.estimate(Model(flown.campaign, by_name(["wheel_torque_gain"])), starts=1)
+    shown = next(d for d in stated_degeneracies(estimate) if d.name == "common wheel gain")
     assert not shown.exact
     assert not shown.in_sd
     assert shown.information_ratio > 1e-6
     assert "tachometers" in shown.says
 
 
-def test_a_resting_wheel_a_plane_of_slews_and_a_missing_star_tracker_are_stated(at):
-    campaign = at.model.campaign
-    names = [d.name for d in stated_degeneracies(at)]
+def test_a_resting_wheel_a_plane_of_slews_and_a_missing_star_tracker_are_stated(estimate):
+    campaign = estimate.model.campaign
+    names = [d.name for d in stated_degeneracies(estimate)]
     assert names == ["common wheel gain"]
 
     def resting(slew):
@@ -248,19 +257,21 @@ def test_a_resting_wheel_a_plane_of_slews_and_a_missing_star_tracker_are_stated(
         return replace(slew, rate=slew.rate * [1.0, 1.0, 0.0])
 
     rests = stated_degeneracies(
-        replace(at, model=Model(replace(campaign, slews=tuple(map(resting, campaign.slews)))))
+        replace(estimate, model=Model(replace(campaign, slews=tuple(map(resting, campaign.slews)))))
     )
     assert next(d.says for d in rests if d.name == "wheel at rest").startswith("Wheel w2 ")
     flat = stated_degeneracies(
-        replace(at, model=Model(replace(campaign, slews=tuple(map(planar, campaign.slews)))))
+        replace(estimate, model=Model(replace(campaign, slews=tuple(map(planar, campaign.slews)))))
     )
     plane = next(d for d in flat if d.name == "single plane")
     assert plane.parameters == ("Jzz", "K3")
-    blind = at.information.matrix.copy()
+    blind = estimate.information.matrix.copy()
     blind[:, 1] = 0.0
-    n_data = at.information.n_data.copy()
+    n_data = estimate.information.n_data.copy()
     n_data[:, 1] = 0
-    no_fix = replace(at, information=at.information._replace(matrix=blind, n_data=n_data))
+    no_fix = replace(
+        estimate, information=estimate.information._replace(matrix=blind, n_data=n_data)
+    )
     no_fix = replace(
         no_fix, hessian=normal_equations(no_fix.model, no_fix.point, no_fix.information)[0]
     )
@@ -268,46 +279,58 @@ def test_a_resting_wheel_a_plane_of_slews_and_a_missing_star_tracker_are_stated(
     assert stated.information_ratio < 0.1
 
 
-# --- beside a posterior --------------------------------------------------------------------------------------------
-def sampled(found, draws):
+# --- beside a posterior -----------------------------------------
+def sampled(observability, draws):
     return SimpleNamespace(
-        names=list(found.names),
+        names=list(observability.names),
         samples=draws,
         attributes={"diagnostics": {"ess_bulk_min": len(draws)}},
     )
 
 
-def test_a_gaussian_posterior_agrees_and_every_kind_of_difference_is_named(at, found):
+def test_a_gaussian_posterior_agrees_and_every_kind_of_difference_is_named(estimate, observability):
     rng = np.random.default_rng(3)
-    draws = rng.multivariate_normal(at.theta, at.covariance, 20_000, method="cholesky")
-    rows = compare_with_posterior(found, sampled(found, draws))
+    draws = rng.multivariate_normal(estimate.theta, estimate.covariance, 20_000, method="cholesky")
+    rows = compare_with_posterior(observability, sampled(observability, draws))
     assert [r.warnings for r in rows] == [()] * 9
+    content = comparison_json(rows)
+    assert list(content) == list(observability.names)
+    assert set(content["Jxx"]) == {
+        "predicted_sd",
+        "posterior_sd",
+        "ratio",
+        "shift",
+        "skewness",
+        "kurtosis",
+        "warnings",
+    }
     for row in rows:  # four Monte Carlo errors
         assert abs(row.ratio - 1.0) < 4.0 / np.sqrt(2 * 20_000)
     odd = draws.copy()
-    odd[:, 0] = at.theta[0] + 1.2 * (draws[:, 0] - at.theta[0])
+    odd[:, 0] = estimate.theta[0] + 1.2 * (draws[:, 0] - estimate.theta[0])
     odd[:, 3] = (
-        at.theta[3] + at.sd[3] * (stats.gamma(4.0).rvs(20_000, random_state=rng) - 4.0) / 2.0
+        estimate.theta[3]
+        + estimate.sd[3] * (stats.gamma(4.0).rvs(20_000, random_state=rng) - 4.0) / 2.0
     )
     warned = {
         r.name: " ".join(r.warnings)
-        for r in compare_with_posterior(found, sampled(found, odd))
+        for r in compare_with_posterior(observability, sampled(observability, odd))
         if r.warnings
     }
     assert set(warned) == {"Jxx", "Jxy"}
     assert "differs from the prediction: sd 1.2" in warned["Jxx"]
     assert "non-Gaussian" in warned["Jxy"]
     with pytest.raises(EstimateError, match="other parameters"):
-        compare_with_posterior(found, SimpleNamespace(names=["Jxx"]))
+        compare_with_posterior(observability, SimpleNamespace(names=["Jxx"]))
 
 
-def test_truncation_by_physics_is_named(found):
+def test_truncation_by_physics_is_named(observability):
     """A thin plate: Jxx + Jyy is nearly Jzz, and half of the predicted Gaussian is no body."""
     values = {"Jxx": 1.0, "Jyy": 1.0, "Jzz": 2.0, "Jxy": 0.0, "Jxz": 0.0, "Jyz": 0.0}
     plate = replace(
-        found,
+        observability,
         parameters=tuple(
-            replace(p, value=values.get(p.name, p.value), sd=0.01) for p in found.parameters
+            replace(p, value=values.get(p.name, p.value), sd=0.01) for p in observability.parameters
         ),
         covariance=1e-4 * np.eye(9),
     )
@@ -323,8 +346,8 @@ def test_truncation_by_physics_is_named(found):
     assert "truncated" not in warned["K1"]
 
 
-# --- the command -----------------------------------------------------------------------------------------------------
-def test_observe_writes_its_file_once_for_one_campaign(flown, found, tmp_path, capsys):
+# --- the command ------------------------------------------------
+def test_observe_writes_its_file_once_for_one_campaign(flown, observability, tmp_path, capsys):
     write_campaign(flown.campaign, tmp_path / "campaign")
     out = tmp_path / "run"
 
@@ -335,10 +358,10 @@ def test_observe_writes_its_file_once_for_one_campaign(flown, found, tmp_path, c
 
     assert run() == 0
     printed = " ".join(capsys.readouterr().out.split())
-    assert " ".join(sentence(found, "Jxy").split()) in printed
+    assert " ".join(sentence(observability, "Jxy").split()) in printed
     content = json.loads((out / "observability.json").read_text())
     assert content["format"] == "bayes-inertia-observability/1"
-    assert abs(content["parameters"]["Jxz"]["sd"] / found["Jxz"].sd - 1.0) < 1e-3
+    assert abs(content["parameters"]["Jxz"]["sd"] / observability["Jxz"].sd - 1.0) < 1e-3
     assert content["posterior"] is None
     assert (out / "observability.png").read_bytes().startswith(b"\x89PNG")
     toml = tmp_path / "campaign" / "campaign.toml"

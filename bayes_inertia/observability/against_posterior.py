@@ -107,8 +107,8 @@ def comparison_json(comparison: tuple[PosteriorComparison, ...]) -> dict[str, di
     """
     content = {}
     for row in comparison:
-        fields = asdict(row)
-        content[fields.pop("name")] = fields | {"warnings": list(row.warnings)}
+        fields = asdict(row) | {"warnings": list(row.warnings)}
+        content[fields.pop("name")] = fields
     return content
 
 

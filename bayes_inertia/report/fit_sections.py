@@ -21,7 +21,7 @@ from bayes_inertia.report.formatting import (
 from bayes_inertia.report.parameter_wording import averaged_over, correlation_sentences, meaning
 from bayes_inertia.report.pictures.chains import draw_chains
 from bayes_inertia.report.pictures.pairs import draw_pairs
-from bayes_inertia.report.pictures.posterior_data import n_ensembles, n_slews
+from bayes_inertia.report.pictures.posterior_data import n_ensembles, n_slews, values_of
 from bayes_inertia.report.pictures.priors import draw_priors
 from bayes_inertia.report.residual_sections import (
     residuals_section,
@@ -106,7 +106,7 @@ def parameters_section(posterior: Posterior) -> Section:
         With one picture.
     """
     summary, criteria = posterior.summary(), criteria_of(posterior.attributes)
-    prior_mean = posterior.tree["estimate"]["prior_mean"].values
+    prior_mean = values_of(posterior, "estimate", "prior_mean")
     rows = [
         _parameter_row(name, row, float(center), criteria)
         for (name, row), center in zip(summary["parameters"].items(), prior_mean, strict=True)

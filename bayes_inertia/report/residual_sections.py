@@ -10,7 +10,7 @@ from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.criteria import Criteria, criteria_of
 from bayes_inertia.report.formatting import CHANNEL_NAMES, NOT_GIVEN
 from bayes_inertia.report.pictures.attitude import draw_attitude
-from bayes_inertia.report.pictures.posterior_data import n_slews, worst_slews
+from bayes_inertia.report.pictures.posterior_data import n_slews, values_of, worst_slews
 from bayes_inertia.report.pictures.telemetry import draw_momentum, draw_rates
 from bayes_inertia.report.residual_wording import channel_verdict, discount_text, whiteness_text
 from bayes_inertia.report.section import Picture, Section, packaged
@@ -34,17 +34,18 @@ def residuals_section(posterior: Posterior) -> Section:
         Two tables.
     """
     fit, criteria = posterior.attributes["fit"], criteria_of(posterior.attributes)
-    estimate = posterior.tree["estimate"]
-    n_data = estimate["slew_n_data"].values
+    n_data = values_of(posterior, "estimate", "slew_n_data")
+    names = values_of(posterior, "estimate", "slew")
+    labels = values_of(posterior, "estimate", "channel")
     measured = [c for c in range(n_data.shape[1]) if n_data[:, c].sum() > 0]
     noise = posterior.attributes.get("noise", {})
     context = {
         "channels": [_channel_row(name, fit, criteria) for name in (*CHANNELS, "total")],
-        "labels": [str(estimate["channel"].values[c]) for c in measured],
+        "labels": [str(labels[c]) for c in measured],
         "slews": [
             {
-                "name": str(estimate["slew"].values[s]),
-                "cells": [_slew_cell(estimate, s, c) for c in measured],
+                "name": str(names[s]),
+                "cells": [_slew_cell(posterior, s, c) for c in measured],
             }
             for s in worst_slews(posterior, _MOST_SLEWS_LISTED)
         ],
@@ -59,15 +60,18 @@ def residuals_section(posterior: Posterior) -> Section:
     return Section("Does the model explain the data?", packaged("residuals.html"), context)
 
 
-def _slew_cell(estimate: Any, slew: int, channel: int) -> dict[str, str]:
+def _slew_cell(posterior: Posterior, slew: int, channel: int) -> dict[str, str]:
     """Mean square of one slew's residuals in one channel, and the weight they were given."""
-    n_data = estimate["slew_n_data"].values[slew, channel]
+    n_data, chi2, discount = (
+        values_of(posterior, "estimate", name)[slew, channel]
+        for name in ("slew_n_data", "slew_chi2", "discount")
+    )
     if not n_data:
         return {"ratio": NOT_GIVEN, "weight": NOT_GIVEN}
-    ratio = estimate["slew_chi2"].values[slew, channel] / n_data
+    ratio = chi2 / n_data
     return {
         "ratio": f"{ratio:.2f}" if ratio < 100.0 else f"{ratio:.4g}",
-        "weight": discount_text(float(estimate["discount"].values[slew, channel])),
+        "weight": discount_text(float(discount)),
     }
 
 

@@ -97,6 +97,6 @@ def data_uri(picture: Picture) -> str:
     str
         For the `src` of an image.
     """
-    form, kind = ("png", "image/png") if picture.dense else ("svg", "image/svg+xml")
-    content = figure_bytes(picture.figure, form)
+    content = figure_bytes(picture.figure, "png" if picture.dense else "svg")
+    kind = "image/png" if picture.dense else "image/svg+xml"
     return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"

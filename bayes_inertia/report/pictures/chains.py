@@ -38,7 +38,7 @@ def draw_chains(posterior: Posterior, criteria: Criteria) -> Figure:
     diagnostics, n = posterior.attributes["diagnostics"], posterior_data.n_ensembles(posterior)
     name = worst_parameter(posterior)
     variable = posterior.tree["posterior"][name]
-    values = _by_ensemble(variable.values, n)
+    values = _by_ensemble(posterior_data.values_of(posterior, "posterior", name), n)
     mean, sd = float(values.mean()), float(values.std())
     scale = style.scale(name, str(variable.attrs.get("units", "")), mean, 3.0 * sd)
     figure, cells = style.grid(3.05, 1, 3, left=0.8, top=0.95, bottom=0.55, gap_x=0.85)
@@ -47,7 +47,7 @@ def draw_chains(posterior: Posterior, criteria: Criteria) -> Figure:
     trace.set_title(f"trace of {name}: mean and 90 % of walkers")
     _ranks(ranks, values, diagnostics["tau_max"])
     ranks.set_title(f"ranks of {name}")
-    lp = _by_ensemble(posterior.tree["sample_stats"]["lp"].values, n)
+    lp = _by_ensemble(posterior_data.values_of(posterior, "sample_stats", "lp"), n)
     _trace(height, lp - lp.max(), "below the highest draw [nat]", diagnostics["discarded"])
     height.set_title("log posterior")
     figure.text(0.015, 0.945, _gate_text(diagnostics, criteria), va="center", fontsize=8.5)
@@ -89,7 +89,7 @@ def worst_parameter(posterior: Posterior) -> str:
     n = posterior_data.n_ensembles(posterior)
 
     def distance(name: str) -> float:
-        values = _by_ensemble(posterior.tree["posterior"][name].values, n)
+        values = _by_ensemble(posterior_data.values_of(posterior, "posterior", name), n)
         return float(values.mean((1, 2)).std() / max(values.std(), 1e-300))
 
     return max(posterior.names, key=distance)

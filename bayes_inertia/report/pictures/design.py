@@ -32,7 +32,7 @@ def draw_comparison(contenders: Sequence[Contender]) -> Figure:
     """
     n = len(contenders)
     figure = Figure(figsize=(style.WIDTH, 5.0 + 0.28 * n), layout="constrained")
-    top, bottom = figure.subfigures(2, 1, height_ratios=(3.0, 1.5 + 0.28 * n))
+    top, bottom = figure.subfigures(2, 1, squeeze=False, height_ratios=(3.0, 1.5 + 0.28 * n))[:, 0]
     left, right = top.subplots(1, 2, width_ratios=(2.0, 1.0))
     _sds(left, contenders, range(6), "sd [kg m²]")
     _sds(right, contenders, range(6, 9), "sd of K [–]")

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -58,7 +59,7 @@ def draw_signal(signal: Mapping[str, Any]) -> Figure:
             axes.tick_params(labelleft=False)
         if k >= len(chosen) - columns:
             axes.set_xlabel("time in slew [s]")
-    handles = [
+    handles: list[Artist] = [
         Line2D([], [], color=style.color(i), ls=style.DASHES[i % 6], label=c)
         for i, c in enumerate(signal["components"])
     ]

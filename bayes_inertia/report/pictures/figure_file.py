@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from matplotlib import rc_context
 from matplotlib.figure import Figure
@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from bayes_inertia.files import write_atomically
 
 _DPI = 130
-_SAME_EVERY_TIME = {
+_SAME_EVERY_TIME: dict[Any, Any] = {
     "svg.hashsalt": "bayes-inertia",
     "svg.fonttype": "path",
     "path.simplify_threshold": 0.3,

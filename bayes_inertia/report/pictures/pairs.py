@@ -56,7 +56,7 @@ def draw_pairs(posterior: Posterior, most: int = 16) -> Figure:
     size = min(style.WIDTH, 2.6 + 0.72 * d)
     figure = Figure(figsize=(size, size * 0.98))
     bottom = 0.05 if d <= _UPRIGHT else 0.09
-    axes = figure.add_axes([0.15, bottom, 0.84, 0.95 - bottom])
+    axes = figure.add_axes((0.15, bottom, 0.84, 0.95 - bottom))
     _densities(axes, z)
     _diagonal(axes, z)
     _ellipses(axes, covariance / np.outer(half, half), color=style.BLUE, ls="-")

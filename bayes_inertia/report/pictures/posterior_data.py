@@ -12,6 +12,24 @@ from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths.values import array_dataclass
 
 
+def values_of(posterior: Posterior, group: str, name: str) -> np.ndarray:
+    """The values of one variable of a posterior's tree.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        A finished fit.
+    group, name : str
+        Of the tree, and of the variable in it.
+
+    Returns
+    -------
+    array
+        As they stand in the tree.
+    """
+    return np.asarray(posterior.tree[group][name])
+
+
 @array_dataclass
 class ChannelSeries:
     """One channel of all slews; NaN wherever nothing was measured.
@@ -57,13 +75,13 @@ def channel_series(posterior: Posterior, name: str) -> ChannelSeries | None:
     tree = posterior.tree
     if name not in tree["posterior_predictive"] or name not in tree["observed_data"]:
         return None
-    measured = tree["observed_data"][name]
-    values = measured.values
+    measured = tree["observed_data"].dataset[name]
+    values = values_of(posterior, "observed_data", name)
     if not np.isfinite(values).any():
         return None
-    draws = tree["posterior_predictive"][name].values
+    draws = values_of(posterior, "posterior_predictive", name)
     draws = draws.reshape(-1, *draws.shape[2:])
-    residual = tree["estimate"][f"residual_{name}"].values.reshape(values.shape)
+    residual = values_of(posterior, "estimate", f"residual_{name}").reshape(values.shape)
     last = measured.dims[-1]
     components = (
         [str(wheel) for wheel in measured[last].values]
@@ -73,7 +91,7 @@ def channel_series(posterior: Posterior, name: str) -> ChannelSeries | None:
     return ChannelSeries(
         slews=[str(slew) for slew in measured["slew"].values],
         components=components,
-        time=tree["constant_data"]["time"].values,
+        time=values_of(posterior, "constant_data", "time"),
         measured=values,
         predicted=draws.mean(0, dtype=float),
         spread=draws.std(0, dtype=float),
@@ -122,12 +140,12 @@ def attitude_misfit(posterior: Posterior) -> AttitudeMisfit | None:
     tree = posterior.tree
     if "attitude" not in tree["posterior_predictive"] or "fix_time" not in tree["constant_data"]:
         return None
-    measured = tree["observed_data"]["attitude"].values
-    time = tree["constant_data"]["fix_time"].values
+    measured = values_of(posterior, "observed_data", "attitude")
+    time = values_of(posterior, "constant_data", "fix_time")
     valid = np.isfinite(time) & np.isfinite(measured).all(-1)
     if not valid.any():
         return None
-    draws = tree["posterior_predictive"]["attitude"].values
+    draws = values_of(posterior, "posterior_predictive", "attitude")
     draws = draws.reshape(-1, *draws.shape[2:])[:, valid]
     angle = np.full((*time.shape, 3), np.nan)
     # scipy rather than `quaternion.log`: nothing to compile.
@@ -139,11 +157,11 @@ def attitude_misfit(posterior: Posterior) -> AttitudeMisfit | None:
         ],
         axis=0,
     )
-    rows = tree["constant_data"]["time"].values
+    rows = values_of(posterior, "constant_data", "time")
     middle = 0.5 * (np.nanmin(rows, 1) + np.nanmax(rows, 1))
-    whitened = tree["estimate"]["residual_attitude"].values.reshape(angle.shape)
+    whitened = values_of(posterior, "estimate", "residual_attitude").reshape(angle.shape)
     return AttitudeMisfit(
-        slews=[str(slew) for slew in tree["observed_data"]["attitude"]["slew"].values],
+        slews=[str(slew) for slew in values_of(posterior, "observed_data", "slew")],
         time=time,
         angle_B=angle,
         whitened=np.where(valid[..., None], whitened, np.nan),
@@ -196,7 +214,7 @@ def robust_covariance(posterior: Posterior) -> np.ndarray | None:
     (d, d) array or None
         Of the fitted parameters, in their units; None from too few slews.
     """
-    covariance = posterior.tree["estimate"]["robust_covariance"].values
+    covariance = values_of(posterior, "estimate", "robust_covariance")
     return covariance if np.isfinite(covariance).all() else None
 
 
@@ -215,8 +233,7 @@ def worst_slews(posterior: Posterior, most: int) -> list[int]:
     list of int
         Their indices, in the order flown.
     """
-    estimate = posterior.tree["estimate"]
-    per_datum = estimate["slew_chi2"].values.sum(-1) / np.maximum(
-        estimate["slew_n_data"].values.sum(-1), 1
+    per_datum = values_of(posterior, "estimate", "slew_chi2").sum(-1) / np.maximum(
+        values_of(posterior, "estimate", "slew_n_data").sum(-1), 1
     )
     return sorted(np.argsort(-per_datum, kind="stable")[:most].tolist())

@@ -10,6 +10,7 @@ from matplotlib.patches import Patch
 
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.pictures import style
+from bayes_inertia.report.pictures.posterior_data import values_of
 
 # Below this ratio of quoted to prior sd the prior would look flat: it has a strip of its own.
 _ZOOM = 0.12
@@ -40,16 +41,15 @@ def draw_priors(posterior: Posterior) -> Figure:
     figure, cells = style.grid(
         0.75 + 1.95 * rows, rows, columns, left=0.25, top=0.5, bottom=0.5, gap_x=0.3, gap_y=0.62
     )
-    prior = posterior.tree["prior"]
+    prior_mean = values_of(posterior, "estimate", "prior_mean")
     for i, (name, cell) in enumerate(zip(names, cells, strict=False)):
-        center = float(posterior.tree["estimate"]["prior_mean"][i])
         _panel(
             figure.add_axes(cell),
             name,
             summary[name],
             posterior.averaged_samples[:, i],
-            prior[name].values.ravel(),
-            center,
+            values_of(posterior, "prior", name).ravel(),
+            float(prior_mean[i]),
         )
     handles = [
         Patch(fc=style.BLUE, alpha=0.35, ec=style.BLUE, label="posterior"),

@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import wraps
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from matplotlib import rc_context
@@ -43,7 +44,7 @@ MARKERS = ("o", "s", "^", "D", "v", "P")
 WIDTH = 10.0  # [in] of every picture
 _LIMIT = 2000  # points of a line
 
-_RC = {
+_RC: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
     "font.size": 9.0,
     "axes.titlesize": 9.5,
@@ -322,7 +323,7 @@ def grid(
     gap_x: float = 0.55,
     gap_y: float = 0.62,
     width: float = WIDTH,
-) -> tuple[Figure, list[list[float]]]:
+) -> tuple[Figure, list[tuple[float, float, float, float]]]:
     """A figure and its cells; much faster than a layout engine on many panels.
 
     Parameters
@@ -340,7 +341,7 @@ def grid(
     -------
     figure : Figure
         Without axes.
-    cells : list of [left, bottom, width, height]
+    cells : list of (left, bottom, width, height)
         In figure fractions, row by row from the top.
 
     Examples
@@ -353,12 +354,12 @@ def grid(
     w = (width - left - right - gap_x * (columns - 1)) / columns
     h = (figure_height - top - bottom - gap_y * (rows - 1)) / rows
     cells = [
-        [
+        (
             (left + c * (w + gap_x)) / width,
             (figure_height - top - (r + 1) * h - r * gap_y) / figure_height,
             w / width,
             h / figure_height,
-        ]
+        )
         for r in range(rows)
         for c in range(columns)
     ]

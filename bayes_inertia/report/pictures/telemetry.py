@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -48,8 +49,8 @@ def draw_rates(posterior: Posterior, slews: Sequence[int] | None = None) -> Figu
     scale = style.scale("rate", "rad/s", 0.0, float(span))
     for k, s in enumerate(chosen):
         left, bottom, width, height = cells[k]
-        above = figure.add_axes([left, bottom + 0.44 * height, width, 0.56 * height])
-        below = figure.add_axes([left, bottom, width, 0.38 * height], sharex=above)
+        above = figure.add_axes((left, bottom + 0.44 * height, width, 0.56 * height))
+        below = figure.add_axes((left, bottom, width, 0.38 * height), sharex=above)
         _rate_panel(above, channel, s, scale)
         residual_panel(below, channel, s)
         above.tick_params(labelbottom=False)
@@ -63,7 +64,7 @@ def draw_rates(posterior: Posterior, slews: Sequence[int] | None = None) -> Figu
 
 
 def _rates_legend(figure: Figure, components: Sequence[str]) -> None:
-    handles = [
+    handles: list[Artist] = [
         Line2D([], [], color=style.color(i), ls=style.DASHES[i], label=f"simulated, {c}")
         for i, c in enumerate(components)
     ]
