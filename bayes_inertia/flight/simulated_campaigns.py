@@ -77,7 +77,7 @@ def simulate(
     >>> with TemporaryDirectory() as folder:
     ...     flight = simulate(plan, most_like_mission(), folder, seed=1)
     ...     sorted(path.name for path in Path(folder).iterdir())
-    ['campaign.toml', 'slew_1.csv', 'truth.json']
+    ['campaign.toml', 'slew_01.csv', 'truth.json']
     """
     flight = fly(plan, mission, seed, controller=controller, name=name)
     folder = Path(out_folder)
