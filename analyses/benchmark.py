@@ -52,10 +52,10 @@ from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
 from bayes_inertia.inference.laplace import Estimate, marginal
-from bayes_inertia.inference.likelihood import log_posterior_of
+from bayes_inertia.inference.marginal_posterior import LogDensity, log_density_of, log_posterior_of
 from bayes_inertia.inference.moves import IndependenceMove
 from bayes_inertia.inference.optimizer import estimate
-from bayes_inertia.inference.sampler import LogDensity, Settings, log_density_of, sample
+from bayes_inertia.inference.sampler import Settings, sample
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.report.pictures.style import BLUE, INK, MUTED, ORANGE, styled
 

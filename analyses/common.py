@@ -31,7 +31,7 @@ from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_flight import Flight, fly
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft, most_like_spacecraft
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.likelihood import information
+from bayes_inertia.inference.likelihood import information_blocks
 from bayes_inertia.inference.objective import normal_equations, prior_rows
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
 
@@ -206,7 +206,7 @@ class Everything:
     def of(cls, at: Estimate) -> Everything:
         """At the estimate's point and noise."""
         model, point = at.model, at.point
-        info = information(model, point, at.white)
+        info = information_blocks(model, point, at.white)
         return cls(normal_equations(model, point, info)[0], model.space.size)
 
     def _fitted(self, free: np.ndarray) -> np.ndarray:

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bayes_inertia.inference.likelihood import whitening
+from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.objective import negative_log_posterior
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.point import Point
-from bayes_inertia.inference.start_guess import begin
+from bayes_inertia.inference.start_guess import guess_nuisances
 from bayes_inertia.physics.forward_model import Model
 
 
@@ -26,7 +26,9 @@ def deaf(flown):
 
 def test_the_guess_is_the_momentum_that_tachometers_would_have_shown(flown, deaf):
     model = Model(deaf)
-    guess = begin(model, flown.truth.theta)[:, 6:] * np.asarray(model.data.scale.local[6:])
+    guess = guess_nuisances(model, flown.truth.theta)[:, 6:] * np.asarray(
+        model.data.scale.local[6:]
+    )
     for momentum, slew in zip(guess, flown.campaign.slews, strict=True):
         missed = deaf.wheel_axes_B @ (momentum - slew.wheel_momentum[0])
         # Momentum along the axis of the slew leaves no trace in the motion.
@@ -40,7 +42,8 @@ def test_from_there_the_simulation_is_nearer_the_data(deaf):
     model = Model(deaf)
     theta, bias = model.space.mean, np.zeros(3)
     guessed, zero = (
-        Point(theta, bias, x) for x in (begin(model, theta), np.zeros_like(begin(model, theta)))
+        Point(theta, bias, x)
+        for x in (guess_nuisances(model, theta), np.zeros_like(guess_nuisances(model, theta)))
     )
     near, far = (negative_log_posterior(model, p, whitening(model, theta)) for p in (guessed, zero))
     assert near < 0.2 * far
@@ -53,4 +56,4 @@ def test_every_start_finds_the_optimum_without_tachometers(deaf):
 
 
 def test_what_is_measured_needs_no_guess(flown):
-    assert not begin(Model(flown.campaign), flown.truth.theta).any()
+    assert not guess_nuisances(Model(flown.campaign), flown.truth.theta).any()

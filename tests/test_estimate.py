@@ -11,12 +11,12 @@ import pytest
 from scipy import stats
 
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.inference.likelihood import information
-from bayes_inertia.inference.optimizer import _different, estimate
+from bayes_inertia.inference.likelihood import information_blocks
+from bayes_inertia.inference.optimizer import distinct_ends, estimate
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_tests import dispersion, whiteness
 from bayes_inertia.maths import inertia_tensor
-from bayes_inertia.maths.least_squares import descend
+from bayes_inertia.maths.least_squares import levenberg_marquardt
 from bayes_inertia.physics.forward_model import Model
 
 BASILISK = Path(__file__).parents[2] / "shared" / "data" / "basilisk"
@@ -64,7 +64,7 @@ def test_optima_are_told_apart_by_their_place_not_by_an_objective_in_which_the_d
 ):
     model, here = fitted.model, fitted.point
     there = replace(here, local=here.local + 1.0)
-    kept = _different(
+    kept = distinct_ends(
         model,
         [(2.0, here), (2.3, there), (2.0001, here), (9.0, replace(here, local=here.local - 1.0))],
     )
@@ -126,7 +126,7 @@ def test_levenberg_finds_rosenbrocks_minimum_at_any_scaling(scale):
         r, j = rows(x)
         return j.T @ j, j.T @ r
 
-    x, objective = descend(
+    x, objective = levenberg_marquardt(
         lambda x: 0.5 * np.sum(rows(x)[0] ** 2),
         equations,
         lambda x, s: x + s,
@@ -150,7 +150,7 @@ def test_levenberg_reaches_the_end_of_a_narrow_curved_valley(stiffness):
         r, j = rows(x)
         return j.T @ j, j.T @ r
 
-    x, objective = descend(
+    x, objective = levenberg_marquardt(
         lambda x: 0.5 * np.sum(rows(x)[0] ** 2),
         equations,
         lambda x, s: x + s,
@@ -170,7 +170,7 @@ def test_levenberg_survives_points_without_derivatives():
         )
 
     for start in (-4.0, 0.5, 6.0):
-        x, objective = descend(
+        x, objective = levenberg_marquardt(
             lambda x: 0.5 * (x[0] - 3.0) ** 2 + (x[0] - 3.0) ** 4,
             equations,
             lambda x, s: x + s,
@@ -178,7 +178,7 @@ def test_levenberg_survives_points_without_derivatives():
         )
         assert np.isfinite(objective)
         assert objective <= 0.5 * (start - 3.0) ** 2 + (start - 3.0) ** 4
-    x, _ = descend(
+    x, _ = levenberg_marquardt(
         lambda x: 0.5 * (x[0] - 3.0) ** 2,
         lambda x: (np.full((1, 1), np.nan), np.full(1, np.nan)),
         lambda x, s: x + s,
@@ -186,7 +186,7 @@ def test_levenberg_survives_points_without_derivatives():
     )
     assert x[0] == 5.0
     # Nor does a start without an objective, whose derivatives are finite.
-    x, objective = descend(
+    x, objective = levenberg_marquardt(
         lambda x: np.inf, lambda x: (np.eye(1), x), lambda x, s: x + s, np.array([5.0])
     )
     assert (x[0], objective) == (5.0, np.inf)
@@ -210,7 +210,7 @@ def test_an_optimizer_that_stopped_short_leaves_the_linearised_residuals_alone(f
     short = replace(
         fitted,
         point=beside,
-        information=information(fitted.model, beside, fitted.white, fitted.free),
+        information=information_blocks(fitted.model, beside, fitted.white, fitted.free),
     )
     chi2 = [float(np.sum(at.linearised().settled_residual ** 2)) for at in (fitted, short)]
     uncorrected = float(short.information.chi2.sum())

@@ -13,13 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.laplace import marginal
-from bayes_inertia.inference.likelihood import (
-    conditional_point,
-    log_posterior,
-    residuals,
-    sensitivities,
-    whitening,
-)
+from bayes_inertia.inference.likelihood import residuals, sensitivities
+from bayes_inertia.inference.marginal_posterior import conditional_point, log_posterior
+from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.point import Point
 from bayes_inertia.physics.forward_model import Model

@@ -21,19 +21,16 @@ from scipy import stats
 
 from bayes_inertia.app.cli import main
 from bayes_inertia.campaign.writer import write_campaign
-from bayes_inertia.errors import OutputError
+from bayes_inertia.errors import OutputError, SettingsError
 from bayes_inertia.inference.chain_file import load_chain, save_chain
+from bayes_inertia.inference.convergence import Diagnostics, autocorrelation_time, diagnose_chains
+from bayes_inertia.inference.fit_context import FitContext
+from bayes_inertia.inference.gates import check_gates
 from bayes_inertia.inference.moves import IndependenceMove
+from bayes_inertia.inference.noise_model import rate_noise_covariance
 from bayes_inertia.inference.optimizer import estimate
-from bayes_inertia.inference.posterior import gates
-from bayes_inertia.inference.sampler import (
-    Diagnostics,
-    Settings,
-    autocorrelation_time,
-    diagnose_chains,
-    sample,
-    steps_wanted,
-)
+from bayes_inertia.inference.posterior_groups import build_posterior
+from bayes_inertia.inference.sampler import Settings, sample, steps_wanted
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.forward_model import Model
 
@@ -304,8 +301,12 @@ def test_a_chain_file_holds_what_the_chain_held_and_a_damaged_one_is_refused(tmp
 def test_gates_say_which_noise_was_taken_and_fail_where_something_unknown_remains(small_at):
     chains = sample(small_at, SHORT)
     stated, louder, unknown = (
-        gates(small_at, chains, *more)
-        for more in ((), ({"rate": 2.25, "attitude": 1.0},), (None, "unknown"))
+        check_gates(small_at, chains.diagnostics, context)
+        for context in (
+            None,
+            FitContext(measured_noise={"rate": 2.25, "attitude": 1.0}),
+            FitContext(verdict="unknown"),
+        )
     )
     assert "the stated noise predict" in stated[1]["says"]
     assert "rate 2.25" in louder[1]["says"]
@@ -541,3 +542,41 @@ def test_what_one_slew_cannot_see_stays_as_the_prior_has_it(flying, setup_type):
     )
     assert _p_values(draws[:, unseen], prior[:, unseen]).min() > 1e-3 / len(unseen)
     assert _p_values(draws[:, :1], prior[:, :1]).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "advice"),
+    [
+        ("seed", -1, "0 or more"),
+        ("seed", 1.5, "whole number"),
+        ("ensembles", 1, "2 or more"),
+        ("walkers", 0, "2 or more"),
+        ("steps", 0, "4 or more"),
+        ("steps", True, "4 or more"),
+        ("max_steps", 71, "lower steps"),
+        ("target_ess", 0.0, "above 0"),
+        ("target_ess", float("nan"), "above 0"),
+        ("threads", 0, "1 or more"),
+        ("threads", "two", "1 or more"),
+    ],
+)
+def test_settings_that_cannot_be_used_are_refused_by_name(name, value, advice):
+    with pytest.raises(SettingsError, match=advice) as caught:
+        Settings(**{name: value})
+    assert caught.value.where == name
+
+
+def test_predicted_rates_have_the_noise_that_the_likelihood_counts(small_flown):
+    """In the measured drive tachometer noise shakes the predicted rates; here it is most of their noise."""
+    campaign = small_flown.campaign
+    wheels = tuple(replace(w, momentum_sigma=100.0 * w.momentum_sigma) for w in campaign.wheels)
+    model = Model(replace(campaign, wheels=wheels), drive="measured")
+    noisy = estimate(model, starts=1, discount=False)
+    posterior = build_posterior(noisy, sample(noisy, SHORT), FitContext(), seed=0)
+    draws = posterior.tree["posterior_predictive"]["rate"].values
+    draws = draws.reshape(-1, *draws.shape[2:])
+    spread = np.nanmean(np.var(draws, axis=0, ddof=1), axis=(0, 1))
+    covariance = rate_noise_covariance(model, noisy.theta)
+    stated = np.square(campaign.rate_sensor.sigma)
+    assert np.all(np.diag(covariance) > 4.0 * stated)
+    np.testing.assert_allclose(spread, np.diag(covariance), rtol=0.1)

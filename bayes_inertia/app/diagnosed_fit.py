@@ -19,6 +19,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.model_averaging import AlternativeParameters, averaged_posterior
 from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.rules import Rules
+from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.sampler import Progress, Settings
 from bayes_inertia.physics.effect import Effect
@@ -224,17 +225,17 @@ def fit_what_was_found(
     Posterior
         With a group `averaged` more where the diagnosis is ambiguous.
     """
-    about = {"campaign_sha256": campaign_sha256, "verdict": wanted.verdict}
+    context = FitContext(campaign_sha256, verdict=wanted.verdict)
     if wanted.verdict != "unknown":
         campaign = with_measured_noise(campaign, wanted.noise, wanted.drive)
-        about["noise"] = dict(wanted.noise)
+        context = replace(context, measured_noise=dict(wanted.noise))
     posterior = fit(
         campaign,
         effects=wanted.effects,
         drive=drive,
         settings=settings,
         chains=chains,
-        about=about,
+        context=context,
         progress=progress,
     )
     return averaged_posterior(posterior, wanted.alternatives, settings.seed)

@@ -13,7 +13,9 @@ from time import perf_counter
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.flexible_mode_search import restarted_with_mode
 from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.posterior import Posterior, build
+from bayes_inertia.inference.fit_context import FitContext
+from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.inference.posterior_groups import build_posterior
 from bayes_inertia.inference.sampler import Progress, Settings, sample
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
@@ -28,7 +30,7 @@ def fit(
     seed: int | None = None,
     settings: Settings | None = None,
     chains: Path | None = None,
-    about: dict | None = None,
+    context: FitContext | None = None,
     progress: Progress | None = None,
 ) -> Posterior:
     """Estimate J, K and the parameters of active effects, and sample their posterior.
@@ -47,8 +49,8 @@ def fit(
         Of the sampler; None for the usual ones.
     chains : Path or None
         Folder in which the chains are kept while they grow. A killed fit goes on there.
-    about : dict
-        Further attributes of the result.
+    context : FitContext or None
+        Where the campaign comes from and what a diagnosis said before.
     progress : callable or None
         Called with (what, done, of).
 
@@ -83,8 +85,7 @@ def fit(
     # A flexible mode explains nothing near its null value: it begins at the ringing that is there.
     estimate = restarted_with_mode(optimizer.estimate(model, seed=settings.seed))
     samples = sample(estimate, settings, folder=chains, progress=progress)
-    attributes = {"campaign": campaign.name, "seed": settings.seed, "campaign_sha256": None}
-    posterior = build(estimate, samples, {**attributes, **(about or {})}, settings.seed)
+    posterior = build_posterior(estimate, samples, context or FitContext(), settings.seed)
     return _with_seconds(posterior, perf_counter() - began)
 
 

@@ -23,6 +23,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import campaign_sha256, copy_campaign, read_campaign
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import write_atomically
+from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.sampler import Progress, Settings
 from bayes_inertia.physics.effects import by_name
@@ -242,7 +243,7 @@ def _posterior(folder: Path, run: Run, progress: Progress | None) -> Posterior:
         drive=run.drive,
         settings=run.settings,
         chains=chains,
-        about={"campaign_sha256": run.campaign_sha256},
+        context=FitContext(run.campaign_sha256),
         progress=progress,
     )
 

@@ -18,7 +18,8 @@ from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_spacecraft
 from bayes_inertia.flight.spacecraft import Controller
 from bayes_inertia.inference.laplace import Estimate, Starts
-from bayes_inertia.inference.likelihood import information, whitening
+from bayes_inertia.inference.likelihood import information_blocks
+from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.objective import N_BIAS, normal_equations
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import quaternion
@@ -147,7 +148,7 @@ def _at_truth(model: Model, flight: Flight, theta: np.ndarray) -> Estimate:
     )
     point = Point(theta, np.zeros(N_BIAS), local)
     white = whitening(model, theta)
-    info = information(model, point, white)
+    info = information_blocks(model, point, white)
     hessian, _ = normal_equations(model, point, info)
     objective = 0.5 * float(info.chi2.sum() + np.sum(local**2))
     return Estimate(

@@ -14,8 +14,9 @@ import numpy as np
 from scipy import stats
 
 from bayes_inertia.diagnosis.scan_statistic import ChannelScan, channel_scans
+from bayes_inertia.inference.channel_rows import ChannelRows
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.linearised_fit import ChannelRows, LinearisedFit
+from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.maths.values import array_dataclass
 
 SIGNIFICANT_P_VALUE = 0.05

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayes_inertia.inference.linearised_fit import ChannelRows, LinearisedFit
+from bayes_inertia.inference.channel_rows import ChannelRows
+from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.maths.values import array_dataclass
 
 # More windows than this only cost time: the shortest ones are left out first.

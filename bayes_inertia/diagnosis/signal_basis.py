@@ -12,7 +12,8 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from bayes_inertia.diagnosis.torque_response import TorqueResponse
-from bayes_inertia.inference.linearised_fit import ChannelRows, LinearisedFit
+from bayes_inertia.inference.channel_rows import ChannelRows
+from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effects.scales import torque_scale
 

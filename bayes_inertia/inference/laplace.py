@@ -1,22 +1,20 @@
-"""The Laplace approximation: the posterior's maximum, its covariance, and what the slews themselves support."""
+"""The Laplace approximation: maximum of the posterior, covariance, and what the slews support."""
 
 from __future__ import annotations
 
 from functools import cached_property
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.campaign.channel_names import CHANNELS
-from bayes_inertia.inference.likelihood import (
-    Information,
-    Marginal,
-    Residuals,
-    Whitening,
-    residuals,
-)
-from bayes_inertia.inference.linearised_fit import LinearisedFit, measured
+from bayes_inertia.inference.channel_rows import measured
+from bayes_inertia.inference.likelihood import Information, Residuals, residuals
+from bayes_inertia.inference.linearised_fit import LinearisedFit
+from bayes_inertia.inference.marginal_posterior import Marginal
+from bayes_inertia.inference.noise_model import Whitening
 from bayes_inertia.inference.objective import N_BIAS, block_index, prior_rows
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_tests import ChannelTest, channel_tests
@@ -27,7 +25,15 @@ from bayes_inertia.physics.forward_model import Model
 
 
 class Starts(NamedTuple):
-    """How many of the optimizer's starts ended in the optimum, of how many."""
+    """How reliably the optimizer found the optimum.
+
+    Parameters
+    ----------
+    agreeing : int
+        Starts that ended in the optimum.
+    tried : int
+        Of how many.
+    """
 
     agreeing: int
     tried: int
@@ -37,15 +43,26 @@ class Starts(NamedTuple):
 class Estimate:
     """The posterior's maximum and its Laplace approximation.
 
-    Attributes
+    Parameters
     ----------
-    model, point : what was fitted, and the maximum.
-    stated, white : the noise as the campaign states it, and as it was used (equal unless discounted).
-    discount : (slews, 3) factor of each slew's and channel's information, 1 where the model explains the data.
-    information : normal equations by slew and channel at `point`, with the noise as used.
-    hessian : (free + 3 + slews n_local,) squared, of the negative log posterior (Gauss-Newton), theta in physical units.
-    objective : half the sum of all whitened squares, priors included.
-    starts : how many of the optimizer's starts ended here, of how many.
+    model : Model
+        What was fitted.
+    point : Point
+        The maximum.
+    stated : Whitening
+        The noise as the campaign states it.
+    white : Whitening
+        The noise as it was used (equal unless discounted).
+    discount : (slews, 3) array
+        Factor of each slew's and channel's information, 1 where the model explains the data.
+    information : Information
+        Normal equations by slew and channel at `point`, with the noise as used.
+    hessian : (f + 3 + slews n_local,) squared array
+        Of the negative log posterior (Gauss-Newton), theta in physical units.
+    objective : float
+        Half the sum of all whitened squares, priors included.
+    starts : Starts
+        How many of the optimizer's starts ended here, of how many.
     """
 
     model: Model
@@ -75,17 +92,16 @@ class Estimate:
 
     @property
     def free(self) -> np.ndarray:
-        """Indices of the parameters that were fitted (all, unless some were held)."""
+        """Indices (f,) of the parameters that were fitted (all, unless some were held)."""
         return self.information.free
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """Covariance (d, d) of theta with the nuisances integrated out; zero for parameters that were held."""
-        out = np.zeros((len(self.theta), len(self.theta)))
-        out[np.ix_(self.free, self.free)] = self.joint_covariance[
-            : len(self.free), : len(self.free)
-        ]
-        return out
+        """Covariance (d, d) of theta, nuisances integrated out; zero for parameters held."""
+        f = len(self.free)
+        covariance = np.zeros((len(self.theta), len(self.theta)))
+        covariance[np.ix_(self.free, self.free)] = self.joint_covariance[:f, :f]
+        return covariance
 
     @property
     def sd(self) -> np.ndarray:
@@ -94,7 +110,7 @@ class Estimate:
 
     @cached_property
     def residual_series(self) -> dict[str, list[np.ndarray]]:
-        """{channel: [(rows, components) a slew]} of residuals in stated sigmas, NaN where nothing was measured."""
+        """Residuals in stated sigmas, see the function `residual_series`."""
         return residual_series(self.model, self.point, self.stated)
 
     @cached_property
@@ -102,7 +118,7 @@ class Estimate:
         """How many parameters each channel pays for (3,): trace of the hat matrix over its rows."""
         total = np.zeros(3)
         for s, block in enumerate(self.information.matrix):
-            index = block_index(len(self.free) + N_BIAS, self.point.local.shape[1], s)
+            index = block_index(len(self.free) + N_BIAS, self.point.n_local, s)
             total += np.einsum("cpq,qp->c", block, self.joint_covariance[np.ix_(index, index)])
         return total
 
@@ -110,9 +126,8 @@ class Estimate:
     def tests(self) -> dict[str, ChannelTest]:
         """Reduced chi^2 against the STATED noise and whiteness, by channel and in total."""
         chi2 = (self.information.chi2 / self.discount).sum(0)
-        return channel_tests(
-            self.residual_series, chi2, self.information.n_data.sum(0) - self.effective_parameters
-        )
+        dof = self.information.n_data.sum(0) - self.effective_parameters
+        return channel_tests(self.residual_series, chi2, dof)
 
     @cached_property
     def robust_sd(self) -> np.ndarray | None:
@@ -124,27 +139,38 @@ class Estimate:
     def robust_covariance(self) -> np.ndarray | None:
         """Covariance (d, d) that the slews themselves support, None for a single slew.
 
-        Leave-one-slew-out jackknife of the estimate (to first order) plus the part that comes from
-        the prior: a sandwich whose bread is the Hessian and whose meat is what slews and prior
-        scatter, without belief in the noise model (MacKinnon and White 1985, HC3 clustered by slew).
-        The scatter of a handful of slews can be small by luck, so that no parameter's variance is
-        taken below the model's own (Angrist and Pischke 2009, section 8.1).
+        Leave-one-slew-out jackknife of the estimate (to first order) plus the part that comes
+        from the prior: a sandwich whose bread is the Hessian and whose meat is what slews and
+        prior scatter, without belief in the noise model (MacKinnon and White 1985, HC3 clustered
+        by slew). The scatter of a handful of slews can be small by luck, so that no parameter's
+        variance is taken below the model's own (Angrist and Pischke 2009, section 8.1).
         """
-        if self.model.n_slews < 2:
+        n = self.model.n_slews
+        if n < 2:
             return None
-        left_out = np.array([self.without_slew(s) for s in range(self.model.n_slews)])
-        n = len(left_out)
+        left_out = np.array([self.without_slew(s) for s in range(n)])
         scatter = left_out - left_out.mean(0)
         slope, _ = prior_rows(self.model, self.theta)
         shift = self.covariance * slope
         sandwich = (n - 1) / n * scatter.T @ scatter + shift @ shift.T
-        own = np.sqrt(np.diag(sandwich))
-        lift = np.where(own > 0.0, np.maximum(1.0, self.sd / np.where(own > 0.0, own, 1.0)), 1.0)
+        sd = np.sqrt(np.diag(sandwich))
+        lift = np.where(sd > 0.0, np.maximum(1.0, self.sd / np.where(sd > 0.0, sd, 1.0)), 1.0)
         return sandwich * np.outer(lift, lift)
 
-    def without_slew(self, s: int) -> np.ndarray:
-        """theta (d,) when slew s is left out, to first order."""
-        step, _ = self.linearised().without_slew(s)
+    def without_slew(self, slew: int) -> np.ndarray:
+        """The maximum when one slew is left out, to first order.
+
+        Parameters
+        ----------
+        slew : int
+            Which slew, from 0.
+
+        Returns
+        -------
+        (d,) array
+            theta.
+        """
+        step, _ = self.linearised().without_slew(slew)
         theta = self.theta.copy()
         theta[self.free] += step[: len(self.free)]
         return theta
@@ -169,6 +195,7 @@ def residual_series(model: Model, point: Point, white: Whitening) -> dict[str, l
     ----------
     model : Model
     point : Point
+        Where.
     white : Whitening
         The noise in whose sigmas they are counted.
 
@@ -177,13 +204,12 @@ def residual_series(model: Model, point: Point, white: Whitening) -> dict[str, l
     dict of list of (rows, components) arrays
         By channel and slew; NaN where nothing was measured.
     """
-    r = residuals(model.structure, point, model.data, white)
-    return {
-        c: [
-            np.where(v, x, np.nan) for v, x in zip(ok, np.asarray(a).reshape(ok.shape), strict=True)
-        ]
-        for c, a, ok in zip(CHANNELS, r, measured(model), strict=True)
-    }
+    flat = residuals(model.structure, point, model.data, white)
+    series = {}
+    for channel, values, valid in zip(CHANNELS, flat, measured(model), strict=True):
+        shaped = np.where(valid, np.asarray(values).reshape(valid.shape), np.nan)
+        series[channel] = list(shaped)
+    return series
 
 
 def marginal(estimate: Estimate) -> Marginal:
@@ -204,7 +230,7 @@ def marginal(estimate: Estimate) -> Marginal:
     ridge = -solve(nuisance, estimate.hessian[d:, :d])
     jacobian = estimate.linearised().sensitivities.jacobian
     return Marginal(
-        optimum=Point(*(jnp.asarray(x) for x in (point.theta, point.bias, point.local))),
+        optimum=jax.tree.map(jnp.asarray, point),
         ridge_bias=jnp.asarray(ridge[:N_BIAS]),
         ridge_local=jnp.asarray(ridge[N_BIAS:].reshape(*point.local.shape, d)),
         columns=Residuals(*(j[..., d:] for j in jacobian)),
@@ -216,8 +242,22 @@ def marginal(estimate: Estimate) -> Marginal:
 
 
 def principal_sd(estimate: Estimate, covariance: np.ndarray) -> np.ndarray:
-    """Standard deviations of the principal moments by linear propagation: dI_i = v_i^T dJ v_i."""
-    _, axes = np.linalg.eigh(np.asarray(inertia_tensor.tensor(jnp.asarray(estimate.theta[:6]))))
+    """Standard deviations of the principal moments by linear propagation: dI_i = v_i^T dJ v_i.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Gives the principal axes v_i.
+    covariance : (d, d) array
+        Of theta.
+
+    Returns
+    -------
+    (3,) array
+        [kg m^2], smallest moment first.
+    """
+    tensor = np.asarray(inertia_tensor.tensor(jnp.asarray(estimate.theta[:6])))
+    _, axes = np.linalg.eigh(tensor)
     weights = np.stack(
         [np.asarray(inertia_tensor.elements(np.outer(v, v))) * [1, 1, 1, 2, 2, 2] for v in axes.T]
     )

@@ -1,12 +1,13 @@
 """A fit, linearised: everything that follows from the residuals and their derivatives at one point.
 
-Around the optimum the data are r = J x + (what is asked about) + e with unit noise e and Gaussian priors on
-x. With H = J^T J + prior the residuals of a perfect model have the covariance 1 - J H^-1 J^T: fitting has
-taken its share. What a test, a scan or a torque history may claim must be measured against that.
+Around the optimum the data are r = J x + (what is asked about) + e with unit noise e and Gaussian
+priors on x. With H = J^T J + prior the residuals of a perfect model have the covariance 1 - J
+H^-1 J^T: fitting has taken its share. What a test, a scan or a torque history may claim must be
+measured against that.
 
-Two forms of the same linear model are kept. The blocks (normal equations by slew and channel) are cheap and
-serve where slews or channels are weighed. The rows (residuals with their derivatives) serve where columns are
-projected off the fit; they are evaluated when first asked for.
+Two forms of the same linear model are kept. The blocks (normal equations by slew and channel) are
+cheap and serve where slews or channels are weighed. The rows (residuals with their derivatives)
+serve where columns are projected off the fit; they are evaluated when first asked for.
 """
 
 from __future__ import annotations
@@ -15,14 +16,14 @@ from functools import cached_property
 
 import numpy as np
 
-from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.inference.channel_rows import ChannelRows, channel_rows
 from bayes_inertia.inference.likelihood import (
     Information,
     Residuals,
     Sensitivities,
-    Whitening,
     padded_sensitivities,
 )
+from bayes_inertia.inference.noise_model import Whitening
 from bayes_inertia.inference.objective import N_BIAS, block_index, normal_equations, prior_rows
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root, solve
@@ -31,49 +32,16 @@ from bayes_inertia.physics.forward_model import Model
 
 
 @array_dataclass
-class ChannelRows:
-    """One channel's measurements among the numbers of all channels.
-
-    Parameters
-    ----------
-    part : slice
-        Where the channel's numbers stand.
-    time : (slews, rows) array
-        Times of the measurements [s], the last one repeated in padding.
-    valid : (slews, rows, components) array of bool
-        What was measured.
-    """
-
-    part: slice
-    time: np.ndarray
-    valid: np.ndarray
-
-    def shaped(self, flat: np.ndarray) -> np.ndarray:
-        """Pick this channel out of the numbers of all channels.
-
-        Parameters
-        ----------
-        flat : (slews, numbers, ...) array
-            Numbers of all channels, one channel after the other.
-
-        Returns
-        -------
-        (slews, rows, components, ...) array
-            This channel's numbers.
-        """
-        return flat[:, self.part].reshape(*self.valid.shape, *flat.shape[2:])
-
-
-@array_dataclass
 class Rows:
-    """Whitened residuals "measured minus predicted" and their derivatives, all channels one after the other.
+    """Whitened residuals "measured minus predicted" with their derivatives, channel by channel.
 
     Parameters
     ----------
     residual : (slews, numbers) array
         Zero where nothing was measured.
     jacobian : (slews, numbers, d + 3 + n_local) array
-        Derivatives with respect to all parameters of the model, fitted or not, the bias and the slew's own nuisances.
+        Derivatives with respect to all parameters of the model, fitted or not, the bias and the
+        slew's own nuisances.
     """
 
     residual: np.ndarray
@@ -97,7 +65,8 @@ class LinearisedFit:
     hessian : (f + 3 + slews n_local,) squared array
         Normal matrix of everything fitted, priors included.
     discount : (slews, 3) array
-        Factor of each slew's and channel's information: noise as stated over noise as used, squared.
+        Factor of each slew's and channel's information: noise as stated over noise as used,
+        squared.
     """
 
     model: Model
@@ -107,7 +76,6 @@ class LinearisedFit:
     hessian: np.ndarray
     discount: np.ndarray
 
-    # --- the unknowns ---------------------------------------------------------------------------------
     @property
     def free(self) -> np.ndarray:
         """Indices (f,) of the parameters that were fitted."""
@@ -144,7 +112,6 @@ class LinearisedFit:
         slope, _ = prior_rows(self.model, self.point.theta)
         return np.concatenate([slope[self.free] ** 2, np.ones(N_BIAS)])
 
-    # --- from the blocks ------------------------------------------------------------------------------
     def normal_equations(self, weights: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Hessian and gradient of everything fitted, priors included.
 
@@ -163,7 +130,8 @@ class LinearisedFit:
     def weighted_hessian(self, weights: np.ndarray) -> np.ndarray:
         """Hessian with each slew's and channel's information weighted.
 
-        Another order of summation than `normal_equations`: with weights of one they agree to rounding.
+        Another order of summation than `normal_equations`: with weights of one they agree to
+        rounding.
 
         Parameters
         ----------
@@ -183,7 +151,7 @@ class LinearisedFit:
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """Covariance (unknowns, unknowns) of (theta[free], bias, all local nuisances) given the data."""
+        """Covariance (unknowns, unknowns) of everything fitted, given the data."""
         return inverse(self.hessian)
 
     def covariance_of(self, slew: int) -> np.ndarray:
@@ -222,10 +190,9 @@ class LinearisedFit:
         hessian, gradient = self.normal_equations(weights)
         return -solve(hessian, gradient), hessian
 
-    # --- from the rows --------------------------------------------------------------------------------
     @cached_property
     def sensitivities(self) -> Sensitivities:
-        """Residuals and derivatives with respect to all parameters, bias and nuisances, by channel (arrays of JAX)."""
+        """Residuals and derivatives by channel (arrays of JAX), for all parameters of the model."""
         every = np.arange(self.model.space.size)
         s = padded_sensitivities(self.model, self.point, self.white, every)
         p = len(every) + N_BIAS + self.n_local
@@ -258,7 +225,7 @@ class LinearisedFit:
 
     @property
     def parameters(self) -> np.ndarray:
-        """Derivatives (slews, numbers, d) with respect to all parameters of the model, fitted or not."""
+        """Derivatives (slews, numbers, d) with respect to all parameters, fitted or not."""
         return self.rows.jacobian[..., : self.model.space.size]
 
     @cached_property
@@ -268,7 +235,7 @@ class LinearisedFit:
 
     @cached_property
     def _columns_to_project(self) -> np.ndarray:
-        """As `columns`, each column's numbers side by side in memory: sums over numbers round by that order."""
+        """As `columns`, each column together in memory: sums over numbers round by that order."""
         d = self.model.space.size
         bias_and_local = np.arange(d, d + N_BIAS + self.n_local)
         return self.rows.jacobian[..., np.concatenate([self.free, bias_and_local])]
@@ -287,7 +254,8 @@ class LinearisedFit:
     def settled_residual(self) -> np.ndarray:
         """Residuals (slews, numbers) of the optimum, orthogonal to columns and prior.
 
-        The optimizer may have stopped short of it, at the end of a long narrow valley. One more step to first order is taken.
+        The optimizer may have stopped short of it, at the end of a long narrow valley. One more
+        step to first order is taken.
         """
         residual = self.residual.copy()
         step = -self.covariance @ self.normal_equations()[1]
@@ -296,7 +264,7 @@ class LinearisedFit:
         return residual
 
     def unfitted(self, signal: np.ndarray) -> np.ndarray:
-        """What is left of a signal in the residuals after everything is fitted again, to first order.
+        """What a signal leaves in the residuals once everything is fitted again, to first order.
 
         Parameters
         ----------
@@ -348,10 +316,9 @@ class LinearisedFit:
             e[s] -= self.columns[s] @ answer[self.index(s)]
         return e
 
-    # --- projecting off the fit -----------------------------------------------------------------------
     @cached_property
     def _row_equations(self) -> tuple[np.ndarray, np.ndarray]:
-        """As `normal_equations`, summed from the rows: what is projected and what it is projected off round alike."""
+        """As `normal_equations`, from the rows: they round like what is projected off them."""
         theta, bias, local = self.point.theta, self.point.bias, self.point.local
         slope, distance = (rows[self.free] for rows in prior_rows(self.model, theta))
         hessian = self._prior_matrix()
@@ -364,7 +331,7 @@ class LinearisedFit:
 
     @cached_property
     def inverse_root(self) -> np.ndarray:
-        """Lower triangular R (unknowns, unknowns), R^T R the inverse of the normal matrix of the rows."""
+        """Lower triangular R (unknowns, unknowns): R^T R inverts the rows' normal matrix."""
         return inverse_root(self._row_equations[0])
 
     @cached_property
@@ -407,7 +374,6 @@ class LinearisedFit:
         along = np.einsum("snk,sn->k", columns, self.residual)
         return -(along - imitated.T @ self.whitened_gradient)
 
-    # --- the measurements -----------------------------------------------------------------------------
     @property
     def valid(self) -> np.ndarray:
         """Whether a number was measured, (slews, numbers)."""
@@ -418,93 +384,14 @@ class LinearisedFit:
     @cached_property
     def weight(self) -> np.ndarray:
         """Square root of the discount (slews, numbers): noise as stated over noise as used."""
-        return np.repeat(np.sqrt(self.discount), self._channel_sizes, axis=1)
+        sizes = [rows.valid[0].size for rows in self.channels.values()]
+        return np.repeat(np.sqrt(self.discount), sizes, axis=1)
 
     @cached_property
     def channels(self) -> dict[str, ChannelRows]:
         """Where each channel's numbers are."""
-        time, fix_time, valid = _times(self.model)
-        sizes = self._channel_sizes
-        return {
-            c: ChannelRows(
-                slice(int(stop - size), int(stop)), fix_time if c == "attitude" else time, ok
-            )
-            for c, size, stop, ok in zip(CHANNELS, sizes, np.cumsum(sizes), valid, strict=True)
-        }
-
-    @property
-    def _channel_sizes(self) -> np.ndarray:
-        return np.array([ok[0].size for ok in _times(self.model)[2]])
+        return channel_rows(self.model)
 
     def _prior_matrix(self) -> np.ndarray:
         """Prior precision of everything fitted, as a diagonal matrix."""
         return np.diag(np.concatenate([self.prior_precision, np.ones(self.point.local.size)]))
-
-
-def _times(model: Model) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, ...]]:
-    """Times of rows and fixes from each slew's zero, repeated at the end in padding, and what was measured."""
-    telemetry, slews = model.data.arrays.telemetry, model.campaign.slews
-    n = telemetry.rate.shape[1]
-    time = np.stack([np.concatenate([s.time, np.full(n - len(s.time), s.time[-1])]) for s in slews])
-    fixes = np.take_along_axis(time, np.asarray(telemetry.fix_row), axis=1)
-    return time, fixes, tuple(np.asarray(v, bool) for v in measured(model))
-
-
-def measured(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What the model compares with measurements, by channel.
-
-    Parameters
-    ----------
-    model : Model
-        In the measured drive tachometers are an input and no channel.
-
-    Returns
-    -------
-    rate, attitude, momentum : (slews, rows, components) arrays of bool
-    """
-    telemetry = model.data.arrays.telemetry
-    wheels = 0 if model.structure.drive == "measured" else None
-    return (
-        np.asarray(telemetry.rate_valid),
-        np.repeat(np.asarray(telemetry.fix_valid)[..., None], 3, -1),
-        np.asarray(telemetry.momentum_valid)[..., :wheels],
-    )
-
-
-def marginal_information(
-    model: Model, point: Point, white: Whitening, parameters: np.ndarray
-) -> np.ndarray:
-    """What the data tell of some parameters and the bias, the slews' own nuisances integrated out with their priors.
-
-    At any point of any model of the campaign, not only at a fit's optimum.
-
-    Parameters
-    ----------
-    model : Model
-    point : Point
-        Where the derivatives are taken.
-    white : Whitening
-        The noise.
-    parameters : (k,) array of int
-        Which parameters; the others are taken as known.
-
-    Returns
-    -------
-    (k + 3, k + 3) array
-        Information matrix, without the priors of parameters and bias.
-    """
-    d, m, slews = model.space.size, point.n_local, model.n_slews
-    s = padded_sensitivities(model, point, white, np.arange(d))
-    chosen = np.concatenate([parameters, np.arange(d, d + N_BIAS + m)])
-    shared = len(parameters) + N_BIAS
-    joint = np.zeros((shared + slews * m,) * 2)
-    for k in range(slews):
-        J = np.concatenate([np.asarray(j[k])[:, chosen] for j in s.jacobian])
-        index = block_index(shared, m, k)
-        joint[np.ix_(index, index)] += J.T @ J
-    local = np.arange(shared, len(joint))
-    joint[local, local] += 1.0
-    across = joint[np.ix_(local, np.arange(shared))]
-    own = joint[np.ix_(local, local)]
-    told = joint[:shared, :shared] - np.stack([across.T @ solve(own, c) for c in across.T], 1)
-    return 0.5 * (told + told.T)

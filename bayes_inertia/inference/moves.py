@@ -10,16 +10,24 @@ from scipy import linalg
 class IndependenceMove(MHMove):
     """Propose every walker anew from a multivariate t distribution (an independence sampler).
 
-    Where the t distribution (from the Laplace approximation) resembles the posterior, nearly every
-    proposal is an independent draw; where it does not, fewer are accepted, but the density sampled is
-    exact. Tierney 1994, section 2.3.3.
+    Where the t distribution (from the Laplace approximation) resembles the posterior, nearly
+    every proposal is an independent draw; where it does not, fewer are accepted, but the density
+    sampled is exact. Tierney 1994, section 2.3.3.
 
     Parameters
     ----------
-    mean : (d,). covariance : (d, d) scale matrix of the t. degrees : of freedom; fewer have heavier tails.
-    logarithmic : (d,) bool, which parameters are positive and proposed on their logarithm (none by default); the covariance is that of
-        the parameters themselves, taken over to first order.
+    mean : (d,) array
+        Centre of the t distribution.
+    covariance : (d, d) array
+        Its scale matrix.
+    degrees : float
+        Of freedom; fewer have heavier tails.
+    logarithmic : (d,) array of bool, optional
+        Which parameters are positive and proposed on their logarithm (none by default). The
+        covariance is that of the parameters themselves, taken over to first order.
 
+    Examples
+    --------
     >>> IndependenceMove(np.zeros(2), np.eye(2), 5.0).log_density(np.zeros((1, 2))).tolist()
     [-0.0]
     """
@@ -41,7 +49,17 @@ class IndependenceMove(MHMove):
         super().__init__(self._propose, ndim=len(self.mean))
 
     def log_density(self, x: np.ndarray) -> np.ndarray:
-        """Log density (n,) of points (n, d), up to a constant."""
+        """Log density of proposals, up to a constant.
+
+        Parameters
+        ----------
+        x : (n, d) array
+            Points.
+
+        Returns
+        -------
+        (n,) array
+        """
         y = self._unfolded(x)
         z = linalg.solve_triangular(self.root, (y - self.mean).T, lower=True)
         of_logarithms = (
@@ -50,7 +68,21 @@ class IndependenceMove(MHMove):
         return of_logarithms - np.sum(y[:, self.logarithmic], axis=1)
 
     def draw(self, random: np.random.RandomState, n: int, *, stretch: float = 1.0) -> np.ndarray:
-        """n draws (n, d); `stretch` multiplies their distance from the mean (for over-dispersed starts)."""
+        """Draw from the t distribution.
+
+        Parameters
+        ----------
+        random : numpy.random.RandomState
+            Source of the draws.
+        n : int
+            How many.
+        stretch : float
+            Multiplies their distance from the mean (for over-dispersed starts).
+
+        Returns
+        -------
+        (n, d) array
+        """
         z = random.standard_normal((n, len(self.mean)))
         radius = np.sqrt(self.degrees / random.chisquare(self.degrees, size=(n, 1)))
         y = self.mean + stretch * (z * radius) @ self.root.T
@@ -58,6 +90,7 @@ class IndependenceMove(MHMove):
         return y
 
     def _unfolded(self, x: np.ndarray) -> np.ndarray:
+        """Points with positive parameters on their logarithm."""
         y = np.array(x, float)
         y[..., self.logarithmic] = np.log(y[..., self.logarithmic])
         return y
@@ -65,5 +98,6 @@ class IndependenceMove(MHMove):
     def _propose(
         self, coords: np.ndarray, random: np.random.RandomState
     ) -> tuple[np.ndarray, np.ndarray]:
+        """Proposals and the log ratio of their densities, as emcee asks for them."""
         proposed = self.draw(random, len(coords))
         return proposed, self.log_density(coords) - self.log_density(proposed)

@@ -1,7 +1,7 @@
-"""The negative log posterior of all unknowns together: its value, its normal equations, and steps that stay among physical tensors.
+"""The negative log posterior of all unknowns together: value, normal equations, steps.
 
-The unknowns are the model's parameters theta, the rate bias, and every slew's own nuisances (start state, tachometer
-noise), all with Gaussian priors. J moves in its log-Cholesky chart.
+The unknowns are the model's parameters theta, the rate bias, and every slew's own nuisances
+(start state, tachometer noise), all with Gaussian priors. J moves in its log-Cholesky chart.
 """
 
 from __future__ import annotations
@@ -10,80 +10,152 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bayes_inertia.inference.likelihood import Information, Whitening, residuals
+from bayes_inertia.inference.likelihood import Information, padded_sensitivities, residuals
+from bayes_inertia.inference.noise_model import Whitening
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.linear_algebra import solve
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import prior_residual
 
 N_BIAS = 3
-# No closer than this to a body without thickness (second moment over trace): beyond, rounding rules.
+# Second moment over trace: no step comes closer to a body without thickness. Beyond, rounding
+# rules.
 _THINNEST = 1e-7
+# Steps keep this distance [prior sd] from the end of a prior's support.
+_SUPPORT_MARGIN = 1e-9
 
 
 def negative_log_posterior(model: Model, point: Point, white: Whitening) -> float:
-    """Half the sum of all whitened squares, priors included; infinite outside the physical tensors."""
+    """Half the sum of all whitened squares, priors included.
+
+    Parameters
+    ----------
+    model : Model
+    point : Point
+        Where.
+    white : Whitening
+        The noise.
+
+    Returns
+    -------
+    float
+        Infinite outside the physical tensors.
+    """
     if not bool(_is_physical(point.theta[:6])):
         return np.inf
     r = residuals(model.structure, point, model.data, white)
     with np.errstate(over="ignore"):  # A step too far gives an infinite objective.
         chi2 = sum(float(np.sum(np.square(channel))) for channel in r)
-    own = np.asarray(_prior_residual(model.space.constants(), point.theta))
-    return 0.5 * (
-        chi2 + float(own @ own) + float(point.bias @ point.bias) + float(np.sum(point.local**2))
-    )
+    prior = np.asarray(_prior_residual(model.space.constants(), point.theta))
+    nuisances = float(point.bias @ point.bias), float(np.sum(point.local**2))
+    return 0.5 * (chi2 + float(prior @ prior) + nuisances[0] + nuisances[1])
 
 
 def normal_equations(
-    model: Model, point: Point, info: Information, weights: np.ndarray | None = None
+    model: Model, point: Point, information: Information, weights: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Hessian and gradient of the negative log posterior for (theta, bias, all local nuisances), priors included.
+    """Hessian and gradient of the negative log posterior, priors included.
 
     Parameters
     ----------
-    weights : (slews,) multiplies each slew's information (0 leaves it out).
+    model : Model
+    point : Point
+        Where.
+    information : Information
+        Its blocks there.
+    weights : (slews,) array, optional
+        Multiplies each slew's information; 0 leaves a slew out.
+
+    Returns
+    -------
+    hessian : (unknowns, unknowns) array
+        For (theta[free], bias, all local nuisances), Gauss-Newton.
+    gradient : (unknowns,) array
     """
-    f, m = len(info.free), point.local.shape[1]
+    f, m = len(information.free), point.n_local
     size = f + N_BIAS + point.local.size
     hessian, gradient = np.zeros((size, size)), np.zeros(size)
-    for s, (block, pull) in enumerate(zip(info.matrix, info.gradient, strict=True)):
+    for s, (block, pull) in enumerate(zip(information.matrix, information.gradient, strict=True)):
         index = block_index(f + N_BIAS, m, s)
         weight = 1.0 if weights is None else weights[s]
         hessian[np.ix_(index, index)] += weight * block.sum(0)
         gradient[index] += weight * pull.sum(0)
-    slope, distance = (rows[info.free] for rows in prior_rows(model, point.theta))
+    slope, distance = (rows[information.free] for rows in prior_rows(model, point.theta))
     hessian[np.arange(size), np.arange(size)] += np.concatenate([slope**2, np.ones(size - f)])
     gradient += np.concatenate([slope * distance, point.bias, point.local.ravel()])
     return hessian, gradient
 
 
 def prior_rows(model: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Derivative (d,) and value (d,) of the whitened distance of theta from its prior."""
+    """The prior as whitened residuals.
+
+    Parameters
+    ----------
+    model : Model
+    theta : (d,) array
+
+    Returns
+    -------
+    slope : (d,) array
+        Derivative of the whitened distance of each parameter from its prior mean.
+    distance : (d,) array
+        The distance itself [prior sd].
+    """
     constants = model.space.constants()
     return np.asarray(_prior_slope(constants, theta)), np.asarray(_prior_residual(constants, theta))
 
 
-def block_index(shared: int, n_local: int, s: int) -> np.ndarray:
-    """Where the shared unknowns and the local nuisances of slew s stand in the joint vector.
+def block_index(n_shared: int, n_local: int, slew: int) -> np.ndarray:
+    """Where the unknowns of one slew stand in the joint vector.
 
+    Parameters
+    ----------
+    n_shared : int
+        Unknowns that all slews share; they stand first.
+    n_local : int
+        Nuisances of one slew.
+    slew : int
+        Which slew, from 0.
+
+    Returns
+    -------
+    (n_shared + n_local,) array of int
+
+    Examples
+    --------
     >>> block_index(2, 3, 1).tolist()
     [0, 1, 5, 6, 7]
     """
-    return np.concatenate(
-        [np.arange(shared), np.arange(shared + s * n_local, shared + (s + 1) * n_local)]
-    )
+    begin = n_shared + slew * n_local
+    return np.concatenate([np.arange(n_shared), np.arange(begin, begin + n_local)])
 
 
 def moved(model: Model, point: Point, step: np.ndarray, free: np.ndarray) -> Point:
-    """The point after a step (free + 3 + slews n_local,) whose first six components are in the chart of J."""
+    """The point after a step that stays among the physical tensors and within the priors' support.
+
+    Parameters
+    ----------
+    model : Model
+    point : Point
+        Where the step begins.
+    step : (f + 3 + slews n_local,) array
+        Its first six components are in the chart of J, see `in_chart`.
+    free : (f,) array of int
+        Indices of the parameters that may move.
+
+    Returns
+    -------
+    Point
+    """
     f = len(free)
     theta = point.theta.copy()
     theta[free] += step[:f]
     chart = np.array(_to_chart(point.theta[:6])) + step[:6]
     chart[:3] = np.maximum(chart[:3], 0.5 * np.log(_THINNEST * np.sum(point.theta[:3])))
     theta[:6] = np.asarray(_from_chart(chart))
-    span = 1e-9 * model.space.sd
-    theta[6:] = np.clip(theta, model.space.lower + span, model.space.upper - span)[6:]
+    margin = _SUPPORT_MARGIN * model.space.sd
+    theta[6:] = np.clip(theta, model.space.lower + margin, model.space.upper - margin)[6:]
     return Point(
         theta,
         point.bias + step[f : f + N_BIAS],
@@ -94,10 +166,63 @@ def moved(model: Model, point: Point, step: np.ndarray, free: np.ndarray) -> Poi
 def in_chart(
     point: Point, hessian: np.ndarray, gradient: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Normal equations whose first six unknowns are J's elements, for the steps that `moved` takes."""
+    """Normal equations in the chart of J, for the steps that `moved` takes.
+
+    Parameters
+    ----------
+    point : Point
+        Where.
+    hessian : (unknowns, unknowns) array
+        Its first six unknowns are J's elements.
+    gradient : (unknowns,) array
+
+    Returns
+    -------
+    hessian : (unknowns, unknowns) array
+    gradient : (unknowns,) array
+    """
     turn = np.eye(len(gradient))
     turn[:6, :6] = np.asarray(_chart_slope(_to_chart(point.theta[:6])))
     return turn.T @ hessian @ turn, turn.T @ gradient
+
+
+def marginal_information(
+    model: Model, point: Point, white: Whitening, parameters: np.ndarray
+) -> np.ndarray:
+    """What the data tell of some parameters and the bias, the slews' nuisances integrated out.
+
+    At any point of any model of the campaign, not only at a fit's optimum.
+
+    Parameters
+    ----------
+    model : Model
+    point : Point
+        Where the derivatives are taken.
+    white : Whitening
+        The noise.
+    parameters : (k,) array of int
+        Which parameters; the others are taken as known.
+
+    Returns
+    -------
+    (k + 3, k + 3) array
+        Information matrix, without the priors of parameters and bias.
+    """
+    d, m, slews = model.space.size, point.n_local, model.n_slews
+    s = padded_sensitivities(model, point, white, np.arange(d))
+    chosen = np.concatenate([parameters, np.arange(d, d + N_BIAS + m)])
+    shared = len(parameters) + N_BIAS
+    joint = np.zeros((shared + slews * m,) * 2)
+    for k in range(slews):
+        J = np.concatenate([np.asarray(j[k])[:, chosen] for j in s.jacobian])
+        index = block_index(shared, m, k)
+        joint[np.ix_(index, index)] += J.T @ J
+    local = np.arange(shared, len(joint))
+    joint[local, local] += 1.0
+    across = joint[np.ix_(local, np.arange(shared))]
+    own = joint[np.ix_(local, local)]
+    told = joint[:shared, :shared] - np.stack([across.T @ solve(own, c) for c in across.T], 1)
+    return 0.5 * (told + told.T)
 
 
 _is_physical = jax.jit(inertia_tensor.is_physical)

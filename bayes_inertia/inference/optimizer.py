@@ -1,12 +1,12 @@
-"""The optimizer: maximum of the posterior with all nuisances, its Laplace approximation, and what the slews themselves support.
+"""The optimizer: maximum of the posterior with all nuisances.
 
 J moves in its log-Cholesky chart, so that no step leaves the physical tensors; everything reported
 is in the elements of J. Several starts descend first with the data counted weakly, which widens the
 basin of attraction, and the best of them with full weight.
 
-Where the residuals show that the model is not complete (`adequacy`), the likelihood of every slew is
-discounted by the dispersion of its own residuals, and the estimate is repeated: a model that is wrong
-by many sigmas would otherwise overrule all prior knowledge with its errors.
+Where the residuals show that the model is not complete (`residual_tests`), the likelihood of
+every slew is discounted by the dispersion of its own residuals, and the estimate is repeated: a
+model that is wrong by many sigmas would otherwise overrule all prior knowledge with its errors.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ import numpy as np
 from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.laplace import Estimate, Starts, residual_series
-from bayes_inertia.inference.likelihood import Whitening, discounted, information, whitening
+from bayes_inertia.inference.likelihood import information_blocks
+from bayes_inertia.inference.noise_model import Whitening, discounted, whitening
 from bayes_inertia.inference.objective import (
     N_BIAS,
     in_chart,
@@ -28,18 +29,26 @@ from bayes_inertia.inference.objective import (
 )
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_tests import dispersion
-from bayes_inertia.inference.start_guess import begin
-from bayes_inertia.maths.least_squares import descend
+from bayes_inertia.inference.start_guess import guess_nuisances
+from bayes_inertia.maths.least_squares import levenberg_marquardt
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import N_BASE
 
-# Weight of the data in the first descent of every start.
-_GENTLE = 1e-4
-# Where such a descent may stop: its end is only a beginning. Ends nearer than this [prior sd] are one.
-_SOON = {"steps": 60, "tolerance": 1e-3}
-_SAME = 0.1
-# Reduced chi^2 above which a gentle descent has lost its way, and starts that are tried at most until one has not.
-_LOST, _MOST_STARTS = 1e3, 12
+# Weight of the data's information in the first, gentle descent of every start.
+_GENTLE_WEIGHT = 1e-4
+# Where a gentle descent may stop: its end is only a beginning.
+_GENTLE_STOP = {"steps": 60, "tolerance": 1e-3}
+# Ends of gentle descents nearer than this [prior sd] are one.
+_SAME_PLACE_SD = 0.1
+# Ends whose (gentle) objective is this much above the best are not followed.
+_WORTH_FOLLOWING = 1.0
+# Reduced chi^2 above which a gentle descent has lost its way.
+_LOST_REDUCED_CHI2 = 1e3
+# Starts that are tried at most until one has not lost its way.
+_MOST_STARTS = 12
+# The discount has settled once no slew's factor changes by more than this share; rounds at most.
+_DISCOUNT_SETTLED = 0.02
+_DISCOUNT_ROUNDS = 10
 
 
 def estimate(
@@ -55,43 +64,57 @@ def estimate(
 
     Parameters
     ----------
-    seed : of the further starts. starts : number of starts, the first at the prior mean, others drawn from the prior; more where none of them
-        comes near the data.
-    start : theta (d,) to begin from instead (one start).
-    discount : whether misfit discounts the slews (False keeps the stated noise whatever the residuals say).
-    free : indices of the parameters that may move, J's elements among them; the others keep their start values. None: all.
+    model : Model
+        What is fitted to which campaign.
+    seed : int
+        Seed of the further starts.
+    starts : int
+        Number of starts, the first at the prior mean, others drawn from the prior; more where
+        none comes near the data.
+    start : (d,) array, optional
+        theta to begin from instead (one start).
+    discount : bool
+        Whether misfit discounts the slews. False keeps the stated noise whatever the residuals say.
+    free : (f,) array of int, optional
+        Indices of the parameters that may move, J's elements among them. The others keep their
+        start values. None: all.
+
+    Returns
+    -------
+    Estimate
+        The maximum and its Laplace approximation.
 
     Raises
     ------
-    EstimateError : no start gave a finite posterior.
+    EstimateError
+        If no start gave a finite posterior.
     """
     free = np.arange(model.space.size) if free is None else np.asarray(free)
-    found = (
-        _from_starts(model, seed, starts, free) if start is None else [_gently(model, start, free)]
-    )
-    if not np.isfinite(min(objective for objective, _ in found)):
+    if start is None:
+        descents = _from_starts(model, seed, starts, free)
+    else:
+        descents = [_gently(model, start, free)]
+    if not np.isfinite(min(objective for objective, _ in descents)):
         raise EstimateError(
             "the start of the optimizer gave no finite residuals",
             advice="check units and signs of the telemetry columns",
         )
-    whole = np.ones((model.n_slews, len(CHANNELS)))
-    ends = [
-        (_best_settled(model, point, whole, free), point, count)
-        for point, count in _different(model, found)
+    full = np.ones((model.n_slews, len(CHANNELS)))
+    optima = [
+        (_best_settled(model, point, full, free), point, count)
+        for point, count in distinct_ends(model, descents)
     ]
-    best, point, _ = min(ends, key=lambda end: end[0][1])
-    starts = Starts(
-        sum(count for settled, _, count in ends if settled[1] < best[1] + 1.0), len(found)
-    )
-    fitted = _at(model, *best, whole, free, starts)
-    if not discount or not any(test.too_large for test in fitted.tests.values()):
+    best, gentle_end, _ = min(optima, key=lambda optimum: optimum[0][1])
+    agreeing = sum(count for settled, _, count in optima if settled[1] < best[1] + 1.0)
+    counts = Starts(agreeing, len(descents))
+    fitted = _at(model, *best, full, free, counts)
+    too_large = [test.too_large for test in fitted.tests.values()]
+    if not discount or not any(too_large):
         return fitted
-    channels = [
-        test.too_large or fitted.tests["total"].too_large
-        for test in list(fitted.tests.values())[:3]
-    ]
-    # Begin again from the gentle descent: it is nearer than the point that the model's errors have overruled.
-    return _discounted_fit(model, point, np.array(channels), free, starts)
+    channels = np.array(too_large[:3]) | too_large[3]
+    # Begin again from the gentle descent: it is nearer than the point that the model's errors
+    # have overruled.
+    return _discounted_fit(model, gentle_end, channels, free, counts)
 
 
 def re_estimate(
@@ -102,75 +125,121 @@ def re_estimate(
     gently: bool = False,
     tolerance: float = 1e-7,
 ) -> Estimate:
-    """The maximum with other parameters free, from nuisances and noise of an earlier estimate and from `theta` (d,).
+    """The maximum with other parameters free, from nuisances and noise of an earlier estimate.
 
     Parameters
     ----------
-    gently : guess the nuisances afresh and descend with the data counted weakly first, which finds the way out of a local optimum.
-    tolerance : of the objective, as `levenberg.descend`.
+    previous : Estimate
+        Of the same model.
+    theta : (d,) array
+        Where to begin.
+    free : (f,) array of int
+        Indices of the parameters that may move.
+    gently : bool
+        Guess the nuisances afresh and descend with the data counted weakly first, which finds the
+        way out of a local optimum.
+    tolerance : float
+        Of the objective, as in `levenberg_marquardt`.
+
+    Returns
+    -------
+    Estimate
     """
+    model, discount = previous.model, previous.discount
     point, free = replace(previous.point, theta=np.asarray(theta, float)), np.asarray(free)
     if gently:
-        white = discounted(whitening(previous.model, point.theta), _GENTLE * previous.discount)
-        point, _ = _descend(
-            previous.model,
-            replace(point, local=begin(previous.model, point.theta)),
-            white,
-            free,
-            **_SOON,
-        )
-    settled = _settled(
-        previous.model, point, previous.discount, free, rounds=1, tolerance=tolerance
-    )
-    return _at(previous.model, *settled, previous.discount, free, Starts(1, 1))
+        white = discounted(whitening(model, point.theta), _GENTLE_WEIGHT * discount)
+        guess = replace(point, local=guess_nuisances(model, point.theta))
+        point, _ = _descend(model, guess, white, free, **_GENTLE_STOP)
+    settled = _settled(model, point, discount, free, rounds=1, tolerance=tolerance)
+    return _at(model, *settled, discount, free, Starts(1, 1))
 
 
 def without_effect(previous: Estimate, name: str) -> Estimate:
-    """The estimate repeated with an effect of its model held at its null."""
-    part, theta = previous.model.space.slice_of(name), previous.theta.copy()
-    theta[part] = previous.model.space.nulls[part]
-    return re_estimate(
-        previous, theta, previous.free[(previous.free < part.start) | (previous.free >= part.stop)]
-    )
+    """The estimate repeated with an effect held at its null.
+
+    Parameters
+    ----------
+    previous : Estimate
+    name : str
+        Of an effect of its model.
+
+    Returns
+    -------
+    Estimate
+    """
+    space, theta = previous.model.space, previous.theta.copy()
+    part = space.slice_of(name)
+    theta[part] = space.nulls[part]
+    others = (previous.free < part.start) | (previous.free >= part.stop)
+    return re_estimate(previous, theta, previous.free[others])
 
 
 def move_to(previous: Estimate, model: Model) -> Estimate:
-    """The same point in a model of the same campaign and drive with more effects, each held at its null."""
-    theta = model.space.nulls
-    here = dict(zip(previous.model.space.names, previous.theta, strict=True))
-    free_names = {previous.model.space.names[i] for i in previous.free}
+    """The same point in a model with more effects, each held at its null.
+
+    Parameters
+    ----------
+    previous : Estimate
+    model : Model
+        Of the same campaign and drive.
+
+    Returns
+    -------
+    Estimate
+        Nothing is fitted anew.
+    """
+    theta, names = model.space.nulls, previous.model.space.names
+    fitted_values = dict(zip(names, previous.theta, strict=True))
+    free_names = {names[i] for i in previous.free}
     for i, name in enumerate(model.space.names):
-        theta[i] = here.get(name, theta[i])
+        theta[i] = fitted_values.get(name, theta[i])
     free = np.array([i for i, name in enumerate(model.space.names) if name in free_names])
-    point = Point(theta, previous.point.bias, previous.point.local)
     return replace(
-        previous, model=model, point=point, information=previous.information._replace(free=free)
+        previous,
+        model=model,
+        point=replace(previous.point, theta=theta),
+        information=previous.information._replace(free=free),
     )
 
 
 def with_noise(previous: Estimate, factors: dict[str, float]) -> Estimate:
-    """The estimate repeated with each channel's stated noise multiplied by a factor."""
-    discount = np.tile([factors[c] ** -2.0 for c in CHANNELS], (previous.model.n_slews, 1))
+    """The estimate repeated with other noise.
+
+    Parameters
+    ----------
+    previous : Estimate
+    factors : dict of float
+        What each channel's stated noise is multiplied by.
+
+    Returns
+    -------
+    Estimate
+        The same object if its noise is that already.
+    """
+    model, free = previous.model, previous.free
+    discount = np.tile([factors[c] ** -2.0 for c in CHANNELS], (model.n_slews, 1))
     if np.array_equal(discount, previous.discount):
         return previous
-    point, objective, stated = _settled(previous.model, previous.point, discount, previous.free)
-    return _at(previous.model, point, objective, stated, discount, previous.free, previous.starts)
+    settled = _settled(model, previous.point, discount, free)
+    return _at(model, *settled, discount, free, previous.starts)
 
 
 def _discounted_fit(
     model: Model, point: Point, channels: np.ndarray, free: np.ndarray, starts: Starts
 ) -> Estimate:
-    """Repeat the estimate with each slew's information divided by the dispersion of its own residuals, until both agree."""
-    factors = np.where(channels, _GENTLE, np.ones((model.n_slews, 3)))
-    for _ in range(10):
+    """Repeat the estimate, each slew counted as its own residuals scatter, until both agree."""
+    factors = np.where(channels, _GENTLE_WEIGHT, np.ones((model.n_slews, 3)))
+    for _ in range(_DISCOUNT_ROUNDS):
         point, _, stated = _settled(model, point, factors, free, rounds=1)
         previous, factors = factors, np.where(channels, _dispersions(model, point, stated), 1.0)
-        if np.all(np.abs(np.log(factors / previous)) < 0.02):
+        if np.all(np.abs(np.log(factors / previous)) < _DISCOUNT_SETTLED):
             break
     return _at(model, *_settled(model, point, factors, free), factors, free, starts)
 
 
 def _dispersions(model: Model, point: Point, stated: Whitening) -> np.ndarray:
+    """One over the dispersion of each slew's residuals, by channel (slews, 3)."""
     series = residual_series(model, point, stated)
     return np.array(
         [
@@ -183,72 +252,82 @@ def _dispersions(model: Model, point: Point, stated: Whitening) -> np.ndarray:
 def _from_starts(
     model: Model, seed: int, starts: int, free: np.ndarray
 ) -> list[tuple[float, Point]]:
-    """Gentle descents from the prior mean and from draws of the prior, from more of them while none comes near the data."""
-    found: list[tuple[float, Point]] = []
-    near = _LOST * _GENTLE * 0.5 * sum(3 * len(s.time) for s in model.campaign.slews)
-    for k, theta in enumerate(
-        [
-            model.space.mean,
-            *model.draw_prior(np.random.default_rng(seed), max(starts, _MOST_STARTS) - 1),
-        ]
-    ):
-        if k >= starts and found and min(o for o, _ in found) < near:
+    """Gentle descents from the prior mean and from draws, more while none comes near the data."""
+    descents: list[tuple[float, Point]] = []
+    readings = sum(3 * len(s.time) for s in model.campaign.slews)
+    near = _LOST_REDUCED_CHI2 * _GENTLE_WEIGHT * 0.5 * readings
+    draws = model.draw_prior(np.random.default_rng(seed), max(starts, _MOST_STARTS) - 1)
+    for k, theta in enumerate([model.space.mean, *draws]):
+        if k >= starts and descents and min(o for o, _ in descents) < near:
             break
-        objective, point = _gently(model, _inside(model, theta), free)
+        objective, point = _gently(model, _inside_support(model, theta), free)
         if np.isfinite(objective):
-            found.append((objective, point))
-    if not found:
+            descents.append((objective, point))
+    if not descents:
         raise EstimateError(
             "no start of the optimizer gave finite residuals",
             advice="check units and signs of the telemetry columns",
         )
-    return found
+    return descents
 
 
-def _different(model: Model, found: list[tuple[float, Point]]) -> list[tuple[Point, int]]:
-    """The ends of gentle descents that are not far worse than the best, without repetition, and how often each was reached.
+def distinct_ends(model: Model, descents: list[tuple[float, Point]]) -> list[tuple[Point, int]]:
+    """The ends of gentle descents that are worth following, without repetition.
 
     While the data count weakly an objective hardly tells two optima apart; places do.
+
+    Parameters
+    ----------
+    model : Model
+    descents : list of (float, Point)
+        Objective and end of each descent.
+
+    Returns
+    -------
+    list of (Point, int)
+        Ends not far worse than the best, best first, and how often each was reached.
     """
-    found = sorted(found, key=lambda f: f[0])
+    descents = sorted(descents, key=lambda descent: descent[0])
     groups: list[list[Point]] = []
-    for objective, point in found:
-        here = _place(model, point)
-        same = next((g for g in groups if np.max(np.abs(_place(model, g[0]) - here)) < _SAME), None)
-        if same is not None:
-            same.append(point)
-        elif objective < found[0][0] + 1.0:
+    for objective, point in descents:
+        place = _place(model, point)
+        same = [g for g in groups if np.max(np.abs(_place(model, g[0]) - place)) < _SAME_PLACE_SD]
+        if same:
+            same[0].append(point)
+        elif objective < descents[0][0] + _WORTH_FOLLOWING:
             groups.append([point])
-    return [(g[0], len(g)) for g in groups]
+    return [(group[0], len(group)) for group in groups]
 
 
 def _place(model: Model, point: Point) -> np.ndarray:
+    """All unknowns in prior sd."""
     return np.concatenate([point.theta / model.space.sd, point.bias, point.local.ravel()])
 
 
 def _gently(model: Model, theta: np.ndarray, free: np.ndarray) -> tuple[float, Point]:
     """Objective and end of a descent with the data counted weakly.
 
-    J, K and the nuisances move first: far from the optimum an effect would take over what they have to explain. Nuisances guessed
-    at a J far from the truth can end in a local optimum: they are guessed again at the J that was reached.
+    J, K and the nuisances move first: far from the optimum an effect would take over what they
+    have to explain. Nuisances guessed at a J far from the truth can end in a local optimum: they
+    are guessed again at the J that was reached.
     """
-    white = discounted(
-        whitening(model, np.asarray(theta, float)), np.full((model.n_slews, len(CHANNELS)), _GENTLE)
-    )
+    theta = np.asarray(theta, float)
+    weights = np.full((model.n_slews, len(CHANNELS)), _GENTLE_WEIGHT)
+    white = discounted(whitening(model, theta), weights)
     core = free[free < N_BASE]
-    first = Point(np.asarray(theta, float), np.zeros(N_BIAS), begin(model, theta))
-    point, objective = _descend(model, first, white, core, **_SOON)
+    first = Point(theta, np.zeros(N_BIAS), guess_nuisances(model, theta))
+    point, objective = _descend(model, first, white, core, **_GENTLE_STOP)
     if np.any(first.local):
-        again, lower = _descend(
-            model, replace(point, local=begin(model, point.theta)), white, core, **_SOON
-        )
-        point, objective = (again, lower) if lower < objective else (point, objective)
+        guess = replace(point, local=guess_nuisances(model, point.theta))
+        second, lower = _descend(model, guess, white, core, **_GENTLE_STOP)
+        if lower < objective:
+            point, objective = second, lower
     if len(core) < len(free):
-        point, objective = _descend(model, point, white, free, **_SOON)
+        point, objective = _descend(model, point, white, free, **_GENTLE_STOP)
     return objective, point
 
 
-def _inside(model: Model, theta: np.ndarray) -> np.ndarray:
+def _inside_support(model: Model, theta: np.ndarray) -> np.ndarray:
     """A prior draw moved a little into the support of priors that end at their null."""
     theta = np.array(theta, float)
     margin = 0.1 * model.space.sd
@@ -259,8 +338,8 @@ def _inside(model: Model, theta: np.ndarray) -> np.ndarray:
 def _settled(
     model: Model, point: Point, factors: np.ndarray, free: np.ndarray, rounds: int = 3, **stop
 ) -> tuple[Point, float, Whitening]:
-    """Optimum and noise that belong together: in the measured drive the noise depends on J."""
-    stated = whitening(model, point.theta)
+    """Optimum, objective and noise that belong together (measured drive: noise depends on J)."""
+    stated, objective = whitening(model, point.theta), np.inf
     for _ in range(rounds if model.structure.drive == "measured" else 1):
         point, objective = _descend(model, point, discounted(stated, factors), free, **stop)
         stated = whitening(model, point.theta)
@@ -270,14 +349,12 @@ def _settled(
 def _best_settled(
     model: Model, point: Point, factors: np.ndarray, free: np.ndarray
 ) -> tuple[Point, float, Whitening]:
-    """As `_settled`, and once more with the nuisances guessed at the J that was reached, if that is better."""
+    """As `_settled`, or from nuisances guessed at the J that was reached, if that is better."""
     settled = _settled(model, point, factors, free)
-    again = replace(settled[0], local=begin(model, settled[0].theta))
-    return (
-        min(settled, _settled(model, again, factors, free), key=lambda s: s[1])
-        if np.any(again.local)
-        else settled
-    )
+    guess = replace(settled[0], local=guess_nuisances(model, settled[0].theta))
+    if not np.any(guess.local):
+        return settled
+    return min(settled, _settled(model, guess, factors, free), key=lambda optimum: optimum[1])
 
 
 def _at(
@@ -289,8 +366,9 @@ def _at(
     free: np.ndarray,
     starts: Starts,
 ) -> Estimate:
+    """The estimate that an optimum is."""
     white = discounted(stated, factors)
-    blocks = information(model, point, white, free)
+    blocks = information_blocks(model, point, white, free)
     hessian, _ = normal_equations(model, point, blocks)
     return Estimate(model, point, stated, white, factors, blocks, hessian, objective, starts)
 
@@ -298,11 +376,13 @@ def _at(
 def _descend(
     model: Model, point: Point, white: Whitening, free: np.ndarray, **stop
 ) -> tuple[Point, float]:
+    """The minimum that a descent from a point reaches, and its objective."""
+
     def equations(x: Point) -> tuple[np.ndarray, np.ndarray]:
-        blocks = information(model, x, white, free)
+        blocks = information_blocks(model, x, white, free)
         return in_chart(x, *normal_equations(model, x, blocks))
 
-    return descend(
+    return levenberg_marquardt(
         lambda x: negative_log_posterior(model, x, white),
         equations,
         lambda x, step: moved(model, x, step, free),

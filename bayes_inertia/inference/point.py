@@ -21,7 +21,8 @@ class Point:
     bias : (3,) array
         Deviation of the rate bias from its prior mean, in prior sd.
     local : (slews, n_local) array
-        Nuisances of each slew (start state; in the measured drive slow tachometer noise), in prior sd.
+        Nuisances of each slew (start state; in the measured drive slow tachometer noise), in
+        prior sd.
 
     Examples
     --------

@@ -1,9 +1,9 @@
 """Does the model explain the data? Tests of whitened residuals, and what misfit does to the noise.
 
-Where residuals are larger than the stated noise, or correlated in time, the stated noise understates
-the uncertainty by far: n correlated numbers carry the information of n / (chi^2 tau), with chi^2
-their mean square and tau their integrated autocorrelation time. `dispersion` measures that factor
-slew by slew; the estimate then counts each slew with its inverse.
+Where residuals are larger than the stated noise, or correlated in time, the stated noise
+understates the uncertainty by far: n correlated numbers carry the information of n / (chi^2 tau),
+with chi^2 their mean square and tau their integrated autocorrelation time. `dispersion` measures
+that factor slew by slew; the estimate then counts each slew with its inverse.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from emcee.autocorr import integrated_time
 from scipy import stats
 
 from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.inference.gates import REJECT_BELOW
 
-# False alarms on perfect data: three channels, two tests each, in all about six per mille.
-REJECT_BELOW = 1e-3
+# Lags [rows] over which correlation is tested.
 _LAGS = 10
 
 
@@ -25,10 +25,16 @@ _LAGS = 10
 class ChannelTest:
     """Tests of one channel's residuals, all slews together.
 
-    Attributes
+    Parameters
     ----------
-    reduced_chi2, interval : mean square per degree of freedom, and its central 99 % interval if the model is right; None without data.
-    p_chi2 : two-sided p-value of chi^2. p_white : p-value of no autocorrelation (Ljung-Box); None where it cannot be tested.
+    reduced_chi2 : float or None
+        Mean square per degree of freedom; None without data.
+    interval : (float, float) or None
+        Its central 99 % interval if the model is right; None without data.
+    p_chi2 : float or None
+        Two-sided p-value of chi^2.
+    p_white : float or None
+        p-value of no autocorrelation (Ljung-Box and periodogram); None where it cannot be tested.
     """
 
     reduced_chi2: float | None
@@ -43,7 +49,7 @@ class ChannelTest:
 
     @property
     def too_large(self) -> bool:
-        """Whether they are larger or smoother than predicted (smaller ones mean overstated noise: no danger)."""
+        """Whether they are larger or smoother than predicted (smaller ones are no danger)."""
         smooth = self.p_white is not None and self.p_white < REJECT_BELOW
         return smooth or (
             self.rejected and self.reduced_chi2 is not None and self.reduced_chi2 > 1.0
@@ -51,8 +57,23 @@ class ChannelTest:
 
 
 def chi2_test(chi2: float, dof: float, p_white: float | None = None) -> ChannelTest:
-    """Test a sum of squares against its degrees of freedom; no test where the fit leaves less than half of one.
+    """Test a sum of squares against its degrees of freedom.
 
+    Parameters
+    ----------
+    chi2 : float
+        Sum of squares.
+    dof : float
+        Degrees of freedom; there is no test where the fit leaves less than half of one.
+    p_white : float, optional
+        p-value of a test for whiteness, kept beside.
+
+    Returns
+    -------
+    ChannelTest
+
+    Examples
+    --------
     >>> chi2_test(130.0, 100.0).rejected, chi2_test(200.0, 100.0).rejected
     (False, True)
     """
@@ -70,8 +91,17 @@ def channel_tests(
 
     Parameters
     ----------
-    series : {channel: [(rows, components) residuals a slew, NaN where nothing was measured]}.
-    chi2, dof : (3,) sums of squares and degrees of freedom by channel.
+    series : dict of list of (rows, components) arrays
+        Residuals by channel and slew, NaN where nothing was measured.
+    chi2 : (3,) array
+        Sums of squares by channel.
+    dof : (3,) array
+        Degrees of freedom by channel.
+
+    Returns
+    -------
+    dict of ChannelTest
+        By channel, and "total".
     """
     tests = {}
     for i, channel in enumerate(CHANNELS):
@@ -83,18 +113,33 @@ def channel_tests(
 
 
 def _columns(slews: list[np.ndarray]) -> list[np.ndarray]:
+    """Series of single components that are long enough to correlate."""
     columns = [slew[np.isfinite(slew[:, i]), i] for slew in slews for i in range(slew.shape[1])]
     return [c for c in columns if len(c) > 5 * _LAGS]
 
 
 def whiteness(slews: list[np.ndarray]) -> float | None:
-    """p-value of white residuals, all components and slews together; None if the series are too short.
+    """p-value of white residuals, all components and slews together.
 
-    Two tests, the smaller p-value counted twice: Ljung and Box's of correlation over a few samples, and the highest line of the
-    periodogram summed over all series (Fisher's g without its single series), which sees a small ripple that lasts.
+    Two tests, the smaller p-value counted twice: Ljung and Box's of correlation over a few samples,
+    and the highest line of the periodogram summed over all series (Fisher's g without its single
+    series), which sees a small ripple that lasts.
 
+    Parameters
+    ----------
+    slews : list of (rows, components) arrays
+        Residuals, NaN where nothing was measured.
+
+    Returns
+    -------
+    float or None
+        None if the series are too short.
+
+    Examples
+    --------
     >>> rng = np.random.default_rng(1)
-    >>> whiteness([rng.normal(size=(400, 3))]) > 1e-3, whiteness([rng.normal(size=(400, 3)).cumsum(0)]) < 1e-3
+    >>> noise = rng.normal(size=(400, 3))
+    >>> whiteness([noise]) > 1e-3, whiteness([noise.cumsum(0)]) < 1e-3
     (True, True)
     >>> ripple = 0.3 * np.sin(0.3 * np.arange(400.0))[:, None]
     >>> whiteness([rng.normal(size=(400, 3)) + ripple for _ in range(5)]) < 1e-6
@@ -108,19 +153,19 @@ def whiteness(slews: list[np.ndarray]) -> float | None:
 
 
 def _ljung_box(columns: list[np.ndarray]) -> float:
+    """p-value of Ljung and Box's test, all series together."""
     total = 0.0
     for x in columns:
         x = x - x.mean()
         n, power = len(x), float(x @ x)
-        correlation = np.array([x[lag:] @ x[:-lag] for lag in range(1, _LAGS + 1)]) / max(
-            power, 1e-300
-        )
+        products = np.array([x[lag:] @ x[:-lag] for lag in range(1, _LAGS + 1)])
+        correlation = products / max(power, 1e-300)
         total += n * (n + 2) * float(np.sum(correlation**2 / (n - np.arange(1, _LAGS + 1))))
     return float(stats.chi2.sf(total, _LAGS * len(columns)))
 
 
 def _highest_line(columns: list[np.ndarray]) -> float:
-    """Sidak's p-value of the highest line of the summed periodogram, at frequencies in cycles a sample."""
+    """Sidak's p-value of the highest line of the summed periodogram."""
     n = max(len(x) for x in columns)
     lines = sum(
         2.0
@@ -128,18 +173,29 @@ def _highest_line(columns: list[np.ndarray]) -> float:
         / max(float(np.sum((x - x.mean()) ** 2)), 1e-300)
         for x in columns
     )
-    inside = lines[
-        1 : (n - 1) // 2 + 1
-    ]  # without the mean, and the line at half the sampling rate, which has one degree of freedom
+    # Without the mean, and the line at half the sampling rate, which has one degree of freedom.
+    inside = lines[1 : (n - 1) // 2 + 1]
     single = float(stats.chi2.sf(inside.max(), 2 * len(columns)))
     return float(-np.expm1(len(inside) * np.log1p(-min(single, 1.0 - 1e-16))))
 
 
 def dispersion(slew: np.ndarray, *, bursts: bool = False) -> float:
-    """Factor (>= 1) by which one slew's residuals (rows, components) carry less information than white unit noise would.
+    """By which factor one slew's residuals carry less information than white unit noise would.
 
-    `bursts` : star-tracker fixes, taken as fully correlated within each half of the slew.
+    Parameters
+    ----------
+    slew : (rows, components) array
+        Residuals in sigmas, NaN where nothing was measured.
+    bursts : bool
+        Star-tracker fixes, taken as fully correlated within each half of the slew.
 
+    Returns
+    -------
+    float
+        At least 1.
+
+    Examples
+    --------
     >>> dispersion(2.0 * np.random.default_rng(1).normal(size=(4000, 3))) < 6.0
     True
     """

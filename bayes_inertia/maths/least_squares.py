@@ -8,21 +8,73 @@ chart of the physical inertia tensors.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import linalg
 
 # Damping of a correction: stiff directions move, weak ones stay. Corrections of one step at most.
-_STIFF, _CORRECTIONS = 1e-2, 3
-# So many steps are the last ones, and so many tolerances are little for them to gain.
-_LATELY, _CREEP = 5, 100.0
-# Damping of a step that counts as undamped.
-_LEAST = 1e-12
-# Parts of the undamped step that are tried where the damped one disappoints.
-_PARTS = (0.3, 0.1, 0.03)
+_CORRECTION_DAMPING, _MOST_CORRECTIONS = 1e-2, 3
+# A descent ends when so many steps together gained less than so many tolerances.
+_STALL_STEPS, _STALL_TOLERANCES = 5, 100.0
+# Damping of the first step; of a step that counts as undamped; above which no step is short enough.
+_FIRST_DAMPING, _LEAST_DAMPING, _LARGEST_DAMPING = 1e-4, 1e-12, 1e12
+# Damping at which a step meets a wall of the support, where the undamped one promises without end.
+_WALL_DAMPING = 1e3
+# Share of a step's promise below which it disappoints, and of the undamped step's below which
+# parts of that are tried.
+_DISAPPOINTING_SHARE, _LITTLE_SHARE = 0.5, 0.02
+_UNDAMPED_PARTS = (0.3, 0.1, 0.03)
+# The undamped step may promise so many tolerances more than the damped one when a descent ends.
+_UNDAMPED_TOLERANCES = 1e3
 
 
-def descend[X](
+@dataclass(frozen=True)
+class _Problem[X]:
+    """What is minimised, and how one moves."""
+
+    objective: Callable[[X], float]
+    equations: Callable[[X], tuple[np.ndarray, np.ndarray]]
+    move: Callable[[X, np.ndarray], X]
+
+    def at(self, x: X) -> tuple[X, float]:
+        """A point and its objective, infinite where there is none."""
+        value = self.objective(x)
+        return x, value if np.isfinite(value) else np.inf
+
+    def corrected(self, x: X, value: float, wanted: float) -> tuple[X, float]:
+        """A point lower than x beside the valley's bottom; enough once `wanted` is reached."""
+        for _ in range(_MOST_CORRECTIONS):
+            if not np.isfinite(value) or value < wanted:
+                break
+            step = _damped_step(*self.equations(x), _CORRECTION_DAMPING)
+            trial, reached = self.at(self.move(x, step))
+            if reached >= value:
+                break
+            x, value = trial, reached
+        return x, value
+
+
+@dataclass(frozen=True)
+class _Promise:
+    """Steps with damping and without, and by how much they would lower the quadratic."""
+
+    step: np.ndarray
+    undamped: np.ndarray
+    damped_gain: float
+    undamped_gain: float
+
+    def ends(self, tolerance: float, damping: float) -> bool:
+        """Whether little is left to gain.
+
+        A damped step may promise little while the end of the valley is far; at a wall of the
+        support the promise never ends.
+        """
+        near = self.undamped_gain < _UNDAMPED_TOLERANCES * tolerance
+        return self.damped_gain < tolerance and (near or damping > _WALL_DAMPING)
+
+
+def levenberg_marquardt[X](
     objective: Callable[[X], float],
     equations: Callable[[X], tuple[np.ndarray, np.ndarray]],
     move: Callable[[X, np.ndarray], X],
@@ -31,105 +83,105 @@ def descend[X](
     steps: int = 100,
     tolerance: float = 1e-7,
 ) -> tuple[X, float]:
-    """Minimise half a sum of squares with Nielsen's damping (Madsen, Nielsen, Tingleff 2004, algorithm 3.16), searched along and corrected.
+    """Minimise half a sum of squares.
 
-    Where the data hardly show a direction the minimum lies at the end of a long, narrow, curved valley: steps end on its
-    wall, and damping alone would creep. A step that disappoints is followed by corrections that move down the wall and not
-    along the valley, and one that gains little of what the undamped step promises is tried against parts of that step.
+    Nielsen's damping (Madsen, Nielsen, Tingleff 2004, algorithm 3.16), with steps searched along
+    and corrected. Where the data hardly show a direction the minimum lies at the end of a long,
+    narrow, curved valley: steps end on its wall, and damping alone would creep. A step that
+    disappoints is followed by corrections that move down the wall and not along the valley. One
+    that gains little of what the undamped step promises is tried against parts of that step.
 
     Parameters
     ----------
-    objective : half the sum of squares at a point; infinite or NaN where there is none.
-    equations : Gauss-Newton Hessian (n, n) and gradient (n,) at a point.
-    move : the point reached by a step (n,).
-    steps : at most. tolerance : stop when a step promises less than this, and the undamped one less than a thousand times this, or
-        when the last steps that were taken gained less than a hundred times this together.
+    objective : callable
+        Half the sum of squares at a point; infinite or NaN where there is none.
+    equations : callable
+        Gauss-Newton Hessian (n, n) and gradient (n,) at a point.
+    move : callable
+        The point reached from a point by a step (n,).
+    x : object
+        Where to begin.
+    steps : int
+        At most.
+    tolerance : float
+        Of the objective. The descent ends when a step promises less than this and the undamped
+        one less than a thousand times this, or when the last steps that were taken gained less
+        than a hundred times this together.
 
     Returns
     -------
-    The best point and its objective.
+    x : object
+        The best point.
+    objective : float
+        There.
 
-    >>> descend(lambda x: 0.5 * x @ x, lambda x: (np.eye(2), x), lambda x, s: x + s, np.ones(2))[0].round(3).tolist()
+    Examples
+    --------
+    >>> def identity(x): return np.eye(2), x
+    >>> x, _ = levenberg_marquardt(lambda x: 0.5 * x @ x, identity, np.add, np.ones(2))
+    >>> x.round(3).tolist()
     [0.0, 0.0]
     """
-    best, damping, growth = objective(x), 1e-4, 2.0
-    reached_before = [np.inf] * _LATELY
+    problem = _Problem(objective, equations, move)
+    best, damping, growth = objective(x), _FIRST_DAMPING, 2.0
+    reached_before = [np.inf] * _STALL_STEPS
     hessian, gradient = equations(x)
     for _ in range(steps):
-        step, whole = (_damped_step(hessian, gradient, d) for d in (damping, _LEAST))
-        promised, all_promised = (_promised(hessian, gradient, s) for s in (step, whole))
-        trial, reached = _at(objective, move(x, step))
-        if best - reached < 0.5 * promised:
-            trial, reached = _corrected(
-                objective, equations, move, trial, reached, best - 0.5 * promised
-            )
-        if best - reached < 0.02 * all_promised and all_promised > 1e3 * tolerance:
-            part, value = min(
-                (_at(objective, move(x, k * whole)) for k in _PARTS), key=lambda tried: tried[1]
-            )
-            if value < best:
-                trial, reached = min(
-                    (trial, reached),
-                    _corrected(objective, equations, move, part, value, -np.inf),
-                    key=lambda tried: tried[1],
-                )
+        promise = _promise(hessian, gradient, damping)
+        trial, reached = _trial(problem, x, best, promise, tolerance)
         if np.isfinite(reached) and reached <= best:
-            gain = (best - reached) / max(promised, 1e-300)
+            gain = (best - reached) / max(promise.damped_gain, 1e-300)
             x, best = trial, reached
-            damping, growth = (
-                max(damping * max(0.1, 1.0 - (2.0 * min(gain, 1.0) - 1.0) ** 3), _LEAST),
-                2.0,
-            )
-            # A damped step may promise little while the end of the valley is far; at a wall of the support the promise never ends.
-            if promised < tolerance and (all_promised < 1e3 * tolerance or damping > 1e3):
+            factor = max(0.1, 1.0 - (2.0 * min(gain, 1.0) - 1.0) ** 3)
+            damping, growth = max(damping * factor, _LEAST_DAMPING), 2.0
+            if promise.ends(tolerance, damping):
                 break
             reached_before = [*reached_before[1:], best]
-            if reached_before[0] - best < _CREEP * tolerance:
+            if reached_before[0] - best < _STALL_TOLERANCES * tolerance:
                 break
             hessian, gradient = equations(x)
         else:
             damping, growth = damping * growth, growth * 2.0
-        if promised < 1e-3 * tolerance or damping > 1e12 or not np.all(np.isfinite(gradient)):
+        hopeless = promise.damped_gain < 1e-3 * tolerance or damping > _LARGEST_DAMPING
+        if hopeless or not np.all(np.isfinite(gradient)):
             break
     return x, best
 
 
-def _at[X](objective: Callable[[X], float], x: X) -> tuple[X, float]:
-    """A point and its objective, infinite where there is none."""
-    value = objective(x)
-    return x, value if np.isfinite(value) else np.inf
+def _promise(hessian: np.ndarray, gradient: np.ndarray, damping: float) -> _Promise:
+    """The step with this damping, the undamped one, and what both promise."""
+    step, undamped = (_damped_step(hessian, gradient, d) for d in (damping, _LEAST_DAMPING))
+    gains = (float(-(gradient @ s + 0.5 * s @ hessian @ s)) for s in (step, undamped))
+    return _Promise(step, undamped, *gains)
 
 
-def _promised(hessian: np.ndarray, gradient: np.ndarray, step: np.ndarray) -> float:
-    """By how much a step would lower the objective if it were the quadratic of the normal equations."""
-    return float(-(gradient @ step + 0.5 * step @ hessian @ step))
-
-
-def _corrected[X](objective, equations, move, x: X, value: float, wanted: float) -> tuple[X, float]:
-    """A point lower than x beside the valley's bottom, in at most a few corrections, fewer once `wanted` is reached."""
-    for _ in range(_CORRECTIONS):
-        if not np.isfinite(value) or value < wanted:
-            break
-        trial, reached = _at(objective, move(x, _damped_step(*equations(x), _STIFF)))
-        if reached >= value:
-            break
-        x, value = trial, reached
-    return x, value
+def _trial[X](
+    problem: _Problem[X], x: X, best: float, promise: _Promise, tolerance: float
+) -> tuple[X, float]:
+    """Where a step leads, with corrections where it disappoints, and its objective."""
+    gain, all_gain = promise.damped_gain, promise.undamped_gain
+    trial, reached = problem.at(problem.move(x, promise.step))
+    if best - reached < _DISAPPOINTING_SHARE * gain:
+        trial, reached = problem.corrected(trial, reached, best - _DISAPPOINTING_SHARE * gain)
+    far = all_gain > _UNDAMPED_TOLERANCES * tolerance
+    if best - reached < _LITTLE_SHARE * all_gain and far:
+        parts = (problem.at(problem.move(x, k * promise.undamped)) for k in _UNDAMPED_PARTS)
+        part, value = min(parts, key=lambda tried: tried[1])
+        if value < best:
+            corrected = problem.corrected(part, value, -np.inf)
+            trial, reached = min((trial, reached), corrected, key=lambda tried: tried[1])
+    return trial, reached
 
 
 def _damped_step(hessian: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarray:
-    """The step (n,) with this damping, or with the least more that keeps the matrix definite; NaN where there is none."""
+    """The step (n,) with this damping, or the least more that keeps the matrix definite, or NaN."""
     if not (np.all(np.isfinite(hessian)) and np.all(np.isfinite(gradient))):
         return np.full_like(gradient, np.nan)
     scale = np.sqrt(np.diag(hessian))
     scaled = hessian / np.outer(scale, scale)
     while True:
         try:
-            return (
-                -linalg.cho_solve(
-                    linalg.cho_factor(scaled + damping * np.eye(len(scale))), gradient / scale
-                )
-                / scale
-            )
+            factor = linalg.cho_factor(scaled + damping * np.eye(len(scale)))
+            return -linalg.cho_solve(factor, gradient / scale) / scale
         except linalg.LinAlgError:  # Rounding.
             damping = max(10.0 * damping, 1e-15)

@@ -1,0 +1,153 @@
+"""The noise of every measurement, as the factors that whiten residuals."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.physics.forward_model import Model
+
+
+class Whitening(NamedTuple):
+    """Inverse Cholesky factors of the noise, zero where nothing was measured.
+
+    Parameters
+    ----------
+    rate : (slews, n, 3, 3) array
+        Of the rate readings [s/rad].
+    attitude : (slews, fixes, 3, 3) array
+        Of the star tracker's fixes [1/rad], body axes.
+    momentum : (slews, n, wheels) array
+        Of the tachometers [1/(N m s)].
+    """
+
+    rate: Array
+    attitude: Array
+    momentum: Array
+
+
+def whitening(model: Model, theta: np.ndarray) -> Whitening:
+    """Noise of every measurement.
+
+    Parameters
+    ----------
+    model : Model
+        Its campaign states the sigmas.
+    theta : (d,) array
+        Parameters; in the measured drive the noise of the rates depends on J and K.
+
+    Returns
+    -------
+    Whitening
+    """
+    campaign, telemetry = model.campaign, model.data.arrays.telemetry
+    momentum = np.zeros(telemetry.momentum.shape)
+    if model.structure.drive == "commanded":
+        sigma = np.array([w.momentum_sigma or np.inf for w in campaign.wheels])
+        momentum = np.where(telemetry.momentum_valid, 1.0 / sigma, 0.0)
+    attitude = np.zeros((*telemetry.attitude.shape[:2], 3, 3))
+    if campaign.star_tracker is not None:
+        tracker = campaign.star_tracker
+        along = np.outer(tracker.boresight_B, tracker.boresight_B)
+        whiten = (np.eye(3) - along) / tracker.sigma_cross + along / tracker.sigma_roll
+        attitude = np.asarray(telemetry.fix_valid)[..., None, None] * whiten
+    covariance = rate_noise_covariance(model, theta)
+    return Whitening(
+        jnp.asarray(_whiten_rows(covariance, np.asarray(telemetry.rate_valid))),
+        jnp.asarray(attitude),
+        jnp.asarray(momentum),
+    )
+
+
+def rate_noise_covariance(model: Model, theta: np.ndarray) -> np.ndarray:
+    """Covariance of one rate reading's noise.
+
+    In the measured drive tachometer noise is an input: it shakes the predicted rate by J^-1 G dh.
+    (The part of it that accumulates in the attitude is among the nuisances.)
+
+    Parameters
+    ----------
+    model : Model
+    theta : (d,) array
+        Parameters.
+
+    Returns
+    -------
+    (3, 3) array
+        [rad^2/s^2], sensor axes.
+    """
+    campaign, sensor = model.campaign, model.campaign.rate_sensor
+    covariance = np.diag(np.square(sensor.sigma))
+    if model.structure.drive == "measured" and campaign.wheels:
+        shake = (
+            sensor.axes
+            @ np.linalg.solve(_locked_inertia(model, theta), campaign.wheel_axes_B)
+            / np.asarray(theta[6:9])[:, None]
+        )
+        momentum = np.diag(np.square([w.momentum_sigma for w in campaign.wheels]))
+        covariance = covariance + shake @ momentum @ shake.T
+    return covariance
+
+
+def _locked_inertia(model: Model, theta: np.ndarray) -> np.ndarray:
+    """J (3, 3) with the wheels' spin inertia."""
+    J = np.array(inertia_tensor.tensor(jnp.asarray(theta[:6])))
+    if model.structure.includes_wheel_spin:
+        return J
+    axes, spin = model.campaign.wheel_axes_B, model.campaign.spin_inertias
+    return np.array(inertia_tensor.with_wheel_spin(J, jnp.asarray(axes), jnp.asarray(spin)))
+
+
+def _whiten_rows(covariance: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """Inverse Cholesky factor of the valid part of each row's covariance (..., 3, 3)."""
+    factors = np.zeros((*valid.shape, 3))
+    for pattern in np.unique(valid.reshape(-1, 3), axis=0):
+        keep = np.flatnonzero(pattern)
+        factor = np.zeros((3, 3))
+        if len(keep):
+            block = covariance[np.ix_(keep, keep)]
+            factor[np.ix_(keep, keep)] = np.linalg.inv(np.linalg.cholesky(block))
+        factors[(valid == pattern).all(axis=-1)] = factor
+    return factors
+
+
+def discounted(white: Whitening, factors: np.ndarray) -> Whitening:
+    """The same noise with information taken away.
+
+    Parameters
+    ----------
+    white : Whitening
+    factors : (slews, 3) array
+        What each slew's and channel's information is multiplied by.
+
+    Returns
+    -------
+    Whitening
+    """
+    root = jnp.sqrt(jnp.asarray(factors))
+    return Whitening(
+        white.rate * root[:, 0, None, None, None],
+        white.attitude * root[:, 1, None, None, None],
+        white.momentum * root[:, 2, None, None],
+    )
+
+
+def n_data(white: Whitening) -> np.ndarray:
+    """How many numbers were measured.
+
+    Parameters
+    ----------
+    white : Whitening
+
+    Returns
+    -------
+    (slews, 3) array of int
+        By slew and channel.
+    """
+    rate = np.count_nonzero(np.diagonal(white.rate, axis1=-2, axis2=-1), axis=(1, 2))
+    attitude = np.count_nonzero(np.diagonal(white.attitude, axis1=-2, axis2=-1), axis=(1, 2))
+    return np.stack([rate, attitude, np.count_nonzero(white.momentum, axis=(1, 2))], 1)

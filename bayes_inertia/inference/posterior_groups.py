@@ -1,0 +1,219 @@
+"""Building a posterior: the groups of its tree, from an estimate and its samples."""
+
+from __future__ import annotations
+
+import json
+import warnings
+from dataclasses import asdict
+from importlib import metadata
+from typing import TYPE_CHECKING, Any
+
+import jax
+import numpy as np
+
+from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.inference.fit_context import FitContext
+from bayes_inertia.inference.gates import check_gates, criteria
+from bayes_inertia.inference.laplace import Estimate, principal_sd
+from bayes_inertia.inference.likelihood import residuals
+from bayes_inertia.inference.posterior import FORMAT, Posterior
+from bayes_inertia.inference.predicted_telemetry import predicted_telemetry
+from bayes_inertia.inference.sampler import Chains
+from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.physics.parameters import log_prior
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+Groups = dict[str, dict[str, np.ndarray]]
+
+_PRIOR_DRAWS = 2000
+_LIBRARIES = ("bayes-inertia", "jax", "emcee", "arviz", "numpy", "scipy")
+_AXES = {
+    "rate": ["slew", "row", "sensor_axis"],
+    "attitude": ["slew", "fix", "quaternion"],
+    "momentum": ["slew", "row", "wheel"],
+}
+_RESIDUAL_AXES = _AXES | {"attitude": ["slew", "fix", "body_axis"]}
+_DIMENSIONS = (
+    {"principal_moment": ["axis"]}
+    | _AXES
+    | {"time": ["slew", "row"], "fix_time": ["slew", "fix"]}
+    | {f"{c}_point": _AXES[c][:2] for c in CHANNELS}
+)
+_UNITS = {
+    ("derived", "principal_moment"): "kg m^2",
+    **{(g, "rate"): "rad/s" for g in ("posterior_predictive", "observed_data")},
+    **{(g, "momentum"): "N m s" for g in ("posterior_predictive", "observed_data")},
+    **{(g, "attitude"): "" for g in ("posterior_predictive", "observed_data")},
+    ("constant_data", "time"): "s",
+    ("constant_data", "fix_time"): "s",
+    ("estimate", "residual_rate"): "stated sigma",
+    ("estimate", "residual_attitude"): "stated sigma",
+    ("estimate", "residual_momentum"): "stated sigma",
+}
+
+_log_prior = jax.jit(log_prior)
+
+
+def build_posterior(
+    estimate: Estimate, chains: Chains, context: FitContext, seed: int
+) -> Posterior:
+    """Assemble the result of an estimate and its samples.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    chains : Chains
+        Samples around it.
+    context : FitContext
+        Where the fit comes from: what a diagnosis said before changes the gates and their words.
+    seed : int
+        Of the draws of prior, nuisances and predicted noise.
+
+    Returns
+    -------
+    Posterior
+    """
+    import arviz as az
+
+    rng = np.random.default_rng([seed, 1])
+    campaign, space = estimate.model.campaign, estimate.model.space
+    groups = _sampled(estimate, chains, rng)
+    predicted, pointwise = predicted_telemetry(estimate, chains, rng)
+    observed, constant = _observed(estimate)
+    groups |= {
+        "posterior_predictive": predicted,
+        "log_likelihood": pointwise,
+        "observed_data": observed,
+        "constant_data": constant,
+    }
+    coords = {
+        "slew": [s.name for s in campaign.slews],
+        "wheel": [w.name for w in campaign.wheels],
+        "axis": [1, 2, 3],
+    }
+    with warnings.catch_warnings():
+        # Walkers are many by design.
+        warnings.filterwarnings("ignore", "Found chain dimension to be longer", UserWarning)
+        tree = az.from_dict(groups, dims=_DIMENSIONS, coords=coords)
+    tree["estimate"] = _estimate_group(estimate)
+    _write_units(tree, dict(zip(space.names, space.units, strict=True)))
+    attributes = {"campaign": campaign.name, "seed": seed} | context.attributes()
+    attributes |= _attributes(estimate, chains, context)
+    tree.attrs = {"format": FORMAT, "bayes_inertia": json.dumps(attributes)}
+    return Posterior(tree)
+
+
+def _sampled(estimate: Estimate, chains: Chains, rng: np.random.Generator) -> Groups:
+    """Groups of the draws themselves; walkers are chains."""
+    model = estimate.model
+    ensembles, walkers, draws, d = chains.samples.shape
+    flat = chains.samples.reshape(ensembles * walkers, draws, d)
+    prior = model.draw_prior(rng, _PRIOR_DRAWS)
+    density = chains.log_posterior.reshape(ensembles * walkers, draws)
+    return {
+        "posterior": {name: flat[..., i] for i, name in enumerate(model.space.names)},
+        "prior": {name: prior[None, :, i] for i, name in enumerate(model.space.names)},
+        "derived": {"principal_moment": inertia_tensor.principal_moments(flat[..., :6])},
+        "sample_stats": {"lp": density},
+        "log_prior": {"theta": np.asarray(_log_prior(model.space.constants(), flat))},
+    }
+
+
+def _observed(estimate: Estimate) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """What was measured, NaN where nothing was, and when."""
+    telemetry, slews = estimate.model.data.arrays.telemetry, estimate.model.campaign.slews
+    fixed = np.asarray(telemetry.fix_valid)
+    time = np.full((len(slews), telemetry.rate.shape[1]), np.nan)
+    for i, slew in enumerate(slews):
+        time[i, : len(slew.time)] = slew.time
+    fix_time = np.take_along_axis(time, np.asarray(telemetry.fix_row), axis=1)
+    observed = {
+        "rate": np.where(telemetry.rate_valid, telemetry.rate, np.nan),
+        "attitude": np.where(fixed[..., None], telemetry.attitude, np.nan),
+        "momentum": np.where(telemetry.momentum_valid, telemetry.momentum, np.nan),
+    }
+    constant = {"time": time, "fix_time": np.where(fixed, fix_time, np.nan)}
+    return _not_empty(observed), _not_empty(constant)
+
+
+def _not_empty(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    return {name: values for name, values in arrays.items() if values.size}
+
+
+def _estimate_group(estimate: Estimate) -> xr.DataTree:
+    """The optimizer's result, both covariances, and the residuals that it leaves."""
+    import xarray as xr
+
+    names, space = list(estimate.model.space.names), estimate.model.space
+    robust = estimate.robust_covariance
+    covariance = np.full((len(names), len(names)), np.nan) if robust is None else robust
+    variables: dict[str, tuple] = {
+        "theta": (("parameter",), estimate.theta),
+        "prior_mean": (("parameter",), space.mean),
+        "prior_sd": (("parameter",), space.sd),
+        "covariance": (("parameter", "parameter_2"), estimate.covariance),
+        "robust_covariance": (("parameter", "parameter_2"), covariance),
+        "robust_sd": (("parameter",), np.sqrt(np.diag(covariance))),
+        "robust_principal_sd": (("axis",), principal_sd(estimate, covariance)),
+        "discount": (("slew", "channel"), estimate.discount),
+        "slew_chi2": (("slew", "channel"), estimate.information.chi2 / estimate.discount),
+        "slew_n_data": (("slew", "channel"), estimate.information.n_data),
+    }
+    for channel, values in _not_empty(_residual_arrays(estimate)).items():
+        variables[f"residual_{channel}"] = (_RESIDUAL_AXES[channel], values)
+    coords = {
+        "parameter": names,
+        "parameter_2": names,
+        "channel": list(CHANNELS),
+        "slew": [s.name for s in estimate.model.campaign.slews],
+    }
+    return xr.DataTree(xr.Dataset(variables, coords=coords))
+
+
+def _residual_arrays(estimate: Estimate) -> dict[str, np.ndarray]:
+    """Residuals in stated sigmas (slews, rows, components) by channel."""
+    model = estimate.model
+    flat = residuals(model.structure, estimate.point, model.data, estimate.stated)
+    widths = (3, 3, max(1, model.structure.wheels))
+    return {
+        channel: np.asarray(values).reshape(len(values), -1, width)
+        for channel, values, width in zip(CHANNELS, flat, widths, strict=True)
+        if values.size
+    }
+
+
+def _write_units(tree: xr.DataTree, units: dict[str, str]) -> None:
+    """Write the unit of every variable that has one; `units` of the parameters."""
+    for group in ("posterior", "prior"):
+        for name, unit in units.items():
+            tree[group][name].attrs["units"] = unit
+    for (group, name), unit in _UNITS.items():
+        if name in tree[group]:
+            tree[group][name].attrs["units"] = unit
+
+
+def _attributes(estimate: Estimate, chains: Chains, context: FitContext) -> dict[str, Any]:
+    """What the fit says about itself."""
+    model, tests = estimate.model, estimate.tests
+    return {
+        "diagnostics": asdict(chains.diagnostics),
+        "fit": {
+            "reduced_chi2": {key: test.reduced_chi2 for key, test in tests.items()},
+            "interval_99": {key: test.interval for key, test in tests.items()},
+            "p_chi2": {key: test.p_chi2 for key, test in tests.items()},
+            "p_white": {key: test.p_white for key, test in tests.items()},
+            "n_data": int(estimate.information.n_data.sum()),
+            "discounted": estimate.discounted,
+            "starts_agreeing": list(estimate.starts),
+        },
+        "gates": check_gates(estimate, chains.diagnostics, context),
+        "criteria": criteria(),
+        "effects": [e.name for e in model.effects],
+        "ensembles": len(chains.samples),
+        "includes_wheel_spin": model.structure.includes_wheel_spin,
+        "drive": model.structure.drive,
+        "wheels": model.structure.wheels,
+        "versions": {name: metadata.version(name) for name in _LIBRARIES},
+    }

@@ -1,0 +1,155 @@
+"""What a posterior predicts: telemetry with noise, and how likely each measurement is."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+
+from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.inference.laplace import Estimate, marginal
+from bayes_inertia.inference.likelihood import residuals
+from bayes_inertia.inference.marginal_posterior import conditional_point
+from bayes_inertia.inference.noise_model import rate_noise_covariance
+from bayes_inertia.inference.sampler import Chains
+from bayes_inertia.maths import quaternion
+
+# Draws of each ensemble kept for telemetry-sized groups.
+_DRAWS_OF_EACH_ENSEMBLE = 16
+
+_turned = jax.jit(lambda q, small_rotation: quaternion.multiply(q, quaternion.exp(small_rotation)))
+
+
+def predicted_telemetry(
+    estimate: Estimate, chains: Chains, rng: np.random.Generator
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Predicted telemetry and pointwise log likelihoods for thinned draws with their nuisances.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    chains : Chains
+        Samples around it.
+    rng : numpy.random.Generator
+        Source of draws, nuisances and measurement noise.
+
+    Returns
+    -------
+    predicted : dict of (ensembles, draws, slews, rows, components) arrays
+        By channel, with measurement noise; NaN where nothing was measured.
+    pointwise : dict of (ensembles, draws, slews, rows) arrays
+        Log densities of the measurements, under "rate_point", "attitude_point", "momentum_point".
+    """
+    thinned = _thinned(chains, rng)
+    frozen, structure = marginal(estimate), estimate.model.structure
+    predictions: dict[str, list[np.ndarray]] = {c: [] for c in CHANNELS}
+    squares: dict[str, list[np.ndarray]] = {c: [] for c in CHANNELS}
+    for theta in thinned:
+        point = conditional_point(structure, frozen, theta, rng.standard_normal(len(frozen.root)))
+        r = residuals(structure, point, estimate.model.data, estimate.stated)
+        gaps = {c: np.asarray(value) for c, value in zip(CHANNELS, r, strict=True)}
+        for c, values in _predicted(estimate, gaps).items():
+            predictions[c].append(values)
+            squares[c].append(np.square(gaps[c]).reshape(*values.shape[:2], -1).sum(-1))
+    shape = (len(chains.samples), _DRAWS_OF_EACH_ENSEMBLE)
+    predicted = {
+        c: np.stack(v).reshape(*shape, *v[0].shape)
+        for c, v in predictions.items()
+        if v and v[0].size
+    }
+    norms = _log_norms(estimate)
+    pointwise = {}
+    for c in predicted:
+        densities = np.stack([-0.5 * s for s in squares[c]]).reshape(*shape, *squares[c][0].shape)
+        pointwise[f"{c}_point"] = (densities + norms[c]).astype(np.float32)
+    return with_measurement_noise(estimate, predicted, rng), pointwise
+
+
+def _thinned(chains: Chains, rng: np.random.Generator) -> np.ndarray:
+    """Some draws of each ensemble (n, d), evenly over its steps, of random walkers."""
+    ensembles, walkers, draws, _ = chains.samples.shape
+    steps = np.linspace(0, draws - 1, _DRAWS_OF_EACH_ENSEMBLE).astype(int)
+    chosen = chains.samples[:, rng.integers(0, walkers, _DRAWS_OF_EACH_ENSEMBLE), steps]
+    return chosen.reshape(ensembles * _DRAWS_OF_EACH_ENSEMBLE, -1)
+
+
+def _predicted(estimate: Estimate, gaps: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Predictions at the measurements: what is measured minus residuals in stated sigmas."""
+    telemetry, white = estimate.model.data.arrays.telemetry, estimate.stated
+    gap = gaps["rate"].reshape(telemetry.rate.shape)
+    error = np.einsum("srij,srj->sri", _inverses(np.asarray(white.rate)), gap)
+    predicted = {"rate": np.asarray(telemetry.rate) - error}
+    if telemetry.attitude.size:
+        turn = np.einsum(
+            "srij,srj->sri",
+            _inverses(np.asarray(white.attitude)),
+            gaps["attitude"].reshape(*telemetry.attitude.shape[:2], 3),
+        )
+        predicted["attitude"] = np.asarray(_turned(telemetry.attitude, -turn))
+    if estimate.model.structure.drive == "commanded" and telemetry.momentum.size:
+        scale = np.asarray(white.momentum)
+        error = gaps["momentum"].reshape(scale.shape) / np.where(scale > 0, scale, 1.0)
+        predicted["momentum"] = np.asarray(telemetry.momentum) - error
+    return predicted
+
+
+def _inverses(factors: np.ndarray) -> np.ndarray:
+    """Inverses of triangular factors (..., 3, 3); rows of zeros (nothing measured) stay."""
+    empty = np.diagonal(factors, axis1=-2, axis2=-1) == 0.0
+    filled = factors + np.where(empty[..., None], np.eye(3), 0.0)
+    return np.linalg.inv(filled) * ~empty[..., None]
+
+
+def _log_norms(estimate: Estimate) -> dict[str, np.ndarray]:
+    """Log of the Gaussians' norms by channel (slews, rows): they make densities comparable."""
+
+    def norm(diagonal: np.ndarray) -> np.ndarray:
+        measured = diagonal > 0
+        logs = np.log(np.where(measured, diagonal, 1.0)) - 0.5 * np.log(2 * np.pi)
+        return np.sum(np.where(measured, logs, 0.0), -1)
+
+    white = estimate.stated
+    matrices = (np.diagonal(w, axis1=-2, axis2=-1) for w in (white.rate, white.attitude))
+    norms = [*(norm(m) for m in matrices), norm(np.asarray(white.momentum))]
+    return dict(zip(CHANNELS, norms, strict=True))
+
+
+def with_measurement_noise(
+    estimate: Estimate, predicted: dict[str, np.ndarray], rng: np.random.Generator
+) -> dict[str, np.ndarray]:
+    """Predictions with the noise that the likelihood counts.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Its campaign states the noise; in the measured drive its J and K say how tachometer noise
+        shakes the rates.
+    predicted : dict of (..., slews, rows, components) arrays
+        By channel.
+    rng : numpy.random.Generator
+        Source of the noise.
+
+    Returns
+    -------
+    dict of arrays
+        As `predicted`; NaN where nothing was measured.
+    """
+    telemetry, campaign = estimate.model.data.arrays.telemetry, estimate.model.campaign
+    noisy = {}
+    if "rate" in predicted:
+        root = np.linalg.cholesky(rate_noise_covariance(estimate.model, estimate.theta))
+        noise = rng.standard_normal(predicted["rate"].shape) @ root.T
+        values = predicted["rate"] + noise.astype(np.float32)
+        noisy["rate"] = np.where(telemetry.rate_valid, values, np.float32(np.nan))
+    if "attitude" in predicted:
+        tracker = campaign.star_tracker
+        along = np.outer(tracker.boresight_B, tracker.boresight_B)
+        spread = tracker.sigma_cross * (np.eye(3) - along) + tracker.sigma_roll * along
+        turn = rng.standard_normal((*predicted["attitude"].shape[:-1], 3)) @ spread
+        values = _turned(predicted["attitude"], turn)
+        noisy["attitude"] = np.where(np.asarray(telemetry.fix_valid)[..., None], values, np.nan)
+    if "momentum" in predicted:
+        sigma = np.array([w.momentum_sigma or np.nan for w in campaign.wheels])
+        noise = sigma * rng.standard_normal(predicted["momentum"].shape)
+        values = predicted["momentum"] + noise.astype(np.float32)
+        noisy["momentum"] = np.where(telemetry.momentum_valid, values, np.float32(np.nan))
+    return noisy

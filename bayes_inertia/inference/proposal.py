@@ -1,0 +1,143 @@
+"""The sampler's independence move: from what it proposes, and where ensembles begin."""
+
+from __future__ import annotations
+
+import emcee
+import numpy as np
+
+from bayes_inertia.errors import EstimateError
+from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.marginal_posterior import LogDensity
+from bayes_inertia.inference.moves import IndependenceMove
+
+# Below this expected acceptance the Laplace approximation is too poor to propose from.
+_POOR_ACCEPTANCE = 0.35
+# Draws by which a proposal's acceptance is judged, and pilots at most until one is good enough.
+_JUDGED_DRAWS, _MOST_PILOTS = 256, 4
+_PILOT_STEPS, _PILOT_WARM_UP, _PILOT_WALKERS = 400, 200, 64
+# The independence move gets as large a share of the steps as it would be accepted, within these:
+# walkers that sit where the proposal is too thin are rejected again and again, and the other move
+# frees them.
+_LEAST_SHARE, _LARGEST_SHARE = 0.5, 0.95
+# Starts are spread this many times wider than the proposal.
+_OVER_DISPERSION = 2.0
+# Rounds of draws at most until all starts have a finite density.
+_MOST_DRAWS = 200
+
+
+def find_proposal(
+    estimate: Estimate, log_density: LogDensity, random: np.random.RandomState
+) -> tuple[IndependenceMove, float, int]:
+    """The Laplace approximation as proposal, or, where that is poor, the shape of a pilot sample.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Gives the Laplace approximation.
+    log_density : callable
+        The density to be sampled, from thetas (n, d) to (n,).
+    random : numpy.random.RandomState
+        Source of draws and of the pilot.
+
+    Returns
+    -------
+    move : IndependenceMove
+    share : float
+        Of the sampler's steps that it should get.
+    evaluations : int
+        Of the density, spent here.
+
+    Raises
+    ------
+    EstimateError
+        If the density is not finite around the maximum.
+    """
+    logarithmic = np.array([p.logarithmic for p in estimate.model.space.priors])
+    move = IndependenceMove(estimate.theta, estimate.covariance, logarithmic=logarithmic)
+    spent = 0
+    for _ in range(_MOST_PILOTS):
+        draws = move.draw(random, _JUDGED_DRAWS)
+        spent += len(draws)
+        acceptance = _expected_acceptance(log_density(draws) - move.log_density(draws))
+        if acceptance > _POOR_ACCEPTANCE:
+            return move, float(np.clip(acceptance, _LEAST_SHARE, _LARGEST_SHARE)), spent
+        n = walkers_needed(_PILOT_WALKERS, len(estimate.theta))
+        starts = finite_starts(move, log_density, random, n)
+        pilot = emcee.EnsembleSampler(
+            len(starts), starts.shape[1], log_density, vectorize=True, moves=emcee.moves.DEMove()
+        )
+        pilot.random_state = random.get_state()
+        pilot.run_mcmc(starts, _PILOT_STEPS)
+        random.set_state(pilot.random_state)
+        spent += (_PILOT_STEPS + 1) * len(starts)
+        kept = pilot.get_chain(discard=_PILOT_WARM_UP, flat=True)
+        move = IndependenceMove(kept.mean(0), np.cov(kept.T), 8.0, logarithmic)
+    return move, _LEAST_SHARE, spent
+
+
+def _expected_acceptance(log_weights: np.ndarray) -> float:
+    """Acceptance an independence sampler would have, from importance weights of its proposals."""
+    weights = np.exp(log_weights - log_weights.max())
+    if not np.any(np.isfinite(log_weights)):
+        return 0.0
+    pairs = np.minimum(weights[:, None], weights[None, :])
+    return float(pairs.sum() / (len(weights) * weights.sum()))
+
+
+def finite_starts(
+    move: IndependenceMove, log_density: LogDensity, random: np.random.RandomState, n: int
+) -> np.ndarray:
+    """Over-dispersed points with finite density (emcee accepts others without a word).
+
+    Parameters
+    ----------
+    move : IndependenceMove
+        From which they are drawn, more widely.
+    log_density : callable
+        From thetas (n, d) to (n,).
+    random : numpy.random.RandomState
+        Source of the draws.
+    n : int
+        How many.
+
+    Returns
+    -------
+    (n, d) array
+
+    Raises
+    ------
+    EstimateError
+        If hardly any draw has a finite density.
+    """
+    kept: list[np.ndarray] = []
+    for _ in range(_MOST_DRAWS):
+        drawn = move.draw(random, n, stretch=_OVER_DISPERSION)
+        kept.extend(drawn[np.isfinite(log_density(drawn))])
+        if len(kept) >= n:
+            return np.array(kept[:n])
+    raise EstimateError(
+        "the posterior is not finite around its maximum",
+        advice="check priors, and that every wheel and rate axis moves",
+    )
+
+
+def walkers_needed(wanted: int, d: int) -> int:
+    """Walkers of an ensemble: emcee's moves need twice as many as there are dimensions.
+
+    Parameters
+    ----------
+    wanted : int
+        How many are wanted.
+    d : int
+        Dimensions.
+
+    Returns
+    -------
+    int
+
+    Examples
+    --------
+    >>> walkers_needed(64, 40)
+    80
+    """
+    return max(wanted, 2 * d)
