@@ -72,6 +72,7 @@ _PUBLIC = {
     # Fits.
     "ChannelTest": "inference.residual_tests",
     "Estimate": "inference.laplace",
+    "FitContext": "inference.fit_context",
     "Posterior": "inference.posterior",
     "Settings": "inference.sampler",
     "estimate": "inference.optimizer",

@@ -22,7 +22,7 @@ from bayes_inertia.campaign.hardware import RateSensor
 from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft
-from bayes_inertia.inference.objective import Point
+from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths.values import array_dataclass, equal
 
