@@ -38,8 +38,8 @@ from bayes_inertia.design.expected_accuracy import estimate_at_truth, expected_s
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.limits import Limits
 from bayes_inertia.design.margins import flown_margins
+from bayes_inertia.design.plan_arrays import slew_arrays
 from bayes_inertia.design.plan_search import random_plans
-from bayes_inertia.design.planned_motion import slew_arrays
 from bayes_inertia.design.separating_slew import separating_slew
 from bayes_inertia.design.simulated_fits import AchievedErrors, fit_simulated_campaigns
 from bayes_inertia.diagnosis.score_test import ScoreTests, score_tests

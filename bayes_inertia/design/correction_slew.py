@@ -19,7 +19,7 @@ from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.flight.plan import Plan, PlannedSlew
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.maths.values import AnyArray, array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import ParameterSpace
@@ -28,7 +28,7 @@ from bayes_inertia.physics.slew_input import idle_slew
 # The slew [rad] whose correction is forecast.
 _SLEW_ANGLE = np.radians(60.0)
 
-Values = dict[str, dict[str, np.ndarray]]
+Values = dict[str, dict[str, AnyArray]]
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ def _mission_and_cases(
 
 
 def _inertia_afterwards(
-    inertia_B: np.ndarray, effects: tuple[Effect, ...], values: Values
+    inertia_B: AnyArray, effects: tuple[Effect, ...], values: Values
 ) -> np.ndarray:
     """The tensor (3, 3) to fly with after the campaign [kg m^2].
 
@@ -169,7 +169,7 @@ def _inertia_afterwards(
     for effect in effects:
         after = effect.afterwards()
         if after != effect:
-            context = idle_slew([0.0, 1.0]).context
+            context = idle_slew(np.array([0.0, 1.0])).context
             inertia_B = np.asarray(after.inertia(values[effect.name], context, inertia_B))
     return inertia_B
 

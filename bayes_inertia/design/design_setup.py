@@ -15,7 +15,7 @@ from bayes_inertia.design.feasible_region import FeasibleRegion, region_within
 from bayes_inertia.design.goals import Goal
 from bayes_inertia.design.information_forecast import prepare_forecast
 from bayes_inertia.design.limits import Limits, hardware_limits
-from bayes_inertia.design.plan_search import PlanProblem
+from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.inference.laplace import Estimate

@@ -20,8 +20,8 @@ from bayes_inertia.design.goals import Goal, parse_goal
 from bayes_inertia.design.limits import Limits
 from bayes_inertia.design.margins import Margin, broken_limits, flown_margins, planned_margins
 from bayes_inertia.design.operator_plan import best_plan
+from bayes_inertia.design.plan_arrays import slew_arrays
 from bayes_inertia.design.plan_search import improved_plans, random_plans
-from bayes_inertia.design.planned_motion import slew_arrays
 from bayes_inertia.errors import DesignError
 from bayes_inertia.flight.follow_on import spacecraft_at
 from bayes_inertia.flight.mission import Mission

@@ -15,12 +15,9 @@ from jax import Array
 
 from bayes_inertia.design.limits import HardwareLimits, Limits
 from bayes_inertia.design.margins import demands
-from bayes_inertia.design.planned_motion import (
-    PlannedMotion,
-    PlanTimes,
-    RigidBody,
-    SlewArrays,
-)
+from bayes_inertia.design.plan_arrays import PlanTimes, SlewArrays
+from bayes_inertia.design.planned_motion import PlannedMotion, RigidBody
+from bayes_inertia.maths.values import AnyArray
 
 # Shortest ramp [s] and smallest angle [rad]: shorter ones are over before the controller settles.
 _SHORTEST_RAMP = 4.0
@@ -129,7 +126,7 @@ def region_within(
     )
 
 
-def slews_from_variables(x: Array | np.ndarray, region: FeasibleRegion) -> SlewArrays:
+def slews_from_variables(x: AnyArray, region: FeasibleRegion) -> SlewArrays:
     """Slews from their design variables; JAX can differentiate it.
 
     Parameters

@@ -11,6 +11,7 @@ from jax import Array
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.orbit import Orbit
+from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.prediction import NuisanceScale, Sensors
 
@@ -31,9 +32,9 @@ class InverseNoise(NamedTuple):
         Inverse sds of the tachometers' readings [1/(N m s)].
     """
 
-    rate: Array | np.ndarray
-    attitude: Array | np.ndarray
-    momentum: Array | np.ndarray
+    rate: AnyArray
+    attitude: AnyArray
+    momentum: AnyArray
 
 
 class EnvironmentTable(NamedTuple):
@@ -49,9 +50,9 @@ class EnvironmentTable(NamedTuple):
         Inertial axes [m].
     """
 
-    time: Array | np.ndarray
-    magnetic_field_N: Array | np.ndarray
-    position_N: Array | np.ndarray
+    time: AnyArray
+    magnetic_field_N: AnyArray
+    position_N: AnyArray
 
 
 class FlightConditions(NamedTuple):
@@ -77,7 +78,7 @@ class FlightConditions(NamedTuple):
         The star tracker's boresight.
     first : () array of int
         Index of the first of these slews in its campaign.
-    count : () array of int
+    slew_count : () array of int
         Slews in that campaign.
     begin : () array
         When these slews begin on its clock [s].
@@ -89,14 +90,14 @@ class FlightConditions(NamedTuple):
     scale: NuisanceScale
     noise: InverseNoise
     environment: EnvironmentTable
-    wheel_axes_B: Array | np.ndarray
-    allocation: Array | np.ndarray
-    spin_inertia: Array | np.ndarray
-    boresight_B: Array | np.ndarray
-    first: Array | np.ndarray
-    count: Array | np.ndarray
-    begin: Array | np.ndarray
-    middle: Array | np.ndarray
+    wheel_axes_B: AnyArray
+    allocation: AnyArray
+    spin_inertia: AnyArray
+    boresight_B: AnyArray
+    first: AnyArray
+    slew_count: AnyArray
+    begin: AnyArray
+    middle: AnyArray
 
 
 def conditions_of(
@@ -104,7 +105,7 @@ def conditions_of(
     environment: EnvironmentTable,
     *,
     first: int,
-    count: int,
+    slew_count: int,
     begin: float,
     middle: float,
 ) -> FlightConditions:
@@ -118,7 +119,7 @@ def conditions_of(
         Magnetic field and position on the campaign's clock.
     first : int
         Index of the first of these slews in the campaign.
-    count : int
+    slew_count : int
         Slews in that campaign.
     begin : float
         When these slews begin on its clock [s].
@@ -154,7 +155,7 @@ def conditions_of(
         spin_inertia=campaign.spin_inertias,
         boresight_B=np.array(boresight_B),
         first=np.array(first),
-        count=np.array(count),
+        slew_count=np.array(slew_count),
         begin=np.array(begin),
         middle=np.array(middle),
     )

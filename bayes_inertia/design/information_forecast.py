@@ -14,26 +14,20 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from jax import Array
 
 from bayes_inertia.design.flight_conditions import (
     FlightConditions,
     conditions_of,
     orbit_environment,
 )
-from bayes_inertia.design.planned_motion import (
-    PlanStart,
-    PlanTimes,
-    RigidBody,
-    plan_start,
-    plan_times,
-)
+from bayes_inertia.design.plan_arrays import PlanStart, PlanTimes, plan_start, plan_times
+from bayes_inertia.design.planned_motion import RigidBody
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.inference.objective import N_BIAS
 from bayes_inertia.maths import inertia_tensor
-from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.maths.values import AnyArray, array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.prediction import Structure
@@ -56,8 +50,8 @@ class ForecastArrays(NamedTuple):
 
     conditions: FlightConditions
     start: PlanStart
-    prior_sd: Array | np.ndarray
-    prior: Array | np.ndarray
+    prior_sd: AnyArray
+    prior: AnyArray
 
 
 @dataclass(frozen=True)
@@ -160,7 +154,7 @@ def prepare_forecast(plan: Plan, mission: Mission, effects: tuple[Effect, ...] =
     end = campaign.span[1]
     environment = orbit_environment(plan.orbit, 2.0 * end)
     conditions = conditions_of(
-        model, environment, first=0, count=len(plan.slews), begin=0.0, middle=0.5 * end
+        model, environment, first=0, slew_count=len(plan.slews), begin=0.0, middle=0.5 * end
     )
     sd = model.space.sd
     structure = replace(model.structure, refined=False)
@@ -170,9 +164,7 @@ def prepare_forecast(plan: Plan, mission: Mission, effects: tuple[Effect, ...] =
     return Forecast(layout, ForecastArrays(conditions, start, sd, prior))
 
 
-def rigid_body_at(
-    structure: Structure, theta: Array | np.ndarray, conditions: FlightConditions
-) -> RigidBody:
+def rigid_body_at(structure: Structure, theta: AnyArray, conditions: FlightConditions) -> RigidBody:
     """The body that parameters describe; JAX can differentiate it.
 
     Parameters

@@ -20,18 +20,20 @@ from bayes_inertia.design.information_forecast import (
     ForecastLayout,
     rigid_body_at,
 )
-from bayes_inertia.design.planned_motion import PlanTimes, SlewArrays, motion_of_slews
+from bayes_inertia.design.plan_arrays import PlanTimes, SlewArrays
+from bayes_inertia.design.planned_motion import motion_of_slews
 from bayes_inertia.design.sensitivity import (
     PlannedTrajectory,
     TelemetrySensitivity,
     telemetry_sensitivity,
 )
 from bayes_inertia.inference.objective import N_BIAS
+from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.slew_context import SlewContext, Trajectory
 
 
 def expected_covariance(
-    layout: ForecastLayout, arrays: ForecastArrays, theta: Array | np.ndarray, slews: SlewArrays
+    layout: ForecastLayout, arrays: ForecastArrays, theta: AnyArray, slews: SlewArrays
 ) -> Array:
     """Expected covariance of the parameters after slews; JAX can differentiate it.
 
@@ -79,7 +81,7 @@ def covariance_after(arrays: ForecastArrays, information: Array) -> Array:
 
 
 def information_matrices(
-    layout: ForecastLayout, arrays: ForecastArrays, theta: Array | np.ndarray, slews: SlewArrays
+    layout: ForecastLayout, arrays: ForecastArrays, theta: AnyArray, slews: SlewArrays
 ) -> Array:
     """Information of each slew on the parameters and the whitened bias.
 
@@ -134,7 +136,7 @@ def _information_of_slew(
     begin = conditions.begin + start
     context = SlewContext(
         index=conditions.first + index,
-        slews=conditions.count,
+        slews=conditions.slew_count,
         start=begin,
         middle=conditions.middle,
         time=time,

@@ -20,6 +20,7 @@ from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_flight import Flight
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.maths import quaternion
+from bayes_inertia.maths.values import AnyArray
 
 # A limit counts as kept when this fraction of it is missing: rounding.
 _ROUNDING = 1e-9
@@ -87,8 +88,8 @@ class Margin:
 
 def demands(
     motion: PlannedMotion,
-    rotation_B: Array | np.ndarray,
-    acceleration: Array | np.ndarray,
+    rotation_B: AnyArray,
+    acceleration: AnyArray,
     boresight_B: np.ndarray,
     cones_N: np.ndarray,
 ) -> dict[str, Array]:
@@ -117,7 +118,7 @@ def demands(
     Examples
     --------
     >>> from bayes_inertia.flight.plan import paper_like_plan
-    >>> from bayes_inertia.design.planned_motion import slew_arrays
+    >>> from bayes_inertia.design.plan_arrays import slew_arrays
     >>> from bayes_inertia.flight.spacecraft import most_like_spacecraft
     >>> craft, slews = most_like_spacecraft(), slew_arrays(paper_like_plan())
     >>> body = rigid_body(craft.inertia_B, craft.wheel_axes_B, np.full(3, 1e-3))

@@ -10,8 +10,8 @@ import numpy as np
 
 from bayes_inertia.design.limits import Limits
 from bayes_inertia.design.margins import broken_limits, planned_margins
-from bayes_inertia.design.plan_search import PlanProblem
-from bayes_inertia.design.planned_motion import planned_slews, slew_arrays
+from bayes_inertia.design.plan_arrays import planned_slews, slew_arrays
+from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.errors import DesignError
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.spacecraft import Spacecraft
@@ -91,12 +91,13 @@ def rounded_slews(slews: Sequence[PlannedSlew], problem: PlanProblem) -> tuple[P
     """
     out = [
         PlannedSlew(
-            tuple(round(x, 3) for x in slew.axis_B),
+            (round(x, 3), round(y, 3), round(z, 3)),
             max(_rounded_down(slew.angle, 1), math.radians(0.1)),
             _rounded_down(slew.rate, 3) or slew.rate,
             _rounded_down(slew.acceleration, 4) or slew.acceleration,
         )
         for slew in slews
+        for x, y, z in [slew.axis_B]
     ]
     if problem.end_attitude is not None:
         x = problem.variables(slew_arrays(replace(paper_like_plan(), slews=tuple(out))))

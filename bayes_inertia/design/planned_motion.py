@@ -21,68 +21,23 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayes_inertia.flight.plan import Plan, PlannedSlew, angle_and_rate
+from bayes_inertia.design.plan_arrays import (
+    PlanStart,
+    PlanTimes,
+    SlewArrays,
+    plan_start,
+    plan_times,
+    slew_arrays,
+)
+from bayes_inertia.flight.plan import Plan, angle_and_rate
 from bayes_inertia.maths import quaternion
+from bayes_inertia.maths.values import AnyArray
 
 # Rows in the rest before, each ramp, the coast, the settling and the rest after.
 _ROWS_OF_PHASES = (8, 14, 24, 14, 8, 8)
 ROWS = sum(_ROWS_OF_PHASES) + 1
 # Shortest coast in the grid [s]: a slew without a coast keeps increasing times.
 _SHORTEST_COAST = 0.05
-
-
-class SlewArrays(NamedTuple):
-    """Slews as arrays, leading axis slews.
-
-    Parameters
-    ----------
-    rotation_B : (n, 3) array
-        Rotation vectors: axis times angle [rad].
-    rate : (n,) array
-        Largest rates [rad/s].
-    acceleration : (n,) array
-        Angular accelerations of the ramps [rad/s^2].
-    smooth : (n,) bool array
-        Whether the ramps are versines.
-    extra_rest : (n,) array
-        Rest after the slew beyond what the plan's times ask for [s].
-    """
-
-    rotation_B: Array | np.ndarray
-    rate: Array | np.ndarray
-    acceleration: Array | np.ndarray
-    smooth: Array | np.ndarray
-    extra_rest: Array | np.ndarray
-
-
-class PlanTimes(NamedTuple):
-    """The times that all slews of a plan share; fields as in `Plan`.
-
-    Parameters
-    ----------
-    rest_before : float
-        Rest before the motion [s].
-    settle : float
-        Time between the motion and the fixes after it [s].
-    rest_after : float
-        Rest with fixes after settling [s].
-    pause : float
-        Time between two slews [s].
-    first_fix : float
-        Time of the first fix from the slew's first row [s].
-    fix_spacing : float
-        Time between two fixes [s].
-    telemetry_period : float
-        Time between two rows of telemetry [s].
-    """
-
-    rest_before: float
-    settle: float
-    rest_after: float
-    pause: float
-    first_fix: float
-    fix_spacing: float
-    telemetry_period: float
 
 
 class RigidBody(NamedTuple):
@@ -100,25 +55,10 @@ class RigidBody(NamedTuple):
         Spin inertia of each wheel [kg m^2].
     """
 
-    inertia_B: Array | np.ndarray
-    wheel_axes_B: Array | np.ndarray
-    allocation: Array | np.ndarray
-    spin_inertia: Array | np.ndarray
-
-
-class PlanStart(NamedTuple):
-    """Where a plan begins, at rest.
-
-    Parameters
-    ----------
-    attitude : (4,) array
-        Body from inertial, scalar last.
-    wheel_momentum : (wheels,) array
-        Relative to the body [N m s].
-    """
-
-    attitude: Array | np.ndarray
-    wheel_momentum: Array | np.ndarray
+    inertia_B: AnyArray
+    wheel_axes_B: AnyArray
+    allocation: AnyArray
+    spin_inertia: AnyArray
 
 
 class PlannedMotion(NamedTuple):
@@ -181,95 +121,6 @@ def rigid_body(
     return RigidBody(inertia_B, wheel_axes_B, np.linalg.pinv(wheel_axes_B), spin_inertia)
 
 
-def plan_times(plan: Plan) -> PlanTimes:
-    """The times that all slews of a plan share.
-
-    Parameters
-    ----------
-    plan : Plan
-        What is to be flown.
-
-    Returns
-    -------
-    PlanTimes
-        Its times [s].
-    """
-    return PlanTimes(*(getattr(plan, key) for key in PlanTimes._fields))
-
-
-def slew_arrays(plan: Plan) -> SlewArrays:
-    """A plan's slews as arrays.
-
-    Parameters
-    ----------
-    plan : Plan
-        What is to be flown.
-
-    Returns
-    -------
-    SlewArrays
-        Its slews; where one lasts longer than it needs, the rest after it is longer.
-    """
-    rotation = np.array([slew.angle * np.array(slew.axis_B) for slew in plan.slews])
-    needed = np.array(
-        [plan.rest_before + slew.motion_time + plan.settle + plan.rest_after for slew in plan.slews]
-    )
-    rate, acceleration = (
-        np.array([getattr(slew, key) for slew in plan.slews]) for key in ("rate", "acceleration")
-    )
-    smooth = np.array([slew.profile == "smooth" for slew in plan.slews])
-    extra_rest = np.maximum(np.array(plan.durations) - needed, 0.0)
-    return SlewArrays(rotation, rate, acceleration, smooth, extra_rest)
-
-
-def planned_slews(slews: SlewArrays) -> tuple[PlannedSlew, ...]:
-    """Arrays as slews that can be flown, with durations no longer than needed.
-
-    Parameters
-    ----------
-    slews : SlewArrays
-        n slews.
-
-    Returns
-    -------
-    tuple of PlannedSlew
-        The n slews.
-
-    Examples
-    --------
-    >>> from bayes_inertia.flight.plan import paper_like_plan
-    >>> planned_slews(slew_arrays(paper_like_plan()))[0].axis_B
-    (1.0, 0.0, 0.0)
-    """
-    out = []
-    rows = zip(*(np.asarray(column) for column in slews[:4]), strict=True)
-    for rotation, rate, acceleration, smooth in rows:
-        angle = float(np.linalg.norm(rotation))
-        axis = tuple((rotation / angle).tolist())
-        profile = "smooth" if smooth else "trapezoid"
-        out.append(PlannedSlew(axis, angle, float(rate), float(acceleration), profile))
-    return tuple(out)
-
-
-def plan_start(plan: Plan, wheels: int) -> PlanStart:
-    """Where a plan begins.
-
-    Parameters
-    ----------
-    plan : Plan
-        What is to be flown.
-    wheels : int
-        How many wheels there are; they are at rest where the plan names no momentum.
-
-    Returns
-    -------
-    PlanStart
-        Attitude and wheel momentum.
-    """
-    momentum = np.array(plan.wheel_momentum or np.zeros(wheels))
-    return PlanStart(np.array(plan.start_attitude), momentum)
-
-
 def motion_of_plan(plan: Plan, body: RigidBody) -> PlannedMotion:
     """The motion of a plan, compiled.
 
@@ -287,7 +138,8 @@ def motion_of_plan(plan: Plan, body: RigidBody) -> PlannedMotion:
 
     Examples
     --------
-    >>> one = Plan("one", (PlannedSlew((1., 0., 0.), math.radians(30.0)),))
+    >>> from bayes_inertia.flight.plan import PlannedSlew
+    >>> one = Plan("one", (PlannedSlew((1.0, 0.0, 0.0), math.radians(30.0)),))
     >>> body = rigid_body(np.eye(3), np.eye(3), np.full(3, 1e-3))
     >>> round(float(motion_of_plan(one, body).total_time), 9)
     115.0
@@ -348,7 +200,7 @@ def motion_of_slews(
     torque = jnp.diff(total_wheel, axis=1) / step
     torque = jnp.concatenate([torque, jnp.zeros_like(torque[:, :1])], 1)
     lasting = time[:, -1] + times.pause
-    start = np.tri(len(lasting), k=-1) @ lasting
+    start: AnyArray = np.tri(len(lasting), k=-1) @ lasting
     total_time = start[-1] + time[-1, -1]
     return PlannedMotion(time, start, attitude, rate_B, wheel, torque, rests, total_time)
 
@@ -370,7 +222,7 @@ def _rest_attitudes(rotation_B: Array, attitude: Array) -> Array:
     return jnp.stack(out)
 
 
-def _time_grid(slews: SlewArrays, angle: Array, times: PlanTimes) -> tuple[Array, Array]:
+def _time_grid(slews: SlewArrays, angle: Array, times: PlanTimes) -> tuple[Array, float]:
     """Times (n, ROWS) of all rows [s], and when the motion begins [s]."""
     peak, ramp = _peak_and_ramp(angle, slews.rate, slews.acceleration, slews.smooth)
     coast = jnp.maximum(angle / peak - ramp, _SHORTEST_COAST)

@@ -11,7 +11,7 @@ where dJ, dG, dM_N, dH are what an unknown does to inertia, wheel axes, total mo
 momentum. All of that is asked of the effects' own hooks by differentiating them along the planned
 motion. How a deviation of the state would change an effect is left out: it vanishes at the effect's
 null. The same sensitivities out of the simulator take a minute to compile once they are to be
-differentiated again; these take seconds, and agree (`tests/test_design_forecast.py`).
+differentiated again; these take seconds, and agree (`tests/design/test_forecast.py`).
 """
 
 from __future__ import annotations

@@ -38,7 +38,8 @@ from bayes_inertia.design.information_forecast import (
 from bayes_inertia.design.information_matrix import covariance_after, information_matrices
 from bayes_inertia.design.limits import Limits, hardware_limits
 from bayes_inertia.design.margins import Margin, broken_limits, planned_margins
-from bayes_inertia.design.planned_motion import motion_of_slews, planned_slews
+from bayes_inertia.design.plan_arrays import planned_slews
+from bayes_inertia.design.planned_motion import motion_of_slews
 from bayes_inertia.design.separation_forecast import SeparationForecast, forecast_separation
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.follow_on import spacecraft_at

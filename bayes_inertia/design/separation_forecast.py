@@ -14,7 +14,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.design.after_campaign import plan_after
 from bayes_inertia.design.flight_conditions import conditions_of, last_environment
 from bayes_inertia.design.information_forecast import Forecast, ForecastArrays, ForecastLayout
-from bayes_inertia.design.planned_motion import plan_start, plan_times
+from bayes_inertia.design.plan_arrays import plan_start, plan_times
 from bayes_inertia.errors import EffectError
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.objective import N_BIAS, marginal_information, prior_rows
@@ -58,7 +58,7 @@ class SeparationForecast:
         """
         sd = np.asarray(self.forecast.arrays.prior_sd)
         effects = np.concatenate([np.arange(*group) for group in self.groups])
-        precision = self.forecast.arrays.prior + information
+        precision = np.asarray(self.forecast.arrays.prior) + information
         precision[effects, effects] -= sd[effects] ** -2.0
         rest = np.setdiff1d(np.arange(len(precision)), effects)
         across = precision[np.ix_(rest, effects)]
@@ -105,7 +105,7 @@ def forecast_separation(estimate: Estimate, a: Effect, b: Effect) -> SeparationF
         model,
         last_environment(campaign),
         first=len(campaign.slews),
-        count=len(campaign.slews),
+        slew_count=len(campaign.slews),
         begin=campaign.span[1] + plan.pause,
         middle=0.5 * sum(campaign.span),
     )

@@ -18,6 +18,8 @@ import numpy as np
 
 # Three numbers along body axes, as plain floats: such a field can be hashed and compared.
 Vector = tuple[float, float, float]
+# A numpy array on the host, a JAX array inside compiled code.
+AnyArray = Any
 
 
 @dataclass_transform(frozen_default=True)

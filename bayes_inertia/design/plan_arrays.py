@@ -1,0 +1,168 @@
+"""A plan as arrays that JAX can differentiate, and arrays as slews that can be flown."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bayes_inertia.flight.plan import Plan, PlannedSlew, Profile
+from bayes_inertia.maths.values import AnyArray
+
+
+class SlewArrays(NamedTuple):
+    """Slews as arrays, leading axis slews.
+
+    Parameters
+    ----------
+    rotation_B : (n, 3) array
+        Rotation vectors: axis times angle [rad].
+    rate : (n,) array
+        Largest rates [rad/s].
+    acceleration : (n,) array
+        Angular accelerations of the ramps [rad/s^2].
+    smooth : (n,) bool array
+        Whether the ramps are versines.
+    extra_rest : (n,) array
+        Rest after the slew beyond what the plan's times ask for [s].
+    """
+
+    rotation_B: AnyArray
+    rate: AnyArray
+    acceleration: AnyArray
+    smooth: AnyArray
+    extra_rest: AnyArray
+
+
+class PlanTimes(NamedTuple):
+    """The times that all slews of a plan share; fields as in `Plan`.
+
+    Parameters
+    ----------
+    rest_before : float
+        Rest before the motion [s].
+    settle : float
+        Time between the motion and the fixes after it [s].
+    rest_after : float
+        Rest with fixes after settling [s].
+    pause : float
+        Time between two slews [s].
+    first_fix : float
+        Time of the first fix from the slew's first row [s].
+    fix_spacing : float
+        Time between two fixes [s].
+    telemetry_period : float
+        Time between two rows of telemetry [s].
+    """
+
+    rest_before: float
+    settle: float
+    rest_after: float
+    pause: float
+    first_fix: float
+    fix_spacing: float
+    telemetry_period: float
+
+
+class PlanStart(NamedTuple):
+    """Where a plan begins, at rest.
+
+    Parameters
+    ----------
+    attitude : (4,) array
+        Body from inertial, scalar last.
+    wheel_momentum : (wheels,) array
+        Relative to the body [N m s].
+    """
+
+    attitude: AnyArray
+    wheel_momentum: AnyArray
+
+
+def plan_times(plan: Plan) -> PlanTimes:
+    """The times that all slews of a plan share.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is to be flown.
+
+    Returns
+    -------
+    PlanTimes
+        Its times [s].
+    """
+    return PlanTimes(*(getattr(plan, key) for key in PlanTimes._fields))
+
+
+def slew_arrays(plan: Plan) -> SlewArrays:
+    """A plan's slews as arrays.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is to be flown.
+
+    Returns
+    -------
+    SlewArrays
+        Its slews; where one lasts longer than it needs, the rest after it is longer.
+    """
+    rotation = np.array([slew.angle * np.array(slew.axis_B) for slew in plan.slews])
+    needed = np.array(
+        [plan.rest_before + slew.motion_time + plan.settle + plan.rest_after for slew in plan.slews]
+    )
+    rate, acceleration = (
+        np.array([getattr(slew, key) for slew in plan.slews]) for key in ("rate", "acceleration")
+    )
+    smooth = np.array([slew.profile == "smooth" for slew in plan.slews])
+    extra_rest = np.maximum(np.array(plan.durations) - needed, 0.0)
+    return SlewArrays(rotation, rate, acceleration, smooth, extra_rest)
+
+
+def planned_slews(slews: SlewArrays) -> tuple[PlannedSlew, ...]:
+    """Arrays as slews that can be flown, with durations no longer than needed.
+
+    Parameters
+    ----------
+    slews : SlewArrays
+        n slews.
+
+    Returns
+    -------
+    tuple of PlannedSlew
+        The n slews.
+
+    Examples
+    --------
+    >>> from bayes_inertia.flight.plan import paper_like_plan
+    >>> planned_slews(slew_arrays(paper_like_plan()))[0].axis_B
+    (1.0, 0.0, 0.0)
+    """
+    out = []
+    rows = zip(*(np.asarray(column) for column in slews[:4]), strict=True)
+    for rotation, rate, acceleration, smooth in rows:
+        angle = float(np.linalg.norm(rotation))
+        axis = tuple((rotation / angle).tolist())
+        profile: Profile = "smooth" if smooth else "trapezoid"
+        out.append(PlannedSlew(axis, angle, float(rate), float(acceleration), profile))
+    return tuple(out)
+
+
+def plan_start(plan: Plan, wheels: int) -> PlanStart:
+    """Where a plan begins.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is to be flown.
+    wheels : int
+        How many wheels there are; they are at rest where the plan names no momentum.
+
+    Returns
+    -------
+    PlanStart
+        Attitude and wheel momentum.
+    """
+    momentum = np.array(plan.wheel_momentum or np.zeros(wheels))
+    return PlanStart(np.array(plan.start_attitude), momentum)

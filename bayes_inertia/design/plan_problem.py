@@ -1,0 +1,289 @@
+"""The problem that a search for a plan solves: goal, limits and exact derivatives.
+
+A plan is design variables (slews, 5) as in `feasible_region`. Where the campaign must end in a
+given attitude, the last slew's rotation follows from the others.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from bayes_inertia.design.feasible_region import (
+    FeasibleRegion,
+    constraint_slacks,
+    flattened,
+    slews_from_variables,
+)
+from bayes_inertia.design.goals import Goal, criterion
+from bayes_inertia.design.information_forecast import (
+    Forecast,
+    ForecastArrays,
+    ForecastLayout,
+    rigid_body_at,
+)
+from bayes_inertia.design.information_matrix import expected_covariance
+from bayes_inertia.design.plan_arrays import SlewArrays
+from bayes_inertia.design.planned_motion import motion_of_slews
+from bayes_inertia.maths import quaternion
+from bayes_inertia.maths.values import AnyArray, array_dataclass
+
+# Plans that one call of compiled code scores.
+_BATCH = 10
+# Half the time to compile, twice the 20 ms to run, some hundred times.
+_WITHOUT_OPTIMIZATION = {"xla_backend_optimization_level": 0}
+
+
+@array_dataclass
+class PlanProblem:
+    """What is searched for.
+
+    Parameters
+    ----------
+    goal : Goal
+        What the plan is to determine.
+    forecast : Forecast
+        How the telemetry of slews is foreseen.
+    thetas : (truths, d) array
+        Parameters that are expected; the goal's number is averaged over them.
+    region : FeasibleRegion
+        Where plans may lie.
+    end_attitude : (4,) array, optional
+        Where the campaign must end; None for anywhere.
+    """
+
+    goal: Goal
+    forecast: Forecast
+    thetas: np.ndarray
+    region: FeasibleRegion
+    end_attitude: np.ndarray | None = None
+
+    @property
+    def groups(self) -> tuple[tuple[int, int], ...]:
+        """Where the parameters of the goal's effects stand: (first, behind the last) of each."""
+        return tuple(self.forecast.layout.slice_of(name) for name in self.goal.effects)
+
+    def slews(self, x: AnyArray) -> SlewArrays:
+        """The slews of a plan.
+
+        Parameters
+        ----------
+        x : (slews, 5) array
+            Design variables.
+
+        Returns
+        -------
+        SlewArrays
+            The last slew ends in `end_attitude` if there is one.
+        """
+        return _slews(self.forecast.arrays, self.region, self.end_attitude, x)
+
+    def variables(self, slews: SlewArrays) -> np.ndarray:
+        """The design variables of slews.
+
+        Parameters
+        ----------
+        slews : SlewArrays
+            The slews of a plan.
+
+        Returns
+        -------
+        (slews, 5) array
+            Design variables.
+        """
+        fractions = [
+            np.asarray(slews.rate) / self.region.rate,
+            np.asarray(slews.acceleration) / self.region.acceleration,
+        ]
+        return np.concatenate([np.asarray(slews.rotation_B), np.stack(fractions, 1)], 1)
+
+    def value(self, x: np.ndarray) -> float:
+        """The goal's number for a plan.
+
+        Parameters
+        ----------
+        x : (slews, 5) array
+            Design variables.
+
+        Returns
+        -------
+        float
+            Geometric mean over the truths, in the goal's unit.
+        """
+        logs = [self.score(x[None], k)[0][0] for k in range(len(self.thetas))]
+        return float(np.exp(np.mean(logs)))
+
+    def least_slacks(self, x: np.ndarray) -> dict[str, float]:
+        """The least that a plan leaves of each limit, beyond its reserve.
+
+        Parameters
+        ----------
+        x : (slews, 5) array
+            Design variables.
+
+        Returns
+        -------
+        dict of str to float
+            {limit: fraction of it}; see `constraint_slacks`.
+        """
+        return {
+            name: float(values.min(initial=np.inf))
+            for name, values in self.score(x[None])[1].items()
+        }
+
+    def parameter_sd(self, x: np.ndarray) -> dict[str, float]:
+        """Expected sds of all parameters for a plan, at the first truth.
+
+        Parameters
+        ----------
+        x : (slews, 5) array
+            Design variables.
+
+        Returns
+        -------
+        dict of str to float
+            {parameter: sd} in its unit.
+        """
+        sd = self.score(x[None])[2][0]
+        return dict(zip(self.forecast.layout.names, sd.tolist(), strict=True))
+
+    def score(
+        self, x: np.ndarray, truth: int = 0
+    ) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray]:
+        """Goal, limits and sds of many plans at one truth.
+
+        Parameters
+        ----------
+        x : (n, slews, 5) array
+            Design variables of n plans.
+        truth : int, optional
+            Which of the truths.
+
+        Returns
+        -------
+        log_value : (n,) array
+            Logarithm of the goal's number.
+        slacks : dict of str to array
+            {limit: (n, ...)}, see `constraint_slacks`.
+        sd : (n, d) array
+            Expected sds of all parameters.
+        """
+        static = (self.goal, self.forecast.layout, self.groups)
+        given = (self.forecast.arrays, self.thetas[truth], self.region, self.end_attitude)
+        batches = [
+            np.resize(x[i : i + _BATCH], (_BATCH, *x.shape[1:])) for i in range(0, len(x), _BATCH)
+        ]
+        parts = [_scores(*static, *given, batch) for batch in batches]
+        return jax.tree.map(lambda *pieces: np.concatenate(pieces)[: len(x)], *parts)
+
+    def log_value_and_gradient(self, x: np.ndarray, truths: int) -> tuple[float, np.ndarray]:
+        """Logarithm of the smooth goal, mean over the first truths, and its exact gradient.
+
+        Parameters
+        ----------
+        x : (slews, 5) array
+            Design variables.
+        truths : int
+            Over how many truths.
+
+        Returns
+        -------
+        log_value : float
+            See `criterion` with `smooth`.
+        gradient : (slews, 5) array
+            Its derivative with respect to the design variables.
+        """
+        static = (self.goal, self.forecast.layout, self.groups)
+        results = [
+            _log_value_and_gradient(
+                *static, self.forecast.arrays, theta, self.region, self.end_attitude, x
+            )
+            for theta in self.thetas[:truths]
+        ]
+        gradient = np.mean([np.asarray(gradient) for _, gradient in results], axis=0)
+        return float(np.mean([value for value, _ in results])), gradient
+
+    def slacks_and_jacobian(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """All constraint slacks at the first truth, and their derivatives.
+
+        Parameters
+        ----------
+        x : (slews, 5) array
+            Design variables.
+
+        Returns
+        -------
+        slacks : (k,) array
+            Fractions of each limit; infinite where there is none.
+        jacobian : (k, slews, 5) array
+            Their derivatives with respect to the design variables.
+        """
+        layout, arrays = self.forecast.layout, self.forecast.arrays
+        slacks, jacobian = _slacks_and_jacobian(
+            layout, arrays, self.thetas[0], self.region, self.end_attitude, x
+        )
+        return np.asarray(slacks), np.asarray(jacobian)
+
+
+def _slews(
+    arrays: ForecastArrays,
+    region: FeasibleRegion,
+    end: AnyArray | None,
+    x: AnyArray,
+) -> SlewArrays:
+    """The slews of design variables (slews, 5), the last one ending in an attitude (4,)."""
+    slews = slews_from_variables(x, region)
+    if end is None:
+        return slews
+    attitude = jnp.asarray(arrays.start.attitude)
+    for turn in quaternion.exp(slews.rotation_B[:-1]):
+        attitude = quaternion.multiply(attitude, turn)
+    last = quaternion.error(attitude, jnp.asarray(end))
+    return slews._replace(rotation_B=jnp.asarray(slews.rotation_B).at[-1].set(last))
+
+
+def _slacks(
+    layout: ForecastLayout,
+    arrays: ForecastArrays,
+    theta: Array,
+    region: FeasibleRegion,
+    slews: SlewArrays,
+) -> dict[str, Array]:
+    """Constraint slacks of slews flown by the body that theta (d,) describes."""
+    body = rigid_body_at(layout.structure, theta, arrays.conditions)
+    motion = motion_of_slews(slews, layout.times, body, arrays.start)
+    return constraint_slacks(motion, slews, region, layout.times)
+
+
+@partial(jax.jit, static_argnames=("goal", "layout", "groups"))
+def _scores(goal, layout, groups, arrays, theta, region, end, x):
+    def one(row: Array) -> tuple[Array, dict[str, Array], Array]:
+        slews = _slews(arrays, region, end, row)
+        expected = expected_covariance(layout, arrays, theta, slews)
+        value = jnp.log(criterion(goal, expected, theta, arrays.prior_sd, groups))
+        return value, _slacks(layout, arrays, theta, region, slews), jnp.sqrt(jnp.diag(expected))
+
+    return jax.lax.map(one, x)
+
+
+@partial(
+    jax.jit, static_argnames=("goal", "layout", "groups"), compiler_options=_WITHOUT_OPTIMIZATION
+)
+def _log_value_and_gradient(goal, layout, groups, arrays, theta, region, end, x):
+    def one(x: Array) -> Array:
+        expected = expected_covariance(layout, arrays, theta, _slews(arrays, region, end, x))
+        return jnp.log(criterion(goal, expected, theta, arrays.prior_sd, groups, smooth=True))
+
+    return jax.value_and_grad(one)(x)
+
+
+@partial(jax.jit, static_argnames=("layout",), compiler_options=_WITHOUT_OPTIMIZATION)
+def _slacks_and_jacobian(layout, arrays, theta, region, end, x):
+    def slacks(x: Array) -> Array:
+        return flattened(_slacks(layout, arrays, theta, region, _slews(arrays, region, end, x)))
+
+    return slacks(x), jax.jacfwd(slacks)(x)

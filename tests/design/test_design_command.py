@@ -1,0 +1,102 @@
+"""`design` and `compare` on the command line."""
+
+from __future__ import annotations
+
+import json
+import math
+from functools import partial
+from pathlib import Path
+
+import pytest
+
+import bayes_inertia
+from bayes_inertia.app import design_folder
+from bayes_inertia.app.cli import main
+from bayes_inertia.app.design_request import keep_outs
+from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.design.designer import design_plan
+from bayes_inertia.design.limits import (
+    KeepOut,
+)
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.flight.plan_file import read_plan
+
+EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
+
+
+DEGREE = math.pi / 180.0
+
+
+def run(*arguments) -> int:
+    with pytest.raises(SystemExit) as stop:
+        main([str(a) for a in arguments])
+    return stop.value.code
+
+
+@pytest.mark.slow
+def test_design_command_writes_a_plan_that_simulate_flies(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(
+        design_folder, "design_plan", partial(design_plan, candidates=100, starts=2, draws=1)
+    )
+    out = tmp_path / "run"
+    assert run("design", EXAMPLE, "-o", out) == 0
+    content = json.loads((out / "design.json").read_text())
+    assert content["kept"]
+    assert content["gain"] > 1.2
+    assert {m["limit"] for m in content["flown_margins"]} >= {
+        "rate",
+        "total time",
+        "torque of wheel_x",
+    }
+    plan = read_plan(out / "plan.toml")
+    assert plan.start_attitude == pytest.approx(read_campaign(EXAMPLE).slews[-1].attitude[-1])
+    assert "axes x, y, z" in (out / "plan.toml").read_text().splitlines()[2]
+    assert run("simulate", "-o", tmp_path / "flown", "--plan", out / "plan.toml") == 0
+    assert run("compare", EXAMPLE, out / "plan.toml", "paper", "-o", tmp_path / "compared") == 0
+    table = json.loads((tmp_path / "compared" / "compare.json").read_text())["plans"]
+    assert [
+        max(p["expected_sd"][k] for k in ("Jxy", "Jxz", "Jyz")) for p in table.values()
+    ] == sorted(max(p["expected_sd"][k] for k in ("Jxy", "Jxz", "Jyz")) for p in table.values())
+    assert (tmp_path / "compared" / "compare.png").stat().st_size > 10_000
+    assert "worst cross term" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--total-time", "1000"), ("limit total time", "1000 s allowed")),
+        (("--goal", "cross_term"), ("cross_terms",)),
+        (("--keep-out", "Sun,1,0"), ("Sun,1,0", "half_angle_deg")),
+        (("--goal", "separate:wheel_friction,constant_tork"), ("constant_torque",)),
+        (("--max-rate", "-1"), ("rate", "positive")),
+        (("--end-attitude", "0,0,1"), ("end_attitude", "quaternion")),
+    ],
+)
+def test_bad_requests_end_with_2_and_one_message(tmp_path, capsys, arguments, words):
+    assert run("design", EXAMPLE, "-o", tmp_path / "run", *arguments) == 2
+    message = capsys.readouterr().err
+    assert message.startswith("error: ")
+    assert message.count("\n") == 1
+    assert all(word in message for word in words), message
+    assert not (tmp_path / "run").exists()
+
+
+def test_compare_wants_plans_that_exist(tmp_path, capsys):
+    assert run("compare", EXAMPLE, tmp_path / "none.toml", "-o", tmp_path / "run") == 2
+    assert "none.toml" in capsys.readouterr().err
+    (tmp_path / "taken").mkdir()
+    (tmp_path / "taken" / "compare.png").write_text("mine")
+    assert run("compare", EXAMPLE, "paper", "-o", tmp_path / "taken") == 2
+    assert (tmp_path / "taken" / "compare.png").read_text() == "mine"
+
+
+def test_keep_out_cones_from_a_file(tmp_path):
+    path = tmp_path / "cones.toml"
+    path.write_text('[[keep_out]]\nname = "Earth"\ndirection_N = [0, 0, -2]\nhalf_angle_deg = 65\n')
+    assert keep_outs([str(path), "Sun, 1, 0, 0, 30"]) == (
+        KeepOut("Earth", (0.0, 0.0, -1.0), 65 * DEGREE),
+        KeepOut("Sun", (1.0, 0.0, 0.0), 30 * DEGREE),
+    )
+    path.write_text("[[keep_out]]\nname = 3\n")
+    with pytest.raises(CampaignError, match="direction_N"):
+        keep_outs([str(path)])

@@ -1,0 +1,35 @@
+"""The information forecast against the full model."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+import pytest
+
+from bayes_inertia.design.expected_accuracy import estimate_at_truth
+from bayes_inertia.design.information_forecast import prepare_forecast
+from bayes_inertia.design.information_matrix import expected_covariance
+from bayes_inertia.design.plan_arrays import slew_arrays
+from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.physics.effects import by_name
+
+
+@pytest.mark.parametrize(
+    "names",
+    [(), ("wheel_friction", "wheel_command_lag", "rate_sensor_delay", "magnetic_dipole")],
+    ids=["J and K", "effects"],
+)
+def test_forecast_agrees_with_the_full_model_flown_in_closed_loop(mission, names):
+    effects = by_name(names)
+    forecast = prepare_forecast(paper_like_plan(), mission, effects)
+    theta = np.concatenate([mission.theta, np.zeros(len(forecast.layout.names) - 9)])
+    foreseen = np.sqrt(
+        np.diag(
+            jax.jit(expected_covariance, static_argnums=0)(
+                forecast.layout, forecast.arrays, theta, slew_arrays(paper_like_plan())
+            )
+        )
+    )
+    exact = estimate_at_truth(paper_like_plan(), mission, effects)
+    assert exact.model.space.names == forecast.layout.names
+    np.testing.assert_allclose(foreseen / exact.sd, 1.0, atol=0.03 if not names else 0.08)

@@ -1,0 +1,59 @@
+"""The search: exact gradients, and plans that end in a given attitude."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from bayes_inertia.design.feasible_region import region_within
+from bayes_inertia.design.goals import parse_goal
+from bayes_inertia.design.information_forecast import prepare_forecast
+from bayes_inertia.design.limits import (
+    Limits,
+    hardware_limits,
+)
+from bayes_inertia.design.plan_arrays import slew_arrays
+from bayes_inertia.design.plan_problem import PlanProblem
+from bayes_inertia.design.plan_search import random_plans
+from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.maths import quaternion
+from bayes_inertia.physics.effects import by_name
+
+DEGREE = math.pi / 180.0
+
+
+def problem_of(mission, wanted="cross_terms", n=5, limits=None):
+    forecast = prepare_forecast(paper_like_plan(), mission, by_name(parse_goal(wanted).effects))
+    region = region_within(
+        limits or Limits(rate=1.1 * DEGREE, total_time=1855.0), hardware_limits(mission.spacecraft)
+    )
+    theta = np.concatenate([mission.theta, np.zeros(len(forecast.layout.names) - 9)])
+    return PlanProblem(parse_goal(wanted), forecast, theta[None], region)
+
+
+def test_gradient_of_the_criterion_is_that_of_finite_differences(mission):
+    problem = problem_of(mission)
+    x = problem.variables(slew_arrays(paper_like_plan()))
+    value, slope = problem.log_value_and_gradient(x, 1)
+    rng = np.random.default_rng(3)
+    for _ in range(4):
+        along, step = rng.normal(size=x.shape), 1e-5
+        ends = [problem.log_value_and_gradient(x + s * step * along, 1)[0] for s in (1.0, -1.0)]
+        assert (ends[0] - ends[1]) / (2 * step) == pytest.approx(np.sum(slope * along), rel=1e-5)
+    assert np.exp(value) == pytest.approx(
+        problem.value(x), rel=0.06
+    )  # the smooth largest of three against the largest
+
+
+def test_the_end_attitude_is_reached_by_the_last_slew(mission):
+    end = np.array([0.5, -0.5, 0.5, 0.5])
+    problem = replace(problem_of(mission), end_attitude=end)
+    slews = problem.slews(random_plans(problem, 5, 10, 0)[0][0])
+    attitude = jnp.asarray(paper_like_plan().start_attitude)
+    for turn in slews.rotation_B:
+        attitude = quaternion.multiply(attitude, quaternion.exp(turn))
+    np.testing.assert_allclose(quaternion.error(attitude, end), 0.0, atol=1e-12)

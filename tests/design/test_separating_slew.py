@@ -1,0 +1,53 @@
+"""The slew that separates two effects."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import pytest
+
+from bayes_inertia.design.margins import broken_limits
+from bayes_inertia.design.separating_slew import separating_slew
+from bayes_inertia.diagnosis.score_test import score_tests
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.flight.mission import Mission
+from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.flight.plan_flight import fly
+from bayes_inertia.inference.optimizer import estimate, move_to
+from bayes_inertia.physics.effects import ConstantTorque, StarTrackerShift, by_name
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.small_campaign import small_campaign
+
+
+def test_no_slew_is_proposed_that_the_wheels_cannot_fly():
+    campaign = small_campaign()
+    one_wheel = SimpleNamespace(
+        wheels=campaign.wheels[:1], wheel_axes_B=campaign.wheel_axes_B[:, :1]
+    )
+    one = SimpleNamespace(model=SimpleNamespace(campaign=one_wheel))
+    with pytest.raises(CampaignError, match="about 1 of three axes"):
+        separating_slew(one, ConstantTorque(), StarTrackerShift())
+
+
+@pytest.mark.slow
+def test_separating_slew_starts_from_what_the_fingerprints_say(craft, prior):
+    """Without tachometers friction and a constant torque look alike.
+
+    `analyses/design_study.py` flies what is proposed.
+    """
+    deaf = replace(craft, wheels=tuple(replace(w, momentum_sigma=None) for w in craft.wheels))
+    names = ("wheel_friction", "constant_torque")
+    effects = by_name(names)
+    plan = replace(paper_like_plan(), telemetry_period=1.0)
+    campaign = fly(plan, Mission(deaf, prior), 3).campaign
+    at = estimate(Model(campaign), starts=1)
+    found = separating_slew(at, *effects)
+    assert found.correlation[0] == pytest.approx(
+        score_tests(move_to(at, Model(campaign, effects)), names).canonical_correlation(0, 1),
+        abs=1e-6,
+    )
+    assert found.correlation[0] > 0.99
+    assert found.correlation[1] < 0.95
+    assert all(after > 2.0 * before for before, after in found.noncentrality)
+    assert not broken_limits(found.margins)
