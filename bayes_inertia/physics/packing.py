@@ -24,12 +24,28 @@ _MOST_POINTS = 1e6
 
 
 class Telemetry(NamedTuple):
-    """Measurements of one slew (leading axis: slews, when stacked).
+    """Measurements of one slew of n rows and f fixes (leading axis: slews, when stacked).
 
-    `sample` (n,) index of each row in the integration grid; `rate` (n, 3) [rad/s], `rate_valid` (n, 3) bool;
-    `fix_row` (f,) rows with a star-tracker fix, `attitude` (f, 4), `fix_valid` (f,) bool;
-    `momentum` (n, wheels) [N m s], `momentum_valid` (n, wheels) bool; `tachometer_modes` (grid, modes)
-    orthonormal shapes of slow tachometer noise.
+    Parameters
+    ----------
+    sample : (n,) array of int
+        Index of each row in the integration grid.
+    rate : (n, 3) array
+        Readings [rad/s].
+    rate_valid : (n, 3) array of bool
+        Which readings count.
+    fix_row : (f,) array of int
+        Rows with a star-tracker fix.
+    attitude : (f, 4) array
+        Quaternions there, body from inertial, scalar last.
+    fix_valid : (f,) array of bool
+        Which fixes count.
+    momentum : (n, wheels) array
+        Wheel momentum relative to the body [N m s].
+    momentum_valid : (n, wheels) array of bool
+        Which of these count.
+    tachometer_modes : (grid, modes) array
+        Orthonormal shapes of slow tachometer noise.
     """
 
     sample: Array
@@ -44,7 +60,17 @@ class Telemetry(NamedTuple):
 
 
 class Reference(NamedTuple):
-    """Where the nuisance parameters of one slew are counted from: `rate_B` (3,), `attitude` (4,), `wheel_momentum` (wheels,)."""
+    """Where the nuisance parameters of one slew are counted from.
+
+    Parameters
+    ----------
+    rate_B : (3,) array
+        Body rate [rad/s].
+    attitude : (4,) array
+        Quaternion, body from inertial, scalar last.
+    wheel_momentum : (wheels,) array
+        Wheel momentum relative to the body [N m s].
+    """
 
     rate_B: Array
     attitude: Array
@@ -52,7 +78,17 @@ class Reference(NamedTuple):
 
 
 class Arrays(NamedTuple):
-    """All slews of a campaign, stacked: `slews`, `telemetry`, `reference`."""
+    """All slews of a campaign, stacked.
+
+    Parameters
+    ----------
+    slews : SlewInput
+        What the simulator is given.
+    telemetry : Telemetry
+        What was measured.
+    reference : Reference
+        Where nuisances are counted from.
+    """
 
     slews: SlewInput
     telemetry: Telemetry
@@ -60,10 +96,29 @@ class Arrays(NamedTuple):
 
 
 def refined_grid(time: np.ndarray, max_step: float | None) -> tuple[np.ndarray, np.ndarray]:
-    """Integration times that contain every sample time with no step above `max_step` [s], and the samples' indices.
+    """Integration times that contain every sample time.
 
-    Raises `CampaignError` if that takes more than a million steps.
+    Parameters
+    ----------
+    time : (n,) array
+        Sample times [s].
+    max_step : float or None
+        Longest step of the grid [s]; None takes the samples as they are.
 
+    Returns
+    -------
+    grid : (m,) array
+        Integration times [s].
+    sample : (n,) array of int
+        Index of each sample in the grid.
+
+    Raises
+    ------
+    CampaignError
+        If that takes more than a million steps.
+
+    Examples
+    --------
     >>> refined_grid(np.array([0.0, 1.0, 1.5]), 0.5)
     (array([0. , 0.5, 1. , 1.5]), array([0, 2, 3]))
     """
@@ -86,16 +141,27 @@ def refined_grid(time: np.ndarray, max_step: float | None) -> tuple[np.ndarray, 
 
 
 def longest_step(campaign: Campaign) -> float:
-    """Integration step [s] that resolves the campaign's fastest rotation to far below its noise.
+    """Integration step that resolves the campaign's fastest rotation to far below its noise.
 
-    Measured: with 0.05 rad a step, 100 steps of a tumble at 1 rad/s are right to 3e-7 rad/s. The fastest rotation is
-    taken from the 95th percentile of the readings, so that a few glitches do not refine the whole campaign.
+    Measured: with 0.05 rad a step, 100 steps of a tumble at 1 rad/s are right to 3e-7 rad/s. The
+    fastest rotation is twice the 95th percentile of the readings, so that a few glitches do not
+    refine the whole campaign.
 
-    >>> from bayes_inertia.campaign.hardware import RateSensor
-    >>> from bayes_inertia.campaign.inertia_prior import InertiaPrior
-    >>> slew = Slew("a", 0.0, np.arange(3.0), rate=np.ones((3, 3)))
-    >>> round(longest_step(Campaign("c", InertiaPrior(np.eye(3), 0.1, 0.1), (), RateSensor(sigma=1e-5), None, (slew,))), 3)
-    0.008
+    Parameters
+    ----------
+    campaign : Campaign
+        What was flown.
+
+    Returns
+    -------
+    float
+        A power of two [s], so that the grid does not change with every reading.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> longest_step(small_campaign())
+    0.5
     """
     readings = [s.complete_rates()[1] for s in campaign.slews]
     rates = np.concatenate([np.linalg.norm(r, axis=1) for r in readings])
@@ -109,14 +175,28 @@ def pack(campaign: Campaign, *, max_step: float | None = None, modes: int = 0) -
 
     Parameters
     ----------
-    max_step : longest integration step [s]; None for the telemetry's own.
-    modes : number of slow tachometer-noise shapes per wheel (measured drive).
+    campaign : Campaign
+        What was flown.
+    max_step : float, optional
+        Longest integration step [s]; the telemetry's own by default.
+    modes : int, optional
+        Number of slow tachometer-noise shapes a wheel (measured drive).
 
-    >>> from bayes_inertia.campaign.hardware import RateSensor
-    >>> from bayes_inertia.campaign.inertia_prior import InertiaPrior
-    >>> slew = Slew("a", 0.0, np.arange(3.0), rate=np.zeros((3, 3)))
-    >>> pack(Campaign("c", InertiaPrior(np.eye(3), 0.1, 0.1), (), RateSensor(sigma=1e-5), None, (slew,))).telemetry.rate.shape
-    (1, 32, 3)
+    Returns
+    -------
+    Arrays
+        With the slews as leading axis.
+
+    Raises
+    ------
+    CampaignError
+        If the integration would take more than a million steps.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> pack(small_campaign()).telemetry.rate.shape
+    (3, 64, 3)
     """
     step = longest_step(campaign) if max_step is None else min(max_step, longest_step(campaign))
     grids = [refined_grid(s.time - s.time[0], step) for s in campaign.slews]

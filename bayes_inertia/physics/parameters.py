@@ -19,8 +19,17 @@ N_BASE = len(BASE_NAMES)
 
 @dataclass(frozen=True)
 class Normal:
-    """Gaussian prior, truncated to (lower, upper) where those are given.
+    """Gaussian prior, truncated where limits are given.
 
+    Parameters
+    ----------
+    mean, scale : float
+        Mean and standard deviation of the Gaussian, in the parameter's unit.
+    lower, upper : float, optional
+        Ends of the support.
+
+    Examples
+    --------
     >>> Normal(0.0, 2.0).sd, Normal(0.0, 1.0, lower=0.0).sd
     (2.0, 0.602...)
     """
@@ -47,8 +56,19 @@ class Normal:
 
 @dataclass(frozen=True)
 class LogNormal:
-    """Prior of a positive quantity known to a factor: log(x / median) is Gaussian with sd `scale`.
+    """Prior of a positive quantity known to a factor: log(x / median) is Gaussian.
 
+    Parameters
+    ----------
+    median : float
+        Median, in the parameter's unit.
+    scale : float
+        Standard deviation of the logarithm.
+    lower, upper : float, optional
+        Ends of the support.
+
+    Examples
+    --------
     >>> round(LogNormal(0.5, 0.1).sd, 4)
     0.0504
     """
@@ -84,13 +104,20 @@ class Parameter:
 
     Parameters
     ----------
-    name : identifier, unique within its owner.
-    unit : SI unit as printed ("" for a pure number).
-    priors : one prior a component.
-    null : the value at which the parameter does nothing (the same for all components).
-    components : labels of the components; empty for a scalar.
+    name : str
+        Identifier, unique within its owner.
+    unit : str
+        SI unit as printed ("" for a pure number).
+    priors : tuple of Prior
+        One prior a component.
+    null : float, optional
+        The value at which the parameter does nothing (the same for all components).
+    components : tuple of str, optional
+        Labels of the components; empty for a scalar.
 
-    >>> Parameter("tau", "s", (Normal(0., 1.),)).names
+    Examples
+    --------
+    >>> Parameter("tau", "s", (Normal(0.0, 1.0),)).names
     ('tau',)
     """
 
@@ -111,6 +138,24 @@ class Parameter:
 def scalar(name: str, *, unit: str, prior: Prior, null: float = 0.0) -> Parameter:
     """A parameter that is one number; effects read it as `p[name]`, shape ().
 
+    Parameters
+    ----------
+    name : str
+        Identifier, unique within its owner.
+    unit : str
+        SI unit as printed ("" for a pure number).
+    prior : Prior
+        Its prior.
+    null : float, optional
+        The value at which it does nothing.
+
+    Returns
+    -------
+    Parameter
+        Without components.
+
+    Examples
+    --------
     >>> scalar("lag", unit="s", prior=Normal(0.0, 0.1)).unit
     's'
     """
@@ -120,8 +165,28 @@ def scalar(name: str, *, unit: str, prior: Prior, null: float = 0.0) -> Paramete
 def vector(
     name: str, components: Sequence[str], *, unit: str, prior: Prior, null: float = 0.0
 ) -> Parameter:
-    """A parameter with components ("xyz", wheel names, ...) that share one prior; `p[name]` has shape (n,).
+    """A parameter with components that share one prior; effects read `p[name]`, shape (n,).
 
+    Parameters
+    ----------
+    name : str
+        Identifier, unique within its owner.
+    components : sequence of str
+        Labels: "xyz", the wheels' names, ...
+    unit : str
+        SI unit as printed ("" for a pure number).
+    prior : Prior
+        The prior of each component.
+    null : float, optional
+        The value at which it does nothing.
+
+    Returns
+    -------
+    Parameter
+        With these components.
+
+    Examples
+    --------
     >>> vector("torque", "xyz", unit="N m", prior=Normal(0.0, 1e-5)).names
     ('torque_x', 'torque_y', 'torque_z')
     """
@@ -135,6 +200,13 @@ class ParameterSpace:
     A base parameter has the owner "" and keeps its plain name ("Jxx"); an effect's is called
     "effect.parameter". Flat vectors hold physical values in the unit of each parameter.
 
+    Parameters
+    ----------
+    entries : tuple of (str, Parameter)
+        Owner and parameter, in the order of the vector.
+
+    Examples
+    --------
     >>> space = ParameterSpace((("", scalar("K1", unit="", prior=Normal(1.0, 0.03), null=1.0)),))
     >>> space.names, space.sd.tolist()
     (('K1',), [0.03])
@@ -184,7 +256,18 @@ class ParameterSpace:
         return np.array([p.upper for p in self.priors])
 
     def slice_of(self, owner: str) -> slice:
-        """Where the parameters of one owner stand in the flat vector."""
+        """Where the parameters of one owner stand in the flat vector.
+
+        Parameters
+        ----------
+        owner : str
+            Name of an effect, or "" for J and K.
+
+        Returns
+        -------
+        slice
+            Empty for an owner without parameters.
+        """
         start = 0
         for name, group in self._groups().items():
             stop = start + sum(len(p.names) for p in group)
@@ -200,7 +283,18 @@ class ParameterSpace:
         return groups
 
     def split(self, flat: Array) -> Mapping[str, Mapping[str, Array]]:
-        """The flat vector (size,) as {owner: {parameter: array}}; traceable by JAX."""
+        """The flat vector by owners and parameters; traceable by JAX.
+
+        Parameters
+        ----------
+        flat : (size,) array
+            Physical values.
+
+        Returns
+        -------
+        mapping of str to mapping of str to Array
+            {owner: {parameter: array}}.
+        """
         values: dict[str, dict[str, Array]] = {}
         start = 0
         for owner, p in self.entries:
@@ -210,7 +304,13 @@ class ParameterSpace:
         return values
 
     def constants(self) -> dict[str, Array]:
-        """The one-dimensional priors as arrays (size,) `logarithmic`, `mean`, `scale`, `lower`, `upper`, for compiled code."""
+        """The one-dimensional priors as arrays, for compiled code.
+
+        Returns
+        -------
+        dict of str to (size,) array
+            `logarithmic`, `mean`, `scale`, `lower` and `upper`.
+        """
         columns = {
             "logarithmic": [p.logarithmic for p in self.priors],
             "mean": [p.mean for p in self.priors],
@@ -221,15 +321,42 @@ class ParameterSpace:
         return {k: jnp.asarray(np.array(v)) for k, v in columns.items()}
 
     def draw(self, rng: np.random.Generator, n: int) -> np.ndarray:
-        """n independent draws of the one-dimensional priors (n, size)."""
+        """Independent draws of the one-dimensional priors.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Source of randomness.
+        n : int
+            How many draws.
+
+        Returns
+        -------
+        (n, size) array
+            Physical values; J is not checked (`Model.draw_prior` does).
+        """
         return np.stack(
             [p.distribution.rvs(n, random_state=rng) for p in self.priors], axis=-1
         ).reshape(n, self.size)
 
 
 def prior_residual(constants: Mapping[str, Array], flat: Array) -> Array:
-    """Whitened distance of every parameter from its prior's centre (..., size).
+    """Whitened distance of every parameter from its prior's centre.
 
+    Parameters
+    ----------
+    constants : mapping of str to Array
+        From `ParameterSpace.constants`.
+    flat : (..., size) array
+        Physical values.
+
+    Returns
+    -------
+    (..., size) array
+        In standard deviations of the untruncated prior.
+
+    Examples
+    --------
     >>> space = ParameterSpace((("", scalar("K1", unit="", prior=Normal(1.0, 0.5))),))
     >>> prior_residual(space.constants(), jnp.array([2.0])).tolist()
     [2.0]
@@ -240,8 +367,22 @@ def prior_residual(constants: Mapping[str, Array], flat: Array) -> Array:
 
 
 def log_prior(constants: Mapping[str, Array], flat: Array) -> Array:
-    """Log prior density (...) up to the constant of the Gaussians' and truncations' norms; -inf outside the support.
+    """Log prior density, up to the constant of the Gaussians' and truncations' norms.
 
+    Parameters
+    ----------
+    constants : mapping of str to Array
+        From `ParameterSpace.constants`.
+    flat : (..., size) array
+        Physical values.
+
+    Returns
+    -------
+    (...) array
+        -inf outside the support.
+
+    Examples
+    --------
     >>> space = ParameterSpace((("", scalar("tau", unit="s", prior=Normal(0.0, 1.0, lower=0.0))),))
     >>> log_prior(space.constants(), jnp.array([[2.0], [-1.0]])).tolist()
     [-2.0, -inf]
