@@ -13,9 +13,10 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.channels import slew_from_table
 from bayes_inertia.campaign.csv_table import read_table
+from bayes_inertia.campaign.description import parse_description
 from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
 from bayes_inertia.campaign.inertia_prior import InertiaPrior
-from bayes_inertia.campaign.schema import CampaignPart, SlewPart, parse_description
+from bayes_inertia.campaign.schema import CampaignPart, SlewPart
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import (
