@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
+import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
@@ -139,11 +140,13 @@ def draw_bodies(campaign: Campaign, draw: Callable[[int], np.ndarray], n: int) -
     CampaignError
         If hardly any tensor within the estimate's uncertainty is one of a body.
     """
-    locked = campaign.inertia.includes_wheel_spin
+    spin = None
+    if campaign.inertia.includes_wheel_spin:
+        spin = np.asarray(inertia_tensor.elements(jnp.asarray(spin_tensor(campaign.wheels))))
     return draw_physical(
         draw,
         n,
-        wheel_spin=inertia_tensor.elements(spin_tensor(campaign.wheels)) if locked else None,
+        wheel_spin=spin,
         where="the estimate",
         advice="hardly any tensor within its uncertainty is one of a body: fly more slews first",
     )
