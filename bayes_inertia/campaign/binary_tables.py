@@ -1,6 +1,7 @@
 """Parquet, HDF5 and MAT tables; their libraries are imported only when such a file is read.
 
-On a damaged file these libraries raise whatever they stumble over, so every exception of theirs is caught here.
+On a damaged file these libraries raise whatever they stumble over, so all exceptions of theirs are
+caught here.
 """
 
 from __future__ import annotations
@@ -19,7 +20,25 @@ _DEPTH = 4  # of groups inside groups; a group may contain itself
 
 
 def read_parquet(path: Path, names: Sequence[str]) -> Table:
-    """The columns `names` of a Parquet file (null becomes NaN). Raises `CampaignError`; needs pyarrow."""
+    """The columns of a Parquet file; null becomes NaN. It needs pyarrow.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    names : sequence of str
+        The columns.
+
+    Returns
+    -------
+    Table
+        The columns, in the file's own units.
+
+    Raises
+    ------
+    CampaignError
+        If pyarrow is absent, the file is damaged, or a column is absent or holds no numbers.
+    """
     label = str(path)
     try:
         import pyarrow
@@ -72,9 +91,26 @@ def read_parquet(path: Path, names: Sequence[str]) -> Table:
 
 
 def read_hdf5(path: Path, names: Sequence[str], group: str = "") -> Table:
-    """The columns `names` of an HDF5 file (also MAT v7.3): one dataset a column, in the root or in one group.
+    """The columns of an HDF5 file (also MAT v7.3): one dataset a column, in one group.
 
-    Where several groups hold all of them, the one called `group` is read. Raises `CampaignError`.
+    Parameters
+    ----------
+    path : Path
+        The file.
+    names : sequence of str
+        The columns.
+    group : str, optional
+        Where several groups hold all columns, the one of this name is read.
+
+    Returns
+    -------
+    Table
+        The columns, in the file's own units.
+
+    Raises
+    ------
+    CampaignError
+        If the file is damaged, or a column is absent, links elsewhere, or holds no numbers.
     """
     import h5py
 
@@ -94,11 +130,11 @@ def read_hdf5(path: Path, names: Sequence[str], group: str = "") -> Table:
 
 
 def _hdf5_groups(file: Any, h5py: Any) -> dict[str, list[str]]:
-    found: dict[str, list[str]] = {}
+    groups: dict[str, list[str]] = {}
 
     def visit(node: Any, path: str, depth: int) -> None:
         members = list(node)
-        found[path] = members
+        groups[path] = members
         for name in members:
             hard = isinstance(node.get(name, getlink=True), h5py.HardLink)
             if (
@@ -110,7 +146,7 @@ def _hdf5_groups(file: Any, h5py: Any) -> dict[str, list[str]]:
                 visit(node[name], f"{path}/{name}", depth + 1)
 
     visit(file, "", 0)
-    return found
+    return groups
 
 
 def _hdf5_dataset(file: Any, path: str, h5py: Any, label: str) -> np.ndarray:
@@ -137,9 +173,26 @@ def _hdf5_dataset(file: Any, path: str, h5py: Any, label: str) -> np.ndarray:
 
 
 def read_mat(path: Path, names: Sequence[str], group: str = "") -> Table:
-    """The columns `names` of a MAT file of any version: variables that are vectors, or the fields of one struct.
+    """The columns of a MAT file of any version: vectors, or the fields of one struct.
 
-    Where several structs hold all of them, the one called `group` is read. Raises `CampaignError`.
+    Parameters
+    ----------
+    path : Path
+        The file.
+    names : sequence of str
+        The columns.
+    group : str, optional
+        Where several structs hold all columns, the one of this name is read.
+
+    Returns
+    -------
+    Table
+        The columns, in the file's own units.
+
+    Raises
+    ------
+    CampaignError
+        If the file is damaged, or a column is absent or holds no numbers.
     """
     import h5py
     import scipy.io

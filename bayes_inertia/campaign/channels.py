@@ -1,4 +1,4 @@
-"""From the columns of one table to the channels of one slew: checks by line, units, signs and senses."""
+"""From the columns of a table to the channels of a slew: checks by line, units, signs, senses."""
 
 from __future__ import annotations
 
@@ -21,13 +21,29 @@ _ENVIRONMENT = {
 def slew_from_table(
     table: Table, columns: ColumnsPart, spin_inertias: np.ndarray
 ) -> dict[str, np.ndarray | None]:
-    """The channels of a slew, named as `Slew` names them, in SI units, with the package's signs and senses.
+    """The channels of a slew, in SI units, with the package's signs and senses.
+
+    A star tracker or an environment whose columns are all empty is left out.
 
     Parameters
     ----------
-    columns : what each column means. spin_inertias : (wheels,) [kg m^2], to turn wheel speed into momentum.
+    table : Table
+        The telemetry, in the file's own units.
+    columns : ColumnsPart
+        What each column means.
+    spin_inertias : (wheels,) array
+        Spin inertia of each wheel [kg m^2], to turn wheel speed into momentum.
 
-    A star tracker or an environment whose columns are all empty is None. Raises `CampaignError` naming the line.
+    Returns
+    -------
+    dict of str to array or None
+        Channels (rows, width), named as `Slew` names them.
+
+    Raises
+    ------
+    CampaignError
+        If a cell is empty that must not be, times do not increase, or a quaternion is bad; the
+        error names the line.
     """
     given = columns.given()
     channels: dict[str, np.ndarray | None] = {"time": _time(table, columns.time)}
@@ -38,7 +54,8 @@ def slew_from_table(
             _refuse_empty_cells(
                 table,
                 given[key].names,
-                "the simulator needs every wheel at every row: repair the row, or leave the columns out of [columns]",
+                "the simulator needs every wheel at every row: "
+                "repair the row, or leave the columns out of [columns]",
             )
             values = to_si(table.stack(given[key].names), key, given[key].unit)
             if key == "wheel_torque" and given[key].acts_on == "body":

@@ -24,14 +24,27 @@ from bayes_inertia.files import read_bytes, text_of
 
 
 def read_table(path: Path, names: Sequence[str], group: str = "") -> Table:
-    """The columns `names` of a table whose format its suffix tells.
+    """The columns of a table whose format its suffix tells.
 
     Parameters
     ----------
-    path : .csv, .parquet, .h5 / .hdf5 or .mat file.
-    group : where several groups of an HDF5 or MAT file hold the columns, the one of this name is read.
+    path : Path
+        A .csv, .parquet, .h5, .hdf5 or .mat file.
+    names : sequence of str
+        The columns.
+    group : str, optional
+        Where several groups of an HDF5 or MAT file hold the columns, the one of this name is read.
 
-    Raises `CampaignError` with file and line for what is not a rectangular table of finite numbers and empty cells.
+    Returns
+    -------
+    Table
+        The columns, in the file's own units.
+
+    Raises
+    ------
+    CampaignError
+        If the file is no rectangular table of finite numbers and empty cells; the error names the
+        line.
     """
     readers: dict[str, Callable[[], Table]] = {
         ".csv": lambda: parse_csv(text_of(read_bytes(path), str(path)), names, str(path)),
@@ -60,11 +73,33 @@ def read_table(path: Path, names: Sequence[str], group: str = "") -> Table:
 
 
 def parse_csv(text: str, names: Sequence[str], label: str) -> Table:
-    """The columns `names` of CSV text: a header line, cells between commas, decimal points, nothing in an empty cell.
+    """The columns of CSV text: a header, commas between cells, decimal points.
 
-    Empty lines are skipped, and text is welcome in columns that are not asked for. Raises `CampaignError`.
+    An empty cell is NaN. Empty lines are skipped. Text is welcome in columns that are not wanted.
 
-    >>> parse_csv("t,mode,w\\n0,idle,1\\n1,slew,\\n", ["t", "w"], "a.csv").stack(["t", "w"]).tolist()
+    Parameters
+    ----------
+    text : str
+        The content of the file.
+    names : sequence of str
+        The columns.
+    label : str
+        The file, as messages name it.
+
+    Returns
+    -------
+    Table
+        The columns, in the file's own units.
+
+    Raises
+    ------
+    CampaignError
+        If a line has too few or too many cells, or a cell is no number; the error names the line.
+
+    Examples
+    --------
+    >>> text = "t,mode,w\\n0,idle,1\\n1,slew,\\n"
+    >>> parse_csv(text, ["t", "w"], "a.csv").stack(["t", "w"]).tolist()
     [[0.0, 1.0], [1.0, nan]]
     """
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
@@ -85,7 +120,8 @@ def parse_csv(text: str, names: Sequence[str], label: str) -> Table:
                 raise CampaignError(
                     f"{len(cells)} cells, but the header has {len(header)}",
                     where=f"{label}, line {line}",
-                    advice="give every line as many cells as the header; write decimal points, not commas",
+                    advice="give every line as many cells as the header; "
+                    "write decimal points, not commas",
                 )
             values.extend([_number(cells[i], label, line, header[i]) for i in picked])
             lines.append(line)

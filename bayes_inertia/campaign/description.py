@@ -190,7 +190,7 @@ def _path(loc: tuple, document: Any) -> str:
 
 
 def _check_columns(campaign: CampaignPart, label: str) -> None:
-    """What a single key cannot tell: entries of `[columns]` that contradict each other or the hardware."""
+    """Refuse entries of `[columns]` that contradict each other or the hardware."""
 
     def refuse(key: str, what: str, advice: str):
         raise CampaignError(what, where=f"{label}, key columns.{key}", advice=advice)

@@ -30,17 +30,28 @@ from bayes_inertia.files import (
 
 
 def read_campaign(path: str | Path) -> Campaign:
-    """The campaign in a folder (or described by a TOML file), checked and in SI units and radians.
+    """The campaign in a folder, checked and in SI units and radians.
 
     Parameters
     ----------
-    path : folder holding `campaign.toml`, or the path of a description; tables lie in its folder.
+    path : str or Path
+        A folder that holds `campaign.toml`, or the path of a description; tables lie in its folder.
 
-    Raises `CampaignError` naming file, line or key for anything that is missing, unknown or contradictory.
+    Returns
+    -------
+    Campaign
+        The campaign.
 
+    Raises
+    ------
+    CampaignError
+        If anything is missing, unknown or contradictory; the error names the file, line or key.
+
+    Examples
+    --------
     >>> read_campaign("no/such/folder")
     Traceback (most recent call last):
-    bayes_inertia.errors.CampaignError: no/such/folder: does not exist; give a campaign folder or its campaign.toml
+    bayes_inertia.errors.CampaignError: no/such/folder: does not exist; ...
     """
     description = description_path(path)
     parsed = parse_description(text_of(read_bytes(description), str(description)), str(description))
@@ -63,10 +74,25 @@ def read_campaign(path: str | Path) -> Campaign:
 
 
 def campaign_sha256(path: str | Path) -> str:
-    """SHA-256 (64 hexadecimal digits) of a campaign's description and of every table it names, in its order.
+    """The digest of a campaign's description and of every table it names, in its order.
 
-    It changes with any byte of those files, and with nothing else: not with the folder's place or other
-    files in it. Raises `CampaignError` if the description is invalid or a table is missing.
+    It changes with any byte of those files, and with nothing else: not with the folder's place,
+    not with other files in it.
+
+    Parameters
+    ----------
+    path : str or Path
+        As for `read_campaign`.
+
+    Returns
+    -------
+    str
+        SHA-256 as 64 hexadecimal digits.
+
+    Raises
+    ------
+    CampaignError
+        If the description is invalid or a table is missing.
     """
     digest = hashlib.sha256()
     for name, data in _files(path):
@@ -77,10 +103,26 @@ def campaign_sha256(path: str | Path) -> str:
 
 
 def copy_campaign(path: str | Path, folder: str | Path) -> Path:
-    """Copy a campaign's description and the tables it names, byte for byte, into another folder (made if absent).
+    """Copy a campaign's description and the tables it names, byte for byte.
 
-    Raises `CampaignError` as `campaign_sha256` does, `OutputError` if the folder cannot be written, or holds a file of another content
-    (identical ones are fine).
+    Parameters
+    ----------
+    path : str or Path
+        As for `read_campaign`.
+    folder : str or Path
+        Where to; made if absent. Identical files may be there already.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    CampaignError
+        If the description is invalid or a table is missing.
+    OutputError
+        If the folder cannot be written, or holds a file of another content.
     """
     folder = Path(folder)
     wanted = {folder / name: data for name, data in _files(path)}

@@ -1,4 +1,4 @@
-"""What every reader of tables returns: named columns of numbers that know which line they came from."""
+"""What every reader of tables returns: named columns of numbers that know their lines."""
 
 from __future__ import annotations
 
@@ -17,11 +17,17 @@ class Table:
 
     Parameters
     ----------
-    label : the file, as messages name it.
-    columns : name -> (rows,) values in the file's own units.
-    lines : (rows,) line numbers as a text editor shows them, None for files without lines.
-    single : names of the columns that the file stores as 32-bit floats.
+    label : str
+        The file, as messages name it.
+    columns : dict of str to (rows,) array
+        Values by column name, in the file's own units.
+    lines : (rows,) array of int, optional
+        Line numbers as a text editor shows them; None for files without lines.
+    single : frozenset of str, optional
+        Columns that the file stores as 32-bit floats.
 
+    Examples
+    --------
     >>> Table("a.csv", {"t": np.zeros(2)}, np.array([2, 4])).place(1, "t")
     'a.csv, line 4, column t'
     """
@@ -32,24 +38,75 @@ class Table:
     single: frozenset[str] = frozenset()
 
     def place(self, row: int, column: str | None = None) -> str:
-        """Where row `row` (from 0) is, for a message: file, line (or row from 1) and column."""
+        """Where a cell is, for a message: file, line (or row from 1) and column.
+
+        Parameters
+        ----------
+        row : int
+            The row, counted from 0.
+        column : str, optional
+            The column; None for the whole row.
+
+        Returns
+        -------
+        str
+            Such as "a.csv, line 4, column t".
+        """
         return f"{self.label}, {self.row(row)}{f', column {column}' if column else ''}"
 
     def row(self, row: int) -> str:
-        """Row `row` (from 0) as people count: "line 12" of a text file, else "row 11"."""
+        """A row as people count: "line 12" of a text file, else "row 11".
+
+        Parameters
+        ----------
+        row : int
+            The row, counted from 0.
+
+        Returns
+        -------
+        str
+            The line or the row.
+        """
         return f"row {row + 1}" if self.lines is None else f"line {int(self.lines[row])}"
 
     def stack(self, names: Sequence[str]) -> np.ndarray:
-        """The columns `names` side by side (rows, len(names))."""
+        """Columns side by side.
+
+        Parameters
+        ----------
+        names : sequence of str
+            The columns.
+
+        Returns
+        -------
+        (rows, len(names)) array
+            Their values, in the file's own units.
+        """
         return np.stack([self.columns[name] for name in names], axis=1)
 
 
 def check_columns_present(names: Iterable[str], available: Sequence[str], place: str) -> None:
-    """Raise `CampaignError` at `place`, with the nearest and all available names, if a column is absent.
+    """Raise an error that names the nearest column if one is absent.
 
+    Parameters
+    ----------
+    names : iterable of str
+        The columns that are wanted.
+    available : sequence of str
+        The columns that the table has.
+    place : str
+        File and line of the header, for the message.
+
+    Raises
+    ------
+    CampaignError
+        If a column is absent.
+
+    Examples
+    --------
     >>> check_columns_present(["wx"], ["t", "w_x"], "a.csv, line 1")
     Traceback (most recent call last):
-    bayes_inertia.errors.CampaignError: a.csv, line 1: no column 'wx' (named in [columns]); did you mean 'w_x'? The table has: t, w_x
+    bayes_inertia.errors.CampaignError: a.csv, line 1: no column 'wx' (named in [columns]); ...
     """
     for name in names:
         if name not in available:

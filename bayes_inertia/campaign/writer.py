@@ -15,7 +15,7 @@ from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import OutputError
 from bayes_inertia.files import write_atomically
 
-# Slew field -> key of [columns], what it says of unit and sense, and its columns (None: numbered, one a wheel).
+# Slew field -> key of [columns], its unit and sense, and its columns (a text: one a wheel).
 _CHANNELS = {
     "wheel_torque": ("wheel_torque", {"unit": "N m", "acts_on": "wheel"}, "u{}_Nm"),
     "wheel_momentum": ("wheel_momentum", {"unit": "N m s", "relative_to": "body"}, "h{}_Nms"),
@@ -35,14 +35,30 @@ _CHANNELS = {
 
 
 def write_campaign(campaign: Campaign, folder: str | Path) -> Path:
-    """Write `campaign.toml` and one `slew_NN.csv` a slew, so that `read_campaign(folder)` gives the same numbers.
+    """Write a campaign as a folder that reads back as the same numbers.
 
-    All digits are kept and NaN becomes an empty cell; angles of slews are kept to 15 digits. The description comes
-    last, so that an interrupted write leaves no campaign, and writing again completes it.
+    The folder gets `campaign.toml` and one `slew_NN.csv` a slew. All digits are kept and NaN
+    becomes an empty cell; angles of slews are kept to 15 digits. The description comes last: an
+    interrupted write leaves no campaign, and writing again completes it.
 
-    Returns the folder. Raises `OutputError` if a file of another content is in the way (identical ones are
-    fine), if some slews but not all have wheel telemetry (the folder's `[columns]` hold for all slews), if wheel
-    or environment telemetry has gaps (which cannot be read back), or if the system refuses.
+    Parameters
+    ----------
+    campaign : Campaign
+        The campaign.
+    folder : str or Path
+        Where to; made if absent. Identical files may be there already.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    OutputError
+        If a file of another content is in the way, or the system refuses; if some slews but not
+        all have wheel telemetry (`[columns]` hold for all slews); if wheel or environment telemetry
+        has gaps (which cannot be read back).
     """
     folder = Path(folder)
     content = {name: text.encode("utf-8") for name, text in _render(campaign).items()}
