@@ -109,11 +109,11 @@ DECIDING_MODULES = {
         "diagnosis.rules",
         "design.designer",
         "design.plan_search",
+        "inference.gates",
         "inference.optimizer",
         "inference.residual_tests",
         "inference.sampler",
         "observability.analysis",
-        "observability.observe",
     },
 }
 

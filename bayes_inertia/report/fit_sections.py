@@ -216,17 +216,17 @@ def gates_section(posterior: Posterior) -> Section:
         Two tables and one picture.
     """
     attributes, criteria = posterior.attributes, criteria_of(posterior.attributes)
-    found = attributes["diagnostics"]
-    kept = (found["steps"] - found["discarded"]) / max(found["tau_max"], 1e-9)
-    rhat, effective = found["nested_rhat_max"], f"at least {criteria.effective_samples:g}"
+    diagnostics = attributes["diagnostics"]
+    kept = (diagnostics["steps"] - diagnostics["discarded"]) / max(diagnostics["tau_max"], 1e-9)
+    rhat, effective = diagnostics["nested_rhat_max"], f"at least {criteria.effective_samples:g}"
     numbers = [
         (
             "nested R-hat, worst parameter",
             f"{rhat:.4f}",
             f"below {criteria.nested_rhat_below:g}",
         ),
-        ("effective samples, bulk", f"{found['ess_bulk_min']:,.0f}", effective),
-        ("effective samples, tails", f"{found['ess_tail_min']:,.0f}", effective),
+        ("effective samples, bulk", f"{diagnostics['ess_bulk_min']:,.0f}", effective),
+        ("effective samples, tails", f"{diagnostics['ess_tail_min']:,.0f}", effective),
         (
             "steps kept per autocorrelation time",
             f"{kept:.0f}",
@@ -234,9 +234,9 @@ def gates_section(posterior: Posterior) -> Section:
         ),
     ]
     for_information = [
-        ("acceptance", f"{found['acceptance']:.2f}"),
-        ("posterior evaluations", f"{found['evaluations']:,}"),
-        ("effective samples per evaluation", f"{found['ess_per_evaluation']:.2f}"),
+        ("acceptance", f"{diagnostics['acceptance']:.2f}"),
+        ("posterior evaluations", f"{diagnostics['evaluations']:,}"),
+        ("effective samples per evaluation", f"{diagnostics['ess_per_evaluation']:.2f}"),
     ]
     numbers += [(name, value, "for information") for name, value in for_information]
     gates = [gate | {"says": typeset(gate["says"])} for gate in attributes["gates"]]
