@@ -18,8 +18,17 @@ def _temporary(path: Path, tag: str) -> Path:
 
 
 def remove_leftovers(path: Path) -> None:
-    """Delete what a kill in the middle of `write_atomically` left beside `path`; not while another process may write it.
+    """Delete what a kill in the middle of `write_atomically` left beside a file.
 
+    Not to be called while another process may write the file.
+
+    Parameters
+    ----------
+    path : Path
+        The file that was being written.
+
+    Examples
+    --------
     >>> remove_leftovers(Path("no/such/folder/a.h5"))
     """
     for left in path.parent.glob(_temporary(path, "*").name):
@@ -27,18 +36,34 @@ def remove_leftovers(path: Path) -> None:
 
 
 def write_atomically(path: str | Path, content: bytes | str | Callable[[Path], object]) -> Path:
-    """Write a file so that, whatever happens meanwhile, `path` holds either the old content or all of the new one.
+    """Write a file all or nothing: it holds the old content or the new one, whatever happens.
+
+    The content goes to a temporary file beside it, to the disk, and then takes the file's name;
+    `pathlib` alone would leave half a file after a kill.
 
     Parameters
     ----------
-    path : the file; its folder must exist.
-    content : bytes, text (stored as UTF-8), or a function that writes the file whose path it is given (a
-        temporary one beside `path`, with the same suffix), as netCDF and Parquet writers need.
+    path : str or Path
+        The file; its folder must exist.
+    content : bytes or str or callable
+        The content (text is stored as UTF-8), or a function that writes the file whose path it is
+        given: a temporary one with the same suffix, as netCDF and Parquet writers need.
 
-    Returns `path`. Raises `OutputError` if the system refuses; what a function raises otherwise passes through.
+    Returns
+    -------
+    Path
+        The file.
 
+    Raises
+    ------
+    OutputError
+        If the system refuses. What the function raises otherwise passes through.
+
+    Examples
+    --------
     >>> from tempfile import TemporaryDirectory
-    >>> with TemporaryDirectory() as folder: write_atomically(Path(folder, "a.txt"), "done").read_bytes()
+    >>> with TemporaryDirectory() as folder:
+    ...     write_atomically(Path(folder, "a.txt"), "done").read_bytes()
     b'done'
     """
     path = Path(path)
@@ -59,7 +84,7 @@ def write_atomically(path: str | Path, content: bytes | str | Callable[[Path], o
     finally:
         with contextlib.suppress(OSError):
             temporary.unlink()
-    # The rename itself survives a power cut only once the folder is on disk; some file systems cannot do that.
+    # The rename survives a power cut only once the folder is on disk. Some file systems cannot.
     with contextlib.suppress(OSError):
         _to_disk(path.parent)
     return path
@@ -75,8 +100,22 @@ def _to_disk(path: Path) -> None:
 
 
 def check_folder(folder: str | Path) -> None:
-    """Raise `OutputError` unless a folder can be written, or made: before hours of computing, not after them.
+    """Raise an error unless a folder can be written, or made.
 
+    To be called before hours of computing, not after them.
+
+    Parameters
+    ----------
+    folder : str or Path
+        The folder.
+
+    Raises
+    ------
+    OutputError
+        If it is a file, or may not be written.
+
+    Examples
+    --------
     >>> check_folder(".")
     >>> check_folder(Path(__file__) / "run")
     Traceback (most recent call last):
@@ -95,10 +134,28 @@ def check_folder(folder: str | Path) -> None:
 
 
 def make_folder(folder: str | Path) -> Path:
-    """The folder, made if absent with all above it. Raises `OutputError` if the system refuses.
+    """Make a folder, with all above it, if it is absent.
 
+    Parameters
+    ----------
+    folder : str or Path
+        The folder.
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    OutputError
+        If the system refuses.
+
+    Examples
+    --------
     >>> from tempfile import TemporaryDirectory
-    >>> with TemporaryDirectory() as folder: make_folder(Path(folder, "a", "b")).is_dir()
+    >>> with TemporaryDirectory() as folder:
+    ...     make_folder(Path(folder, "a", "b")).is_dir()
     True
     """
     folder = Path(folder)
@@ -115,13 +172,28 @@ def make_folder(folder: str | Path) -> Path:
 
 
 def description_path(campaign: str | Path) -> Path:
-    """The campaign's description: `campaign` itself, or `campaign.toml` inside it if it is a folder.
+    """The description of a campaign: the file itself, or `campaign.toml` in the folder.
 
-    Raises `CampaignError` if there is none.
+    Parameters
+    ----------
+    campaign : str or Path
+        A campaign folder, or the path of a description.
 
+    Returns
+    -------
+    Path
+        The description.
+
+    Raises
+    ------
+    CampaignError
+        If there is none.
+
+    Examples
+    --------
     >>> description_path("no/such/folder")
     Traceback (most recent call last):
-    bayes_inertia.errors.CampaignError: no/such/folder: does not exist; give a campaign folder or its campaign.toml
+    bayes_inertia.errors.CampaignError: no/such/folder: does not exist; ...
     """
     path = Path(campaign)
     if path.is_dir():
@@ -140,9 +212,26 @@ def description_path(campaign: str | Path) -> Path:
 
 
 def table_path(folder: Path, file: str, where: str) -> Path:
-    """The table `file` of a campaign in `folder`, refused if it lies (or links) outside it.
+    """The table of a slew, refused if it lies (or links) outside the campaign's folder.
 
-    `where` is the file and key that name it. Raises `CampaignError` if it is missing, no file, or outside.
+    Parameters
+    ----------
+    folder : Path
+        The campaign's folder.
+    file : str
+        The table, relative to the folder.
+    where : str
+        The file and key that name it, for messages.
+
+    Returns
+    -------
+    Path
+        The table.
+
+    Raises
+    ------
+    CampaignError
+        If it is missing, no file, or outside.
     """
     advice = "put the table in the campaign folder and name it relative to that folder"
     shown = reprlib.repr(file)
@@ -155,7 +244,7 @@ def table_path(folder: Path, file: str, where: str) -> Path:
     path = folder / file
     try:
         outside = not path.resolve().is_relative_to(folder.resolve())
-        found, regular = path.exists(), path.is_file()
+        exists, regular = path.exists(), path.is_file()
     except (OSError, RuntimeError) as error:
         raise CampaignError(
             f"the table {shown} cannot be found ({getattr(error, 'strerror', None) or error})",
@@ -168,7 +257,7 @@ def table_path(folder: Path, file: str, where: str) -> Path:
             where=where,
             advice=advice,
         )
-    if not found:
+    if not exists:
         raise CampaignError(
             f"the table {shown} does not exist",
             where=where,
@@ -182,7 +271,23 @@ def table_path(folder: Path, file: str, where: str) -> Path:
 
 
 def read_bytes(path: Path) -> bytes:
-    """The content of a file of the campaign; raises `CampaignError` where the system refuses."""
+    """The content of a file of a campaign.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    bytes
+        Its content.
+
+    Raises
+    ------
+    CampaignError
+        If the system refuses.
+    """
     try:
         return path.read_bytes()
     except OSError as error:
@@ -194,7 +299,30 @@ def read_bytes(path: Path) -> bytes:
 
 
 def text_of(data: bytes, label: str) -> str:
-    """`data` as UTF-8 text (a byte-order mark is dropped); raises `CampaignError` naming the line otherwise."""
+    """Bytes as UTF-8 text, without a byte-order mark.
+
+    Parameters
+    ----------
+    data : bytes
+        The content of a file.
+    label : str
+        The file, as messages name it.
+
+    Returns
+    -------
+    str
+        The text.
+
+    Raises
+    ------
+    CampaignError
+        If they are no UTF-8 text; the error names the line.
+
+    Examples
+    --------
+    >>> text_of(b"a,b", "slew_01.csv")
+    'a,b'
+    """
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

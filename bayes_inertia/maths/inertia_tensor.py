@@ -1,4 +1,4 @@
-"""Physical inertia tensors: elements, principal moments, and a chart that can hold no unphysical one.
+"""Physical inertia tensors: elements, principal moments, and a chart of all of them.
 
 A tensor J belongs to a body of non-negative mass density exactly if tr(J)/2 1 - J (the second
 moments of mass) is positive semi-definite, which contains the triangle inequalities
@@ -47,7 +47,7 @@ def second_moments(tensor_B: Array) -> Array:
 
 
 def is_physical(elements_: Array) -> Array:
-    """Whether tensors given by elements (..., 6) satisfy the triangle inequalities strictly (bool, ...).
+    """Whether tensors given by elements (..., 6) satisfy the triangle inequalities (bool, ...).
 
     >>> is_physical(jnp.array([[3., 2., 2., 0., 0., 0.], [5., 2., 2., 0., 0., 0.]])).tolist()
     [True, False]
@@ -63,7 +63,7 @@ def is_physical(elements_: Array) -> Array:
 
 
 def from_chart(chart: Array) -> Array:
-    """Elements (..., 6) of the tensor whose second moments have the log-Cholesky factor `chart` (..., 6).
+    """Elements (..., 6) of the tensor whose second moments have a log-Cholesky factor (..., 6).
 
     The chart is unconstrained: every real vector is a physical tensor. Its components are the
     logarithms of the factor's diagonal, then its elements 10, 20, 21.

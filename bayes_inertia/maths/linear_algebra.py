@@ -1,4 +1,4 @@
-"""Linear algebra of normal matrices of any scaling: solve, invert, and compare what two groups of columns can do."""
+"""Linear algebra of normal matrices of any scaling: solve, invert, compare two groups."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def inverse(matrix: np.ndarray) -> np.ndarray:
 
 
 def inverse_root(matrix: np.ndarray) -> np.ndarray:
-    """Lower triangular R (n, n) with R^T R the inverse of a symmetric positive definite matrix (n, n).
+    """Lower triangular R (n, n), R^T R the inverse of a symmetric positive definite matrix.
 
     >>> inverse_root(np.diag([4.0, 1.0])).tolist()
     [[0.5, 0.0], [0.0, 1.0]]
@@ -41,9 +41,11 @@ def inverse_root(matrix: np.ndarray) -> np.ndarray:
 
 
 def canonical_correlation(matrix: np.ndarray, first: int) -> float:
-    """Largest correlation between what an effect with the `first` columns of a projected normal matrix can do, and the other with the rest.
+    """Largest correlation between what two effects can do to the residuals.
 
-    Directions in which an effect of prior size moves the residuals by less than one sigma do not count.
+    The first effect has the `first` columns of a projected normal matrix, the other the rest.
+    Directions in which an effect of prior size moves the residuals by less than one sigma do not
+    count.
 
     >>> round(canonical_correlation(np.array([[4.0, 3.0], [3.0, 9.0]]), 1), 9)
     0.5

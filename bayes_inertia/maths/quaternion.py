@@ -6,7 +6,8 @@ e in BODY axes is applied on the right: q_new = q * exp(e). (The kinematics
 eps' = (eps x w + eta w)/2, eta' = -(eps.w)/2 of Ferguson's eqs 10 and 11 are q' = q * [w, 0]/2.)
 
 The `..._components` functions do the same on tuples of components (x, y, z) and (e1, e2, e3, eta);
-the simulator's inner loop uses them because XLA fuses scalars twice as well as stacked vectors (measured).
+the simulator's inner loop uses them because XLA fuses scalars twice as well as stacked vectors
+(measured).
 """
 
 from __future__ import annotations
@@ -94,7 +95,8 @@ def conjugate(q: Array) -> Array:
 def to_inertial(q: Array, v_B: Array) -> Array:
     """C(q)^T v_B: a body-frame vector (..., 3) in inertial axes.
 
-    >>> (to_inertial(jnp.array([0., 0., 2**-.5, 2**-.5]), jnp.array([1., 0., 0.])).round(6) + 0.0).tolist()
+    >>> quarter_turn = jnp.array([0., 0., 2**-.5, 2**-.5])
+    >>> (to_inertial(quarter_turn, jnp.array([1., 0., 0.])).round(6) + 0.0).tolist()
     [0.0, 1.0, 0.0]
     """
     return jnp.stack(to_inertial_components(_split(q), _split(v_B)), axis=-1)
@@ -103,7 +105,8 @@ def to_inertial(q: Array, v_B: Array) -> Array:
 def to_body(q: Array, v_N: Array) -> Array:
     """C(q) v_N: an inertial vector (..., 3) in body axes.
 
-    >>> (to_body(jnp.array([0., 0., 2**-.5, 2**-.5]), jnp.array([0., 1., 0.])).round(6) + 0.0).tolist()
+    >>> quarter_turn = jnp.array([0., 0., 2**-.5, 2**-.5])
+    >>> (to_body(quarter_turn, jnp.array([0., 1., 0.])).round(6) + 0.0).tolist()
     [1.0, 0.0, 0.0]
     """
     return jnp.stack(to_body_components(_split(q), _split(v_N)), axis=-1)
