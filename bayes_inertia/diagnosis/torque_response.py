@@ -146,7 +146,7 @@ def torque_response(estimate: Estimate) -> TorqueResponse:
         np.asarray(x) for x in tangents(model.structure, theta, local, model.data)
     )
     transition = np.concatenate([turn, change], axis=-2)
-    J = np.array(inertia_tensor.tensor(jnp.asarray(estimate.theta[:6])))
+    J = inertia_tensor.tensor(jnp.asarray(estimate.theta[:6]))
     axes = jnp.asarray(model.campaign.wheel_axes_B)
     spin = jnp.asarray(model.campaign.spin_inertias)
     if model.structure.includes_wheel_spin:

@@ -1,4 +1,4 @@
-"""Campaigns with and without hidden effects, diagnosed once a session; what all tests of it share."""
+"""Campaigns with and without hidden effects, diagnosed once a session."""
 
 import json
 import math
@@ -46,7 +46,9 @@ def rigid_library():
 
 @pytest.fixture(scope="session")
 def flight():
-    """`flight(effects, values, seed)`: a campaign of three slews at 2 Hz; all have one shape, so that they share compiled code."""
+    """`flight(effects, values, seed)`: a campaign of three slews at 2 Hz; all have one shape, so
+    that they share compiled code.
+    """
     plan = replace(paper_like_plan(), telemetry_period=0.5)
     plan = replace(plan, slews=(plan.slews[0], plan.slews[3], plan.slews[4]))
     template = planned_campaign(plan, most_like_mission())
@@ -82,7 +84,7 @@ def pumped(flight):
 
 @pytest.fixture(scope="session")
 def torqued(flight):
-    """A weak constant torque, which three slews cannot tell from a dipole or a star-tracker shift."""
+    """A weak constant torque, which three slews cannot tell from a star-tracker shift."""
     return diagnose(
         flight(
             (ConstantTorque(),), {"constant_torque": {"torque": 1e-7 * np.array([1.0, -1.0, 1.0])}}

@@ -1,4 +1,4 @@
-"""Disturbances that follow something known: what they may follow, and how well each explains what a fit leaves."""
+"""Disturbances that follow something known, and how well each explains what a fit leaves."""
 
 from dataclasses import replace
 

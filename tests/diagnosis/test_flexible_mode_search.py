@@ -1,4 +1,4 @@
-"""The search for a ringing: a planted one comes back with its frequency and size, and noise alone gains what its p-value says."""
+"""A planted mode comes back as it was, and noise alone gains what its p-value says."""
 
 from dataclasses import replace
 
@@ -28,7 +28,9 @@ NAME, SCALE = "flexible_mode", 100.0
 
 @pytest.fixture(scope="module")
 def searched(small_flown):
-    """`searched(residual)`: the best ringing in residuals (slews, numbers) that an estimate of two slews might have left, and the response."""
+    """`searched(residual)`: the best ringing in residuals (slews, numbers) that an estimate of two
+    slews might have left, and the response.
+    """
     at = estimate(Model(small_flown.campaign), starts=1, discount=False)
     response, fit = torque_response(at), at.linearised()
 

@@ -74,7 +74,10 @@ def test_each_member_of_an_ambiguous_set_has_its_own_J_and_K(
         )
         assert np.array_equal(again.mean, other.mean)
         assert np.array_equal(again.covariance, other.covariance)
-    begun = "The fit below includes constant torque. J and K are averaged over what may be true (constant torque "
+    begun = (
+        "The fit below includes constant torque. "
+        "J and K are averaged over what may be true (constant torque "
+    )
     assert any(said.startswith(begun) for said in diagnosis_verdict(content).sentences)
     assert "J and K, whichever it is" in [section.title for section in diagnosis_sections(content)]
 

@@ -1,4 +1,4 @@
-"""The white noise is measured, and nothing else is taken for it: one loud axis, a gap between fixes, readings outside the range."""
+"""The white noise is measured, and nothing else is taken for it."""
 
 from dataclasses import replace
 from types import SimpleNamespace

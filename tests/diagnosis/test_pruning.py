@@ -25,7 +25,9 @@ def refitted(estimate, effect):
 
 @pytest.mark.slow
 def test_an_effect_that_a_later_one_makes_needless_leaves_no_trace(lagging):
-    """A step that took the wrong effect first is undone: what remains is weighed against the base fit, not against the wrong one."""
+    """A step that took the wrong effect first is undone: what remains is weighed against the base
+    fit, not against the wrong one.
+    """
     at = lagging.base
     wrong = refitted(at, "rate_sensor_delay")
     first = Step("rate_sensor_delay", at, wrong.estimate, wrong.log_bayes_factor)

@@ -1,4 +1,4 @@
-"""The scan of residuals: calibrated on perfect models, right about place and time of what was planted."""
+"""The scan is calibrated on perfect models, and right about where a fault was planted."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What is missing: hidden effects are named, nothing is named where nothing is missing, outsiders stay unknown."""
+"""Hidden effects are named, nothing where nothing is missing, and outsiders stay unknown."""
 
 from dataclasses import asdict, dataclass
 from typing import ClassVar
@@ -21,7 +21,9 @@ from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict, headline
 
 @dataclass(frozen=True)
 class Leak(Effect):
-    """Outside the library: a thruster that leaks for ten seconds in each slew, which several effects together can imitate."""
+    """Outside the library: a thruster that leaks for ten seconds in each slew, which several
+    effects together can imitate.
+    """
 
     name: ClassVar[str] = "leak"
 

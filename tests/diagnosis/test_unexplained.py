@@ -1,4 +1,4 @@
-"""The equivalent torque: planted torques come back with their size, axis and words; sensor errors are not called torques."""
+"""Planted torques come back with size, axis and words; sensor errors are called by name."""
 
 from dataclasses import dataclass, replace
 from typing import ClassVar
@@ -25,7 +25,9 @@ from bayes_inertia.physics.parameters import Normal, scalar
 
 @dataclass(frozen=True)
 class Planted(Effect):
-    """A torque outside the library: `sine` at 0.3 Hz about -y, `square` along x with the square of the rate, both in N m."""
+    """A torque outside the library: `sine` at 0.3 Hz about -y, `square` along x with the square of
+    the rate, both in N m.
+    """
 
     name: ClassVar[str] = "planted"
 

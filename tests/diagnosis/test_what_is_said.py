@@ -25,8 +25,8 @@ def test_ambiguity_is_worded_as_such():
         "ambiguous_with": [["wheel_friction", "viscous_torque"]],
     }
     assert (
-        headline(content)
-        == "Something is missing: either wheel friction or viscous torque. This campaign cannot tell which. Besides: rate bias."
+        headline(content) == "Something is missing: either wheel friction or viscous torque. "
+        "This campaign cannot tell which. Besides: rate bias."
     )
 
 
