@@ -259,6 +259,9 @@ def principal_sd(estimate: Estimate, covariance: np.ndarray) -> np.ndarray:
     tensor = np.asarray(inertia_tensor.tensor(jnp.asarray(estimate.theta[:6])))
     _, axes = np.linalg.eigh(tensor)
     weights = np.stack(
-        [np.asarray(inertia_tensor.elements(np.outer(v, v))) * [1, 1, 1, 2, 2, 2] for v in axes.T]
+        [
+            np.asarray(inertia_tensor.elements(jnp.asarray(np.outer(v, v)))) * [1, 1, 1, 2, 2, 2]
+            for v in axes.T
+        ]
     )
     return np.sqrt(np.einsum("ij,jk,ik->i", weights, covariance[:6, :6], weights))

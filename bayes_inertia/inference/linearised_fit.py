@@ -207,16 +207,17 @@ class LinearisedFit:
             np.concatenate([np.asarray(j) for j in s.jacobian], 1),
         )
 
-    def fitted_columns(self) -> Residuals:
+    def fitted_columns(self) -> tuple[np.ndarray, ...]:
         """Derivatives with respect to everything fitted only, by channel.
 
         Returns
         -------
-        Residuals
-            Arrays (slews, numbers, n_shared + n_local).
+        tuple of (slews, numbers, n_shared + n_local) arrays
+            In the order of `CHANNELS`.
         """
         s = padded_sensitivities(self.model, self.point, self.white, self.free)
-        return Residuals(*(np.asarray(j)[..., : self.n_shared + self.n_local] for j in s.jacobian))
+        p = self.n_shared + self.n_local
+        return tuple(np.asarray(j)[..., :p] for j in s.jacobian)
 
     @property
     def residual(self) -> np.ndarray:

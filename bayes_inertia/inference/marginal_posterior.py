@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -87,7 +87,7 @@ def _project(structure: Structure, marginal: Marginal, theta: Array) -> tuple[Ar
     bias, local = point.bias, point.local
     prediction = predict_all(structure, theta, local, bias, marginal.data)
     r = whitened(structure, prediction, marginal.data.arrays.telemetry, marginal.white)
-    pull = sum(
+    pull: Any = sum(
         jnp.einsum("sn,snk->sk", channel, columns)
         for channel, columns in zip(r, marginal.columns, strict=True)
     )
@@ -182,7 +182,7 @@ def conditional_point(
     bias = optimum.bias + np.asarray(marginal.ridge_bias) @ shift
     local = optimum.local + np.asarray(marginal.ridge_local) @ shift
     r = residuals(structure, Point(theta, bias, local), marginal.data, marginal.white)
-    pull = sum(
+    pull: Any = sum(
         np.einsum("sn,snk->sk", channel, columns)
         for channel, columns in zip(r, marginal.columns, strict=True)
     )
@@ -211,7 +211,7 @@ def log_density_of(
     callable
         From thetas (n, d) to log densities (n,).
     """
-    compiled = (
+    compiled: Callable[[Any], Array] = (
         partial(shared_log_posterior, structure, marginal)
         if shared_code
         else log_posterior(structure, marginal)

@@ -88,7 +88,7 @@ def rate_noise_covariance(model: Model, theta: np.ndarray) -> np.ndarray:
             @ np.linalg.solve(_locked_inertia(model, theta), campaign.wheel_axes_B)
             / np.asarray(theta[6:9])[:, None]
         )
-        momentum = np.diag(np.square([w.momentum_sigma for w in campaign.wheels]))
+        momentum = np.diag(np.square([w.momentum_sigma or 0.0 for w in campaign.wheels]))
         covariance = covariance + shake @ momentum @ shake.T
     return covariance
 
@@ -99,7 +99,9 @@ def _locked_inertia(model: Model, theta: np.ndarray) -> np.ndarray:
     if model.structure.includes_wheel_spin:
         return J
     axes, spin = model.campaign.wheel_axes_B, model.campaign.spin_inertias
-    return np.array(inertia_tensor.with_wheel_spin(J, jnp.asarray(axes), jnp.asarray(spin)))
+    return np.array(
+        inertia_tensor.with_wheel_spin(jnp.asarray(J), jnp.asarray(axes), jnp.asarray(spin))
+    )
 
 
 def _whiten_rows(covariance: np.ndarray, valid: np.ndarray) -> np.ndarray:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
-import numpy as np
-from jax import Array
 
 from bayes_inertia.maths.values import array_dataclass
 
@@ -30,9 +30,10 @@ class Point:
     9
     """
 
-    theta: np.ndarray | Array
-    bias: np.ndarray | Array
-    local: np.ndarray | Array
+    # Of numpy on the host, of JAX in compiled code.
+    theta: Any
+    bias: Any
+    local: Any
 
     @property
     def n_local(self) -> int:

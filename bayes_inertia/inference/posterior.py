@@ -125,13 +125,14 @@ class Posterior:
     @cached_property
     def samples(self) -> np.ndarray:
         """All draws (n, d) in the order of `names`."""
-        group = self.tree["posterior"]
+        group: Any = self.tree["posterior"]
         return np.stack([group[name].values.ravel() for name in self.names], -1)
 
     @cached_property
     def averaged_samples(self) -> np.ndarray:
         """As `samples`; J and K averaged over an ambiguous set where there is one."""
-        averaged, sampled = self.tree.get("averaged", {}), self.tree["posterior"]
+        tree: Any = self.tree
+        averaged, sampled = tree.get("averaged", {}), tree["posterior"]
         columns = [
             (averaged if name in averaged else sampled)[name].values.ravel() for name in self.names
         ]
@@ -167,7 +168,8 @@ class Posterior:
 
     def _parameter(self, i: int, name: str) -> dict[str, Any]:
         """A parameter as it stands in summary.json."""
-        estimate, draws = self.tree["estimate"], self.averaged_samples[:, i]
+        estimate: Any = self.tree["estimate"]
+        draws = self.averaged_samples[:, i]
         prior_sd, sd = float(estimate["prior_sd"][i]), float(draws.std(ddof=1))
         # NaN for a single slew; never below the sample's own.
         robust = max(float(estimate["robust_sd"][i]), sd)
@@ -188,11 +190,12 @@ class Posterior:
 
     def _principal_moments(self) -> dict[str, Any]:
         """Principal moments as they stand in summary.json, smallest first."""
-        group = self.tree["averaged" if "averaged" in self.tree else "derived"]
+        group: Any = self.tree["averaged" if "averaged" in self.tree else "derived"]
         draws = group["principal_moment"].values.reshape(-1, 3)
         sd = draws.std(0, ddof=1)
         # As for the parameters.
-        robust = np.maximum(self.tree["estimate"]["robust_principal_sd"].values, sd)
+        estimate: Any = self.tree["estimate"]
+        robust = np.maximum(estimate["robust_principal_sd"].values, sd)
         return {
             f"I{i + 1}": {
                 "mean": float(draws[:, i].mean()),

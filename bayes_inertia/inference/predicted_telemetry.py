@@ -140,8 +140,8 @@ def with_measurement_noise(
         noise = rng.standard_normal(predicted["rate"].shape) @ root.T
         values = predicted["rate"] + noise.astype(np.float32)
         noisy["rate"] = np.where(telemetry.rate_valid, values, np.float32(np.nan))
-    if "attitude" in predicted:
-        tracker = campaign.star_tracker
+    tracker = campaign.star_tracker
+    if "attitude" in predicted and tracker is not None:
         along = np.outer(tracker.boresight_B, tracker.boresight_B)
         spread = tracker.sigma_cross * (np.eye(3) - along) + tracker.sigma_roll * along
         turn = rng.standard_normal((*predicted["attitude"].shape[:-1], 3)) @ spread

@@ -9,6 +9,7 @@ that factor slew by slew; the estimate then counts each slew with its inverse.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from emcee.autocorr import integrated_time
@@ -167,7 +168,7 @@ def _ljung_box(columns: list[np.ndarray]) -> float:
 def _highest_line(columns: list[np.ndarray]) -> float:
     """Sidak's p-value of the highest line of the summed periodogram."""
     n = max(len(x) for x in columns)
-    lines = sum(
+    lines: Any = sum(
         2.0
         * np.abs(np.fft.rfft(x - x.mean(), n)) ** 2
         / max(float(np.sum((x - x.mean()) ** 2)), 1e-300)

@@ -15,6 +15,7 @@ from math import isfinite
 from pathlib import Path
 from threading import Event
 from time import perf_counter
+from typing import Any
 
 import emcee
 import numpy as np
@@ -111,7 +112,7 @@ class Settings:
             )
 
 
-def _check_setting(name: str, value: object) -> None:
+def _check_setting(name: str, value: Any) -> None:
     """SettingsError unless a setting is a number of its kind and large enough."""
     least = _LEAST_SETTINGS.get(name)
     if least is None:
@@ -314,8 +315,9 @@ def _advance(
             return
         for _ in sampler.sample(sampler._previous_state, iterations=steps - done[k]):
             done[k] += 1
-            if files[k] is not None and (done[k] % _STEPS_BETWEEN_SAVES == 0 or done[k] == steps):
-                save_chain(sampler.backend, files[k])
+            file = files[k]
+            if file is not None and (done[k] % _STEPS_BETWEEN_SAVES == 0 or done[k] == steps):
+                save_chain(sampler.backend, file)
             if progress:
                 progress("sampling", sum(done), target)
             if stopped.is_set():

@@ -57,7 +57,7 @@ def _start_momentum(
     time = slew.time[rows]
     unbiased = scale_factor * readings - np.asarray(sensor.bias)
     rate = np.linalg.solve(sensor.axes, unbiased.T).T
-    taken_up = integrated(slew.wheel_torque, slew.time)[rows]
+    taken_up = integrated(np.asarray(slew.wheel_torque), slew.time)[rows]
     reference = np.asarray(model.data.arrays.reference.wheel_momentum)[s]
     known = rate @ J + (taken_up + reference) @ axes.T
     unexplained = known - known[0] + integrated(np.cross(rate, known), time)
