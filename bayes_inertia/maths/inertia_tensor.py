@@ -19,6 +19,18 @@ _ROWS, _COLUMNS = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
 def tensor(elements: Array) -> Array:
     """The tensors (..., 3, 3) of elements (..., 6) in the order of `ELEMENTS` [kg m^2].
 
+    Parameters
+    ----------
+    elements : (..., 6) array
+        Elements [kg m^2].
+
+    Returns
+    -------
+    (..., 3, 3) array
+        Symmetric tensors [kg m^2].
+
+    Examples
+    --------
     >>> tensor(jnp.array([3., 2., 1., .25, .5, 0.]))[0].tolist()
     [3.0, 0.25, 0.5]
     """
@@ -30,6 +42,18 @@ def tensor(elements: Array) -> Array:
 def elements(tensor_B: Array) -> Array:
     """The elements (..., 6) of symmetric tensors (..., 3, 3).
 
+    Parameters
+    ----------
+    tensor_B : (..., 3, 3) array
+        Symmetric tensors in body axes [kg m^2].
+
+    Returns
+    -------
+    (..., 6) array
+        Elements in the order of `ELEMENTS` [kg m^2].
+
+    Examples
+    --------
     >>> elements(tensor(jnp.arange(6.))).tolist()
     [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
     """
@@ -39,6 +63,18 @@ def elements(tensor_B: Array) -> Array:
 def second_moments(tensor_B: Array) -> Array:
     """tr(J)/2 1 - J (..., 3, 3): the second moments of mass, positive definite for any real body.
 
+    Parameters
+    ----------
+    tensor_B : (..., 3, 3) array
+        Inertia tensors in body axes [kg m^2].
+
+    Returns
+    -------
+    (..., 3, 3) array
+        Second moments of mass [kg m^2].
+
+    Examples
+    --------
     >>> jnp.diag(second_moments(jnp.diag(jnp.array([3., 2., 2.])))).tolist()
     [0.5, 1.5, 1.5]
     """
@@ -49,6 +85,18 @@ def second_moments(tensor_B: Array) -> Array:
 def is_physical(elements_: Array) -> Array:
     """Whether tensors given by elements (..., 6) satisfy the triangle inequalities (bool, ...).
 
+    Parameters
+    ----------
+    elements_ : (..., 6) array
+        Elements [kg m^2].
+
+    Returns
+    -------
+    (...) array of bool
+        True where they are, strictly.
+
+    Examples
+    --------
     >>> is_physical(jnp.array([[3., 2., 2., 0., 0., 0.], [5., 2., 2., 0., 0., 0.]])).tolist()
     [True, False]
     """
@@ -68,6 +116,18 @@ def from_chart(chart: Array) -> Array:
     The chart is unconstrained: every real vector is a physical tensor. Its components are the
     logarithms of the factor's diagonal, then its elements 10, 20, 21.
 
+    Parameters
+    ----------
+    chart : (..., 6) array
+        Any real numbers.
+
+    Returns
+    -------
+    (..., 6) array
+        Elements of a physical tensor [kg m^2].
+
+    Examples
+    --------
     >>> bool(is_physical(from_chart(jnp.array([-1., 0., 1., 5., -3., 2.]))))
     True
     """
@@ -80,6 +140,18 @@ def from_chart(chart: Array) -> Array:
 def to_chart(elements_: Array) -> Array:
     """The inverse of `from_chart`; NaN for an unphysical tensor.
 
+    Parameters
+    ----------
+    elements_ : (..., 6) array
+        Elements of a physical tensor [kg m^2].
+
+    Returns
+    -------
+    (..., 6) array
+        Its chart.
+
+    Examples
+    --------
     >>> x = jnp.array([3., 2., 2., .25, 0., -.5])
     >>> bool(jnp.allclose(from_chart(to_chart(x)), x))
     True
@@ -92,6 +164,18 @@ def to_chart(elements_: Array) -> Array:
 def principal_moments(elements_: np.ndarray) -> np.ndarray:
     """Principal moments (..., 3), ascending [kg m^2].
 
+    Parameters
+    ----------
+    elements_ : (..., 6) array
+        Elements [kg m^2].
+
+    Returns
+    -------
+    (..., 3) array
+        Moments, ascending [kg m^2].
+
+    Examples
+    --------
     >>> principal_moments(np.array([3., 1., 2., 0., 0., 0.])).tolist()
     [1.0, 2.0, 3.0]
     """
@@ -101,6 +185,20 @@ def principal_moments(elements_: np.ndarray) -> np.ndarray:
 def wheel_spin_tensor(wheel_axes_B: Array, spin_inertia: Array) -> Array:
     """sum Js_i g_i g_i^T (3, 3) [kg m^2]: what J_locked has more than J (axes are columns).
 
+    Parameters
+    ----------
+    wheel_axes_B : (3, wheels) array
+        Unit spin axes as columns.
+    spin_inertia : (wheels,) array
+        Spin inertia of each wheel [kg m^2].
+
+    Returns
+    -------
+    (3, 3) array
+        What J_locked has more than J [kg m^2].
+
+    Examples
+    --------
     >>> wheel_spin_tensor(jnp.eye(3)[:, :1], jnp.array([1e-3]))[0, 0].item()
     0.001
     """

@@ -12,6 +12,20 @@ VISIBLE = 1.0
 def solve(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
     """x with matrix x = vector for a symmetric positive definite matrix (n, n) of any scaling.
 
+    Parameters
+    ----------
+    matrix : (n, n) array
+        Symmetric and positive definite.
+    vector : (n,) array
+        Right-hand side.
+
+    Returns
+    -------
+    (n,) array
+        x.
+
+    Examples
+    --------
     >>> solve(np.diag([4.0, 0.25]), np.ones(2)).tolist()
     [0.25, 4.0]
     """
@@ -22,6 +36,18 @@ def solve(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
 def inverse(matrix: np.ndarray) -> np.ndarray:
     """Inverse of a symmetric positive definite matrix (n, n), scaled to unit diagonal first.
 
+    Parameters
+    ----------
+    matrix : (n, n) array
+        Symmetric and positive definite.
+
+    Returns
+    -------
+    (n, n) array
+        The inverse.
+
+    Examples
+    --------
     >>> inverse(np.diag([4.0, 0.25])).tolist()
     [[0.25, 0.0], [0.0, 4.0]]
     """
@@ -32,6 +58,18 @@ def inverse(matrix: np.ndarray) -> np.ndarray:
 def inverse_root(matrix: np.ndarray) -> np.ndarray:
     """Lower triangular R (n, n), R^T R the inverse of a symmetric positive definite matrix.
 
+    Parameters
+    ----------
+    matrix : (n, n) array
+        Symmetric and positive definite.
+
+    Returns
+    -------
+    (n, n) array
+        R, lower triangular.
+
+    Examples
+    --------
     >>> inverse_root(np.diag([4.0, 1.0])).tolist()
     [[0.5, 0.0], [0.0, 1.0]]
     """
@@ -47,6 +85,20 @@ def canonical_correlation(matrix: np.ndarray, first: int) -> float:
     Directions in which an effect of prior size moves the residuals by less than one sigma do not
     count.
 
+    Parameters
+    ----------
+    matrix : (n, n) array
+        Normal matrix in prior standard deviations, everything fitted projected off.
+    first : int
+        Number of columns of the first effect.
+
+    Returns
+    -------
+    float
+        From 0, told apart, to 1, not to be told apart.
+
+    Examples
+    --------
     >>> round(canonical_correlation(np.array([[4.0, 3.0], [3.0, 9.0]]), 1), 9)
     0.5
     """

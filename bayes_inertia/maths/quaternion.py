@@ -23,6 +23,18 @@ Components = Sequence[Array]
 def cross_components(a: Components, b: Components) -> tuple[Array, Array, Array]:
     """a x b of two vectors given as components.
 
+    Parameters
+    ----------
+    a, b : sequence of array
+        Components x, y, z of two vectors.
+
+    Returns
+    -------
+    tuple of array
+        Components of a x b.
+
+    Examples
+    --------
     >>> cross_components((1, 0, 0), (0, 1, 0))
     (0, 0, 1)
     """
@@ -32,6 +44,20 @@ def cross_components(a: Components, b: Components) -> tuple[Array, Array, Array]
 def to_body_components(q: Components, v_N: Components) -> tuple[Array, ...]:
     """C(q) v_N: an inertial vector in body axes.
 
+    Parameters
+    ----------
+    q : sequence of array
+        Components e1, e2, e3, eta of the attitude.
+    v_N : sequence of array
+        Components in inertial axes.
+
+    Returns
+    -------
+    tuple of array
+        Components in body axes.
+
+    Examples
+    --------
     >>> to_body_components((0, 0, 1, 0), (1, 2, 3))
     (-1, -2, 3)
     """
@@ -43,6 +69,20 @@ def to_body_components(q: Components, v_N: Components) -> tuple[Array, ...]:
 def to_inertial_components(q: Components, v_B: Components) -> tuple[Array, ...]:
     """C(q)^T v_B: a body vector in inertial axes.
 
+    Parameters
+    ----------
+    q : sequence of array
+        Components e1, e2, e3, eta of the attitude.
+    v_B : sequence of array
+        Components in body axes.
+
+    Returns
+    -------
+    tuple of array
+        Components in inertial axes.
+
+    Examples
+    --------
     >>> to_inertial_components((0, 0, 1, 0), (1, 2, 3))
     (-1, -2, 3)
     """
@@ -52,6 +92,20 @@ def to_inertial_components(q: Components, v_B: Components) -> tuple[Array, ...]:
 def rate_of_components(q: Components, rate_B: Components) -> tuple[Array, ...]:
     """dq/dt for the body rate w (paper eqs 10, 11).
 
+    Parameters
+    ----------
+    q : sequence of array
+        Components e1, e2, e3, eta of the attitude.
+    rate_B : sequence of array
+        Components of the body rate [rad/s].
+
+    Returns
+    -------
+    tuple of array
+        The four derivatives [1/s].
+
+    Examples
+    --------
     >>> rate_of_components((0, 0, 0, 1), (2, 0, 0))
     (1.0, 0.0, 0.0, -0.0)
     """
@@ -67,6 +121,18 @@ def _split(array: Array) -> list[Array]:
 def multiply(p: Array, q: Array) -> Array:
     """Hamilton product p * q of quaternions (..., 4), scalar last.
 
+    Parameters
+    ----------
+    p, q : (..., 4) array
+        Quaternions, scalar last.
+
+    Returns
+    -------
+    (..., 4) array
+        The product.
+
+    Examples
+    --------
     >>> multiply(jnp.array([0., 0., 0., 1.]), jnp.array([1., 0., 0., 0.])).tolist()
     [1.0, 0.0, 0.0, 0.0]
     """
@@ -86,6 +152,18 @@ def multiply(p: Array, q: Array) -> Array:
 def conjugate(q: Array) -> Array:
     """The inverse of a unit quaternion (..., 4).
 
+    Parameters
+    ----------
+    q : (..., 4) array
+        Unit quaternion.
+
+    Returns
+    -------
+    (..., 4) array
+        The inverse rotation.
+
+    Examples
+    --------
     >>> conjugate(jnp.array([1., 0., 0., 2.])).tolist()
     [-1.0, -0.0, -0.0, 2.0]
     """
@@ -95,6 +173,20 @@ def conjugate(q: Array) -> Array:
 def to_inertial(q: Array, v_B: Array) -> Array:
     """C(q)^T v_B: a body-frame vector (..., 3) in inertial axes.
 
+    Parameters
+    ----------
+    q : (..., 4) array
+        Attitude, body from inertial.
+    v_B : (..., 3) array
+        Vector in body axes.
+
+    Returns
+    -------
+    (..., 3) array
+        The vector in inertial axes.
+
+    Examples
+    --------
     >>> quarter_turn = jnp.array([0., 0., 2**-.5, 2**-.5])
     >>> (to_inertial(quarter_turn, jnp.array([1., 0., 0.])).round(6) + 0.0).tolist()
     [0.0, 1.0, 0.0]
@@ -105,6 +197,20 @@ def to_inertial(q: Array, v_B: Array) -> Array:
 def to_body(q: Array, v_N: Array) -> Array:
     """C(q) v_N: an inertial vector (..., 3) in body axes.
 
+    Parameters
+    ----------
+    q : (..., 4) array
+        Attitude, body from inertial.
+    v_N : (..., 3) array
+        Vector in inertial axes.
+
+    Returns
+    -------
+    (..., 3) array
+        The vector in body axes.
+
+    Examples
+    --------
     >>> quarter_turn = jnp.array([0., 0., 2**-.5, 2**-.5])
     >>> (to_body(quarter_turn, jnp.array([0., 1., 0.])).round(6) + 0.0).tolist()
     [1.0, 0.0, 0.0]
@@ -115,6 +221,20 @@ def to_body(q: Array, v_N: Array) -> Array:
 def rate_of(q: Array, rate_B: Array) -> Array:
     """dq/dt (..., 4) [1/s] for the body rate w (..., 3) [rad/s] (paper eqs 10, 11).
 
+    Parameters
+    ----------
+    q : (..., 4) array
+        Attitude, body from inertial.
+    rate_B : (..., 3) array
+        Body rate [rad/s].
+
+    Returns
+    -------
+    (..., 4) array
+        Derivative [1/s].
+
+    Examples
+    --------
     >>> rate_of(jnp.array([0., 0., 0., 1.]), jnp.array([0.2, 0., 0.])).tolist()
     [0.1, 0.0, 0.0, -0.0]
     """
@@ -124,6 +244,18 @@ def rate_of(q: Array, rate_B: Array) -> Array:
 def exp(rotation_vector: Array) -> Array:
     """The unit quaternion (..., 4) of a rotation vector (..., 3) [rad]; smooth at zero.
 
+    Parameters
+    ----------
+    rotation_vector : (..., 3) array
+        Axis times angle [rad].
+
+    Returns
+    -------
+    (..., 4) array
+        Unit quaternion.
+
+    Examples
+    --------
     >>> exp(jnp.array([0., 0., jnp.pi])).round(6).tolist()
     [0.0, 0.0, 1.0, 0.0]
     """
@@ -138,6 +270,18 @@ def exp(rotation_vector: Array) -> Array:
 def log(q: Array) -> Array:
     """The rotation vector (..., 3) [rad], at most pi long, of a unit quaternion; log(q) = log(-q).
 
+    Parameters
+    ----------
+    q : (..., 4) array
+        Unit quaternion.
+
+    Returns
+    -------
+    (..., 3) array
+        Axis times angle [rad].
+
+    Examples
+    --------
     >>> (log(-exp(jnp.array([0.25, 0., 0.]))).round(6) + 0.0).tolist()
     [0.25, 0.0, 0.0]
     """
@@ -155,6 +299,18 @@ def error(q_predicted: Array, q_measured: Array) -> Array:
 
     The sign of either quaternion does not matter.
 
+    Parameters
+    ----------
+    q_predicted, q_measured : (..., 4) array
+        Attitudes, body from inertial.
+
+    Returns
+    -------
+    (..., 3) array
+        Rotation vector in body axes [rad].
+
+    Examples
+    --------
     >>> q = exp(jnp.array([0.3, -0.2, 0.1]))
     >>> (error(q, -multiply(q, exp(jnp.array([0., 0.25, 0.])))).round(9) + 0.0).tolist()
     [0.0, 0.25, 0.0]
@@ -165,6 +321,18 @@ def error(q_predicted: Array, q_measured: Array) -> Array:
 def normalise(q: Array) -> Array:
     """q / |q| for quaternions (..., 4).
 
+    Parameters
+    ----------
+    q : (..., 4) array
+        Quaternion of any length but zero.
+
+    Returns
+    -------
+    (..., 4) array
+        Unit quaternion.
+
+    Examples
+    --------
     >>> normalise(jnp.array([0., 0., 0., 2.])).tolist()
     [0.0, 0.0, 0.0, 1.0]
     """
