@@ -81,7 +81,7 @@ def check_effect(effect: Effect, campaign: Campaign | None = None) -> CheckedEff
         "measured": campaign.has_tachometers,
     }
     drives = [drive for drive in possible if possible[drive]] or ["commanded"]
-    fingerprint = {
+    fingerprint: dict[str, dict[str, float]] = {
         drive: _in_drive(effect, campaign, drive, thorough=i == 0) for i, drive in enumerate(drives)
     }
     for name in Model(campaign, (effect,)).space.names[N_BASE:]:

@@ -125,7 +125,7 @@ def unit(components: Components) -> Components:
     return tuple(c * shrink for c in components)
 
 
-def runge_kutta_4(slope: Callable[[Array, Any], Any], x: Any, step: Array) -> Any:
+def runge_kutta_4(slope: Callable[[Any, Any], Any], x: Any, step: Array) -> Any:
     """One step of the classical Runge-Kutta method of fourth order.
 
     Parameters

@@ -147,7 +147,8 @@ def _check_class(effect: Effect) -> None:
         "this is not an instance of Effect",
         "derive from bayes_inertia.physics.effect.Effect and pass an instance",
     )
-    frozen = dataclasses.is_dataclass(effect) and type(effect).__dataclass_params__.frozen
+    options = getattr(type(effect), "__dataclass_params__", None)
+    frozen = dataclasses.is_dataclass(effect) and options is not None and options.frozen
     require(
         frozen and "__dataclass_params__" in vars(type(effect)),
         effect,

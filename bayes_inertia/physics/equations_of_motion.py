@@ -290,13 +290,13 @@ def rate_components(
     0.1
     """
     momentum_B = quaternion.to_body_components(attitude, momentum_N)
-    momentum_B = [
+    momentum_B = tuple(
         m - sum(mass.axes_B[i, k] * h for k, h in enumerate(wheel))
         for i, m in enumerate(momentum_B)
-    ]
+    )
     if internal is not None:
-        momentum_B = [m - internal[i] for i, m in enumerate(momentum_B)]
-    return tuple(sum(mass.inverse[i, j] * momentum_B[j] for j in range(3)) for i in range(3))
+        momentum_B = tuple(m - internal[i] for i, m in enumerate(momentum_B))
+    return tuple(sum(mass.inverse[i, j] * momentum_B[j] for j in range(3)) for i in range(3))  # type: ignore[misc]
 
 
 def internal_momentum(active: ActiveEffects, context: SlewContext, own: Components) -> Array:

@@ -4,6 +4,9 @@ Slews of different length are padded to one shape (steps of zero length, weights
 one compiled function serves all slews, and all campaigns of similar size.
 """
 
+# The arrays are NumPy's until all slews are stacked, then JAX's, which is what the types say.
+# mypy: disable-error-code="arg-type"
+
 from __future__ import annotations
 
 from typing import NamedTuple
@@ -237,7 +240,7 @@ def _on_grid(slew: Slew, key: str, grid: np.ndarray, width: int) -> np.ndarray:
 
 
 def _bridged(grid: np.ndarray, time: np.ndarray, column: np.ndarray) -> np.ndarray:
-    """One column on the grid, straight lines across its gaps; zero where nothing at all was measured."""
+    """One column on the grid, straight across its gaps; zero where nothing was measured."""
     given = np.isfinite(column)
     return np.interp(grid, time[given], column[given]) if given.any() else np.zeros(len(grid))
 
@@ -277,7 +280,7 @@ def _pack_telemetry(campaign, slew, sample, n_grid, n_rows, n_fixes, modes, n) -
     fixes = np.flatnonzero(slew.fixes)
     attitude = np.zeros((n_fixes, 4))
     attitude[:, 3] = 1.0
-    if len(fixes):
+    if slew.attitude is not None:
         attitude[: len(fixes)] = slew.attitude[fixes]
     measured = (
         slew.wheel_momentum if slew.wheel_momentum is not None else np.full((rows, wheels), np.nan)
@@ -317,6 +320,8 @@ def _reference(campaign: Campaign, slew: Slew) -> Reference:
         sensor.axes, np.array(sensor.scale_factor) * first - np.array(sensor.bias)
     )
     fixes = np.flatnonzero(slew.fixes)
-    attitude = slew.attitude[fixes[0]] if len(fixes) else np.array([0.0, 0.0, 0.0, 1.0])
+    attitude = np.array([0.0, 0.0, 0.0, 1.0])
+    if slew.attitude is not None and len(fixes):
+        attitude = slew.attitude[fixes[0]]
     momentum = _on_grid(slew, "wheel_momentum", np.zeros(1), len(campaign.wheels))[0]
     return Reference(rate_B, attitude, momentum)

@@ -238,7 +238,7 @@ class ParameterSpace:
     @property
     def mean(self) -> np.ndarray:
         """Prior means (medians of log-normal priors) (size,)."""
-        return np.array([p.median if p.logarithmic else p.mean for p in self.priors])
+        return np.array([p.median if isinstance(p, LogNormal) else p.mean for p in self.priors])
 
     @property
     def sd(self) -> np.ndarray:

@@ -118,12 +118,12 @@ def _attitude_path(
     mass: MassProperties,
     first: SlewState,
     torque: Array,
-    _: ActiveEffects,
+    active: ActiveEffects,
     drive: Drive,
 ) -> SlewState:
     """The same where M_N is constant and the wheels are known beforehand.
 
-    Only the attitude is integrated, in 0.6 of the time of `_full_path`.
+    Only the attitude is integrated, in 0.6 of the time of `_full_path`; no effect acts on it.
     """
     n = len(slew.context.time)
     if drive == "commanded":

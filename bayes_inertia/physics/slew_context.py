@@ -36,7 +36,7 @@ class SlewContext(NamedTuple):
         C_rate of the rate sensor, one row a sensor axis.
     """
 
-    index: Array
+    index: Array  # type: ignore[assignment]  # hides tuple.index, which nobody needs
     slews: Array
     start: Array
     middle: Array

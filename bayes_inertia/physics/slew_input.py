@@ -85,23 +85,22 @@ def idle_slew(
     >>> idle_slew([0.0, 1.0]).context.step.tolist()
     [1.0, 0.0]
     """
-    time = jnp.asarray(time, dtype=float)
-    n = len(time)
+    grid = jnp.asarray(time, dtype=float)
+    n = len(grid)
     axes = (
         jnp.zeros((3, wheels)) if wheel_axes_B is None else jnp.asarray(wheel_axes_B, dtype=float)
     )
     wheels = axes.shape[1]
     spin = jnp.zeros(wheels) if spin_inertia is None else jnp.asarray(spin_inertia, dtype=float)
-    torque = jnp.zeros((n, wheels)) if torque is None else jnp.asarray(torque, dtype=float)
-    step = jnp.append(jnp.diff(time), 0.0)
+    commands = jnp.zeros((n, wheels)) if torque is None else jnp.asarray(torque, dtype=float)
     context = SlewContext(
         index=jnp.asarray(0),
         slews=jnp.asarray(1),
         start=jnp.asarray(0.0),
-        middle=0.5 * (time[0] + time[-1]),
-        time=time,
-        step=step,
-        torque=torque,
+        middle=0.5 * (grid[0] + grid[-1]),
+        time=grid,
+        step=jnp.append(jnp.diff(grid), 0.0),
+        torque=commands,
         wheel_axes_B=axes,
         spin_inertia=spin,
         boresight_B=jnp.array([0.0, 0.0, 1.0]),

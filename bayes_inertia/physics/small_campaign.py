@@ -39,7 +39,7 @@ def small_campaign() -> Campaign:
     )
     pushes = np.array([[3e-3, -1e-3, 0.5e-3], [-1e-3, 3e-3, 1e-3], [1e-3, 0.5e-3, -3e-3]])
     slews = tuple(_small_slew(i, push, tensor, axes) for i, push in enumerate(pushes))
-    sensor = RateSensor(sigma=2e-5, bias_sigma=2e-6)
+    sensor = RateSensor(sigma=(2e-5,) * 3, bias_sigma=(2e-6,) * 3)
     return Campaign(
         "small",
         InertiaPrior(tensor, 0.04, 0.03),

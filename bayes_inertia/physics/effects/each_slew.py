@@ -76,12 +76,12 @@ class EachSlew(Effect):
         return cls(inner, len(campaign.slews), scalars, nulls)
 
     @property
-    def name(self) -> str:
+    def name(self) -> str:  # type: ignore[override]
         """The inner effect's name."""
         return self.inner.name
 
     @property
-    def needs(self) -> tuple[str, ...]:
+    def needs(self) -> tuple[str, ...]:  # type: ignore[override]
         """The inner effect's environment columns."""
         return self.inner.needs
 
