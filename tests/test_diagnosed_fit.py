@@ -51,7 +51,7 @@ def test_noise_is_taken_as_measured_unless_something_has_no_name(flown, monkeypa
         return "posterior"
 
     monkeypatch.setattr(diagnosed_fit, "fit", fit)
-    monkeypatch.setattr(diagnosed_fit, "averaged", lambda posterior, *_: posterior)
+    monkeypatch.setattr(diagnosed_fit, "averaged_posterior", lambda posterior, *_: posterior)
     noise = {"rate": 2.0, "attitude": 1.0, "momentum": 1.0}
     wanted = NextFit(verdict, (ConstantTorque(),), noise, "commanded")
     fit_what_was_found(flown.campaign, wanted, drive=None, settings=QUICK)
