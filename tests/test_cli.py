@@ -1,4 +1,4 @@
-"""The command: exit codes, one clear message for every kind of bad input, and nothing overwritten."""
+"""The command: exit codes, one clear message for bad input, and nothing overwritten."""
 
 from __future__ import annotations
 
@@ -46,6 +46,11 @@ def test_check_says_what_the_example_contains(capsys):
     printed = capsys.readouterr().out
     for word in ("slew 1", "slew 5", "commanded", "measured", "principal moments"):
         assert word in printed
+
+
+def test_version_is_said(capsys):
+    assert run("--version") == 0
+    assert capsys.readouterr().out == f"bayes-inertia {bayes_inertia.__version__}\n"
 
 
 def test_doctor_passes_its_own_test(capsys):
@@ -188,7 +193,7 @@ def test_simulate_writes_a_campaign_with_its_truth_and_hidden_effects(tmp_path, 
 
 @pytest.mark.slow
 def test_fit_of_the_example_is_trusted_and_right(tmp_path, capsys):
-    """The whole command on telemetry of an independent simulator: truth within 3.5 sd, gates, files, units."""
+    """Telemetry of an independent simulator: truth within 3.5 sd, gates, files, units."""
     out = tmp_path / "run"
     assert run("fit", EXAMPLE, "-o", out, "--seed", "1") == 0
     summary = json.loads((out / "summary.json").read_text())

@@ -1,4 +1,4 @@
-"""`study`: stated uncertainties against achieved ones; a sound plan passes, sds that are too small are called so."""
+"""`study`: stated uncertainties against achieved ones; sds that are too small are called so."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def run(*arguments) -> int:
 
 
 def made(n: int, seed: int, shrink: float = 1.0) -> Study:
-    """A study of n campaigns whose errors are normal, and whose stated sds are theirs times `shrink`."""
+    """A study of n campaigns with normal errors, whose stated sds are theirs times `shrink`."""
     rng = np.random.default_rng(seed)
     sd = np.geomspace(1e-5, 1e-2, len(BASE_NAMES)) * rng.uniform(0.8, 1.2, (n, len(BASE_NAMES)))
     return Study(
@@ -38,7 +38,7 @@ def made(n: int, seed: int, shrink: float = 1.0) -> Study:
 
 
 def test_sound_uncertainties_are_rarely_called_too_small():
-    """At most the 1 % that is meant, within the Monte Carlo error of 1,000 studies; sds 15 % too small are found always."""
+    """At most the 1 % that is meant, within Monte Carlo error; sds 15 % too small are found."""
     trials = 1000
     alarms = sum(bool(made(200, seed).too_small) for seed in range(trials))
     assert alarms <= stats.binom.ppf(0.999, trials, 0.01)
@@ -47,7 +47,7 @@ def test_sound_uncertainties_are_rarely_called_too_small():
 
 @pytest.mark.slow
 def test_intervals_hold_the_truth_as_often_as_they_say():
-    """The 95 % interval of each share holds the level in about 95 %; with sds halved the 95 % intervals hold the truth in 67 %."""
+    """The 95 % interval of each share holds the level in about 95 %; halved sds hold in 67 %."""
     inside = [
         low <= level <= high
         for seed in range(100)
