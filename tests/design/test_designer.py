@@ -51,6 +51,7 @@ def test_design_beats_slews_like_the_papers_and_random_plans_within_all_limits(d
     )
 
 
+@pytest.mark.slow
 def test_same_seed_same_plan(designed, mission):
     again = design_plan(mission, candidates=150, starts=3, draws=2, seed=1)
     assert again.plan == designed.plan
@@ -102,6 +103,7 @@ def test_infeasible_requests_say_which_limit_binds(case, mission):
         design_plan(mission, limits=limits)
 
 
+@pytest.mark.slow
 def test_a_limit_that_only_the_search_finds_out_is_named(craft, prior, designed):
     # At rest the wheels hold 0.07 N m s at most, which they may. A reserve of 45 % leaves 0.044,
     # less than they hold on average.
@@ -138,6 +140,7 @@ def test_next_slew_adds_what_is_missing(mission):
     assert design.gain > 1.1
 
 
+@pytest.mark.slow
 def test_a_plan_for_a_nearly_flat_body_is_judged_by_tensors_that_a_body_can_have(craft):
     """A plate's draws from an estimate are unphysical half the time."""
     plate = replace(craft, inertia_B=np.diag([1.0, 1.0, 1.9999]))
