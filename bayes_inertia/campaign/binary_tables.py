@@ -41,7 +41,6 @@ def read_parquet(path: Path, names: Sequence[str]) -> Table:
     """
     label = str(path)
     try:
-        import pyarrow
         from pyarrow import parquet
     except ImportError as error:
         raise CampaignError(
@@ -66,28 +65,25 @@ def read_parquet(path: Path, names: Sequence[str]) -> Table:
         raise
     except Exception as error:
         raise _unreadable(label, "a Parquet file", error) from error
-    types = pyarrow.types
-    for name in names:
-        kind = table.schema.field(name).type
-        if not (
-            types.is_integer(kind)
-            or types.is_floating(kind)
-            or types.is_decimal(kind)
-            or types.is_null(kind)
-        ):
-            raise CampaignError(
-                f"holds {kind}, not numbers", where=f"{label}, column {name}", advice=_ADVICE
-            )
+    return _parquet_columns(table, names, label)
+
+
+def _parquet_columns(table: Any, names: Sequence[str], label: str) -> Table:
+    """Columns of an Arrow table as floats, or `CampaignError` where one holds no numbers."""
+    import pyarrow
+    from pyarrow import types
+
+    kinds = {name: table.schema.field(name).type for name in names}
+    numeric = (types.is_integer, types.is_floating, types.is_decimal, types.is_null)
+    for name, kind in kinds.items():
+        if not any(holds(kind) for holds in numeric):
+            what = f"holds {kind}, not numbers"
+            raise CampaignError(what, where=f"{label}, column {name}", advice=_ADVICE)
     arrays = {
         name: table.column(name).cast(pyarrow.float64(), safe=False).to_numpy() for name in names
     }
-    return Table(
-        label,
-        arrays,
-        single=frozenset(
-            name for name in names if table.schema.field(name).type == pyarrow.float32()
-        ),
-    )
+    single = frozenset(name for name, kind in kinds.items() if kind == pyarrow.float32())
+    return Table(label, arrays, single=single)
 
 
 def read_hdf5(path: Path, names: Sequence[str], group: str = "") -> Table:

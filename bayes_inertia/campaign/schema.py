@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from annotated_types import Len
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
@@ -24,13 +24,22 @@ Names1 = Annotated[list[str], Len(1, 1)]
 Names3 = Annotated[list[str], Len(3, 3)]
 Names4 = Annotated[list[str], Len(4, 4)]
 # The accepted units are those of the table, so that adding one there is enough.
-TimeUnit = Literal[tuple(UNITS["time"])]
-TorqueUnit = Literal[tuple(UNITS["wheel_torque"])]
-MomentumUnit = Literal[tuple(UNITS["wheel_momentum"])]
-SpeedUnit = Literal[tuple(UNITS["wheel_speed"])]
-RateUnit = Literal[tuple(UNITS["rate"])]
-FieldUnit = Literal[tuple(UNITS["magnetic_field"])]
-PositionUnit = Literal[tuple(UNITS["position"])]
+if TYPE_CHECKING:  # A type checker cannot evaluate a table.
+    type TimeUnit = str
+    type TorqueUnit = str
+    type MomentumUnit = str
+    type SpeedUnit = str
+    type RateUnit = str
+    type FieldUnit = str
+    type PositionUnit = str
+else:
+    TimeUnit = Literal[tuple(UNITS["time"])]
+    TorqueUnit = Literal[tuple(UNITS["wheel_torque"])]
+    MomentumUnit = Literal[tuple(UNITS["wheel_momentum"])]
+    SpeedUnit = Literal[tuple(UNITS["wheel_speed"])]
+    RateUnit = Literal[tuple(UNITS["rate"])]
+    FieldUnit = Literal[tuple(UNITS["magnetic_field"])]
+    PositionUnit = Literal[tuple(UNITS["position"])]
 
 
 class _Part(BaseModel):
