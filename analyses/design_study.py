@@ -485,7 +485,10 @@ def ratio_picture(found: dict) -> Figure:
             label="over the sd that fits state (rms)" if k == 0 else None,
         )
     axes.set(
-        xticks=range(9), xticklabels=BASE_NAMES, ylabel="predicted sd / achieved sd", ylim=(0.85, 1.2)
+        xticks=range(9),
+        xticklabels=BASE_NAMES,
+        ylabel="predicted sd / achieved sd",
+        ylim=(0.85, 1.2),
     )
     number = next(iter(found.values()))["campaigns"]
     axes.set_title(

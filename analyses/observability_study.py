@@ -408,7 +408,8 @@ def page(found: dict) -> str:
             f"{row['commands_rms']:.1e} |"
         )
     products = [
-        hidden[n]["rate_with_given_commands"] / hidden[n]["rate_in_closed_loop"] for n in BASE_NAMES[3:6]
+        hidden[n]["rate_with_given_commands"] / hidden[n]["rate_in_closed_loop"]
+        for n in BASE_NAMES[3:6]
     ]
     lines += [
         "",

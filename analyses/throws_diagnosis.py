@@ -90,7 +90,7 @@ class Linear:
 
     @classmethod
     def of(cls, at: Estimate, fit: LinearisedFit) -> Linear:
-        """From an estimate and its linearised fit; columns are those of "measured minus predicted"."""
+        """From an estimate and its linearised fit; columns: of "measured minus predicted"."""
         slope, distance = (rows[at.free] for rows in prior_rows(at.model, at.theta))
         precision = np.concatenate([slope**2, np.ones(fit.n_shared - len(at.free))])
         pull = np.concatenate([slope * distance, at.point.bias])
@@ -190,7 +190,9 @@ def ringing_of(at: Estimate, fit: LinearisedFit) -> tuple[FlexibleModeCandidate,
     return ringing, f"{FLEXIBLE}@{ringing.frequency:.3g} Hz{', lowest' if lowest else ''}"
 
 
-def candidates(at: Estimate, fit: LinearisedFit, ringing: FlexibleModeCandidate, label: str) -> list[Term]:
+def candidates(
+    at: Estimate, fit: LinearisedFit, ringing: FlexibleModeCandidate, label: str
+) -> list[Term]:
     """Every effect that leaves a trace here, shared and different in each throw."""
     space, terms = at.model.space, []
     for effect in at.model.effects:
@@ -266,7 +268,9 @@ def diagnose_configuration(folder: Path) -> dict:
     return row
 
 
-def _full_fits(campaign, base: Estimate, steps: list[dict], ringing: FlexibleModeCandidate) -> list[dict]:
+def _full_fits(
+    campaign, base: Estimate, steps: list[dict], ringing: FlexibleModeCandidate
+) -> list[dict]:
     """Fits with the chosen effects added one after the other, each from the one before."""
     library = {e.name: e for e in LIBRARY}
     fits, effects, before = [], (), base

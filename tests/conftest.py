@@ -1,4 +1,5 @@
-"""Small campaigns simulated with the package's own dynamics plus noise, shared by all tests of the core.
+"""Small campaigns simulated with the package's own dynamics plus noise, shared by all tests of the
+core.
 
 Campaigns of one `Setup` have one shape, so that all tests of a session share compiled code.
 """
@@ -52,7 +53,9 @@ class Setup:
 
 @dataclass(frozen=True)
 class Truth:
-    """What the telemetry was simulated with: theta (9,) as `ParameterSpace` orders it, rate bias (3,) [rad/s]."""
+    """What the telemetry was simulated with: theta (9,) as `ParameterSpace` orders it, rate bias
+    (3,) [rad/s].
+    """
 
     theta: np.ndarray
     bias: np.ndarray
@@ -119,7 +122,9 @@ def _truth(setup: Setup, rng: np.random.Generator) -> Truth:
 def fly(
     seed: int, setup: Setup = Setup(), *, noise: float = 1.0, truth: Truth | None = None
 ) -> Flown:
-    """Simulate one campaign; its truth is a draw of the prior, unless given; `noise` multiplies all noise."""
+    """Simulate one campaign; its truth is a draw of the prior, unless given; `noise` multiplies all
+    noise.
+    """
     rng = np.random.default_rng(seed)
     drawn = _truth(setup, rng)
     truth = truth or drawn

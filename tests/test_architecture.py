@@ -1,4 +1,6 @@
-"""The house rules that a machine can check: layers, no module state, documented public names, small files."""
+"""The house rules that a machine can check: layers, no module state, documented public names, small
+files.
+"""
 
 from __future__ import annotations
 
@@ -53,13 +55,17 @@ ARROWS = {
 
 
 def name_of(path: Path) -> str:
-    """The module's place in the layers: its first part below the package; "" for the package itself."""
+    """The module's place in the layers: its first part below the package; "" for the package
+    itself.
+    """
     parts = path.relative_to(ROOT).with_suffix("").parts
     return "" if parts == ("__init__",) else parts[0]
 
 
 def imported(tree: ast.Module) -> set[str]:
-    """First parts below the package of everything imported from it, wherever in the file, type checking included."""
+    """First parts below the package of everything imported from it, wherever in the file, type
+    checking included.
+    """
     found = set()
     for node in ast.walk(tree):
         names: list[str] = []
@@ -185,11 +191,14 @@ def test_the_check_of_arrows_can_fail():
 
 
 def mutable_state(tree: ast.Module) -> list[str]:
-    """Names of module level that hold something changeable which functions could change: lists, sets, dicts used as state, `global`."""
+    """Names of module level that hold something changeable which functions could change: lists,
+    sets, dicts used as state, `global`.
+    """
     found = [f"global {', '.join(n.names)}" for n in ast.walk(tree) if isinstance(n, ast.Global)]
     module_names = {t.id: n for n in tree.body for t in targets_of(n)}
     mutable = {name for name, node in module_names.items() if is_mutable(node.value)}
-    # A table that is only read (a constant in capitals) is no state; what changes it, or what is not named as a constant, is.
+    # A table that is only read (a constant in capitals) is no state; what changes it, or what is
+    # not named as a constant, is.
     found += sorted(
         name for name in mutable if not name.lstrip("_").isupper() and name != "__all__"
     )
@@ -281,7 +290,9 @@ def test_the_state_check_can_fail():
 
 
 def undocumented(tree: ast.Module) -> list[str]:
-    """Public functions, classes, methods and properties without a docstring; an override inherits that of its base."""
+    """Public functions, classes, methods and properties without a docstring; an override inherits
+    that of its base.
+    """
     definitions = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
     found = []
     for node in tree.body:

@@ -1,4 +1,6 @@
-"""The analyses of the paper: quick variants run, figures are the same bytes again, the page is complete, the statistics are right."""
+"""The analyses of the paper: quick variants run, figures are the same bytes again, the page is
+complete, the statistics are right.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-ANALYSES = Path(__file__).resolve().parent.parent / "analyses"
+ANALYSES = Path(__file__).resolve().parents[2] / "analyses"
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +46,8 @@ def test_quick_variants_say_what_the_full_ones_say(quick):
     found, _ = quick
     numbers = {name: result.numbers for name, (result, _) in found.items()}
     assert numbers["claim_starts"]["fraction"] == 1.0
-    # 2 sin(180 deg / 2) of the misalignment is left; the simulated median has the noise of four flights (about 60").
+    # 2 sin(180 deg / 2) of the misalignment is left; the simulated median has the noise of four
+    # flights (about 60").
     assert (
         abs(
             numbers["claim_misalignment"]["at_180_arcsec"]
@@ -52,7 +55,8 @@ def test_quick_variants_say_what_the_full_ones_say(quick):
         )
         < 150.0
     )
-    # A torque that is 1 % too large looks like an inertia that is 1 % too small, where the wheels stored no momentum.
+    # A torque that is 1 % too large looks like an inertia that is 1 % too small, where the wheels
+    # stored no momentum.
     assert numbers["claim_torque_error"][
         "slope no tachometers, wheels start at rest"
     ] == pytest.approx(-1.0, abs=0.1)
@@ -99,7 +103,9 @@ def test_committed_page_is_what_the_committed_results_say(load, tmp_path):
 
 
 def test_scatter_is_what_repeated_campaigns_show(load):
-    """Errors of 16 campaigns at 50 times our noise, whitened by the predicted scatter, are standard normal."""
+    """Errors of 16 campaigns at 50 times our noise, whitened by the predicted scatter, are standard
+    normal.
+    """
     common = load("common")
     from bayes_inertia.flight.plan import paper_like_plan
     from bayes_inertia.inference.optimizer import estimate

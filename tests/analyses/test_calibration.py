@@ -1,4 +1,6 @@
-"""The benchmark and the calibration study run, their statistics are right, and a killed study goes on where it was."""
+"""The benchmark and the calibration study run, their statistics are right, and a killed study goes
+on where it was.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-ANALYSES = Path(__file__).parents[1] / "analyses"
+ANALYSES = Path(__file__).parents[2] / "analyses"
 
 
 def _script(name: str):
@@ -98,7 +100,8 @@ def test_a_quick_calibration_writes_its_results_and_goes_on_after_a_kill(
     table = calibration.main(["--campaigns", "4", "--out", str(tmp_path)])
     assert table.campaign.nunique() == 2  # the second study gets half
     assert np.all(table["rank"].between(0, calibration.RANKED))
-    # Nine standardised errors of two honest fits: chi^2 with 18 degrees of freedom, were they independent.
+    # Nine standardised errors of two honest fits: chi^2 with 18 degrees of freedom, were they
+    # independent.
     z = (table.truth - table["mean"]) / table.sd
     assert float(z @ z) < stats.chi2.isf(1e-6, 18) * 2.0
     for file in (
@@ -174,5 +177,6 @@ def test_effective_samples_are_the_smaller_count_of_the_worst_parameter(benchmar
     for t in range(1, 4000):
         slow[:, t] = 0.9 * slow[:, t - 1] + np.sqrt(0.19) * rng.normal(size=8)
     found = benchmark.effective_samples(np.stack([white, slow], -1))
-    # An AR(1) process with 0.9 has an autocorrelation time of 19; emcee's and ArviZ's estimates scatter by a tenth.
+    # An AR(1) process with 0.9 has an autocorrelation time of 19; emcee's and ArviZ's estimates
+    # scatter by a tenth.
     assert 0.7 * 32_000 / 19 < found < 1.2 * 32_000 / 19

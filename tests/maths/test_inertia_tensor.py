@@ -20,7 +20,7 @@ elements_ = st.tuples(*[st.floats(-1.0, 5.0)] * 3, *[st.floats(-2.0, 2.0)] * 3).
 
 
 def _margin(elements: np.ndarray) -> float:
-    """Smallest of: the principal moments, the sums of two less the third; relative to the largest."""
+    """Smallest of: the principal moments, sums of two less the third; over the largest."""
     a, b, c = np.linalg.eigvalsh(np.array(inertia_tensor.tensor(elements)))
     return min(a, a + b - c) / max(abs(a), abs(c))
 

@@ -84,7 +84,8 @@ def test_outside_the_support_the_density_is_zero(index, value):
 
 
 def test_every_prior_draw_of_a_model_is_physical_even_when_the_prior_is_nearly_flat(flown):
-    # A plate: the triangle inequality is nearly an equality, so that half of the plain draws are unphysical.
+    # A plate: the triangle inequality is nearly an equality, so that half of the plain draws are
+    # unphysical.
     plate = InertiaPrior(np.diag([3.9, 2.0, 2.0]), 0.05, 0.1)
     model = Model(type(flown.campaign)(**{**flown.campaign.__dict__, "inertia": plate}))
     plain = model.space.draw(np.random.default_rng(1), 500)

@@ -192,12 +192,12 @@ def test_what_cannot_be_flown_is_said(mission, craft):
     plan = Plan("one", (PlannedSlew((0.0, 0.0, 1.0), math.radians(20.0)),))
     with pytest.raises(EffectError, match="has no values"):
         replace(craft, effects=(Push(),))
+    dipole = replace(craft, effects=(MagneticDipole(),), values={"magnetic_dipole": {}})
     with pytest.raises(EffectError, match=r"give the plan an \[orbit\]"):
-        dipole = replace(craft, effects=(MagneticDipole(),), values={"magnetic_dipole": {}})
         fly(plan, replace(mission, spacecraft=dipole), 0)
     unlimited = tuple(replace(w, max_torque=None) for w in craft.wheels)
+    wild = replace(craft, wheels=unlimited, effects=(Runaway(),), values={"runaway": {}})
     with pytest.raises(EffectError, match="slew 1: the closed loop is not stable"):
-        wild = replace(craft, wheels=unlimited, effects=(Runaway(),), values={"runaway": {}})
         fly(plan, replace(mission, spacecraft=wild), 0)
     with pytest.raises(CampaignError, match="2 momenta for 3 wheels"):
         fly(replace(plan, wheel_momentum=(0.1, 0.1)), mission, 0)

@@ -1,4 +1,6 @@
-"""Where the optimizer begins: from a wheel momentum that nothing measures, guessed from the motion, every start finds the optimum."""
+"""Where the optimizer begins: from a wheel momentum that nothing measures, guessed from the motion,
+every start finds the optimum.
+"""
 
 from dataclasses import replace
 

@@ -1,0 +1,165 @@
+"""Campaigns written and read again."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from support.campaign_files import (
+    assert_same,
+    assert_teaches,
+    make,
+    unit,
+)
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
+from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
+from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.campaign.writer import write_campaign
+from bayes_inertia.errors import OutputError
+
+
+def test_write_then_read(tmp_path):
+    campaign = read_campaign(make(tmp_path / "in"))
+    folder = write_campaign(campaign, tmp_path / "out" / "deeper")
+    assert sorted(p.name for p in folder.iterdir()) == [
+        "campaign.toml",
+        "slew_01.csv",
+        "slew_02.csv",
+    ]
+    again = read_campaign(folder)
+    assert_same(campaign, again)
+    digest = campaign_sha256(folder)
+    assert write_campaign(again, folder) == folder
+    assert campaign_sha256(folder) == digest
+
+
+def test_never_overwrites_another_campaign(tmp_path):
+    campaign = read_campaign(make(tmp_path / "in"))
+    folder = write_campaign(campaign, tmp_path / "out")
+    before = {p.name: p.read_bytes() for p in folder.iterdir()}
+    other = replace(
+        campaign,
+        slews=(replace(campaign.slews[0], rate=campaign.slews[0].rate * 2), campaign.slews[1]),
+    )
+    for another in (other, replace(campaign, name="other")):
+        with pytest.raises(OutputError) as caught:
+            write_campaign(another, folder)
+        assert_teaches(caught.value, [str(folder), "overwrite"])
+    assert {p.name: p.read_bytes() for p in folder.iterdir()} == before
+    (folder / "campaign.toml").unlink()
+    (folder / "slew_02.csv").unlink()
+    write_campaign(campaign, folder)
+    assert {p.name: p.read_bytes() for p in folder.iterdir()} == before
+
+
+def test_refuses_what_could_not_be_read_back(tmp_path):
+    campaign = read_campaign(make(tmp_path / "in"))
+    first, second = campaign.slews
+    gap = first.wheel_momentum.copy()
+    gap[2, 1] = np.nan
+    for slew, named in [
+        (replace(first, wheel_torque=None), "no wheel_torque"),
+        (replace(first, wheel_momentum=gap), "gap in row 3"),
+    ]:
+        with pytest.raises(OutputError) as caught:
+            write_campaign(replace(campaign, slews=(slew, second)), tmp_path / "out")
+        assert_teaches(caught.value, ["slew first", named])
+    assert not (tmp_path / "out").exists()
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError):
+        write_campaign(campaign, tmp_path / "file")
+
+
+NUMBER = st.floats(-1e6, 1e6, allow_subnormal=True)
+
+
+POSITIVE = st.floats(1e-9, 1e3)
+
+
+def arrays(draw, rows: int, columns: int, gaps: bool):
+    element = st.one_of(NUMBER, st.just(float("nan"))) if gaps else NUMBER
+    return np.array(
+        draw(
+            st.lists(
+                st.lists(element, min_size=columns, max_size=columns), min_size=rows, max_size=rows
+            )
+        )
+    )
+
+
+@st.composite
+def campaigns(draw) -> Campaign:
+    wheels = tuple(
+        Wheel(
+            name,
+            unit(draw, 3),
+            draw(POSITIVE),
+            momentum_sigma=draw(st.none() | POSITIVE),
+            max_torque=draw(st.none() | POSITIVE),
+        )
+        for name in draw(st.lists(st.text(max_size=5), max_size=3, unique=True))
+    )
+    tracker = draw(st.none() | st.builds(StarTracker, st.just(unit(draw, 3)), POSITIVE, POSITIVE))
+    torque, momentum, field = (draw(st.booleans()) for _ in range(3))
+    slews = []
+    for name in draw(st.lists(st.text(max_size=5), min_size=1, max_size=3, unique=True)):
+        time = np.array(sorted(draw(st.lists(NUMBER, min_size=2, max_size=5, unique=True))))
+        rows = len(time)
+        rate = arrays(draw, rows, 3, gaps=True)
+        rate[0] = draw(NUMBER)
+        fixes = np.array(
+            [unit(draw, 4) if draw(st.booleans()) else (np.nan,) * 4 for _ in range(rows)]
+        )
+        slews.append(
+            Slew(
+                name,
+                draw(NUMBER),
+                time,
+                rate=rate,
+                attitude=fixes if tracker and draw(st.booleans()) else None,
+                wheel_torque=arrays(draw, rows, len(wheels), gaps=False)
+                if torque and wheels
+                else None,
+                wheel_momentum=arrays(draw, rows, len(wheels), gaps=False)
+                if momentum and wheels
+                else None,
+                magnetic_field_N=arrays(draw, rows, 3, gaps=False)
+                if field and draw(st.booleans())
+                else None,
+                axis_B=draw(st.none() | st.just(unit(draw, 3))),
+                angle=draw(st.none() | NUMBER),
+            )
+        )
+    prior = InertiaPrior(
+        np.diag([3.0, 2.0, 2.0]) * draw(POSITIVE),
+        draw(POSITIVE),
+        draw(POSITIVE),
+        draw(st.booleans()),
+    )
+    sensor = RateSensor(
+        sigma=draw(POSITIVE),
+        range=draw(st.none() | POSITIVE),
+        bias=tuple(draw(st.tuples(NUMBER, NUMBER, NUMBER))),
+    )
+    return Campaign(draw(st.text(max_size=20)), prior, wheels, sensor, tracker, tuple(slews))
+
+
+@given(campaign=campaigns())
+@settings(
+    max_examples=60,
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow],
+)
+def test_any_campaign_survives_writing(tmp_path, campaign):
+    folder = tmp_path / "round_trip"
+    shutil.rmtree(folder, ignore_errors=True)
+    again = read_campaign(write_campaign(campaign, folder))
+    assert_same(campaign, again)
+    write_campaign(again, folder)  # identical to the last byte, or it would refuse

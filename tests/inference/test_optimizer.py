@@ -1,0 +1,131 @@
+"""The optimizer finds the maximum."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import bayes_inertia
+from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.inference.likelihood import information_blocks
+from bayes_inertia.inference.optimizer import distinct_ends, estimate
+from bayes_inertia.inference.point import Point
+from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.physics.forward_model import Model
+
+EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
+
+
+@pytest.mark.parametrize("drive", ["commanded", "measured"])
+def test_starts_thirty_percent_wrong_end_at_the_same_optimum(flown, drive):
+    model = Model(flown.campaign, drive=drive)
+    best = estimate(model, starts=1)
+    rng = np.random.default_rng(41)
+    for _ in range(5):
+        start = best.theta.copy()
+        while (
+            True
+        ):  # 30 % of the largest moment in a random direction of the six elements, and of each K
+            direction = rng.normal(size=6)
+            start[:6] = best.theta[:6] + 0.3 * best.theta[0] * direction / np.linalg.norm(direction)
+            if bool(inertia_tensor.is_physical(jnp.asarray(start[:6]))):
+                break
+        start[6:9] = best.theta[6:9] * (1.0 + 0.3 * rng.choice([-1.0, 1.0], 3))
+        again = estimate(model, start=start)
+        np.testing.assert_allclose(again.theta, best.theta, rtol=0, atol=1e-2 * best.sd.min())
+        assert abs(again.objective - best.objective) < 1e-4
+
+
+def test_optima_are_told_apart_by_their_place_not_by_an_objective_in_which_the_data_hardly_count(
+    fitted,
+):
+    model, here = fitted.model, fitted.point
+    there = replace(here, local=here.local + 1.0)
+    kept = distinct_ends(
+        model,
+        [(2.0, here), (2.3, there), (2.0001, here), (9.0, replace(here, local=here.local - 1.0))],
+    )
+    assert [count for _, count in kept] == [2, 1]
+    assert kept[1][0] is there
+
+
+def test_at_the_optimum_no_direction_goes_down(fitted):
+    """The reported objective is a minimum of the sum of squares itself, checked without any
+    derivative.
+    """
+    from bayes_inertia.inference.likelihood import residuals
+
+    model, point = fitted.model, fitted.point
+
+    def objective(theta, bias, local):
+        r = residuals(model.structure, Point(theta, bias, local), model.data, fitted.white)
+        prior = np.sum(((theta - model.space.mean) / model.space.sd) ** 2)
+        return 0.5 * (
+            sum(float(jnp.sum(x**2)) for x in r) + prior + np.sum(bias**2) + np.sum(local**2)
+        )
+
+    best = objective(point.theta, point.bias, point.local)
+    assert abs(best - fitted.objective) < 1e-6
+    rng, root = np.random.default_rng(42), np.linalg.cholesky(fitted.joint_covariance)
+    d = len(point.theta)
+    for _ in range(20):
+        z = rng.normal(size=len(root))
+        step = 0.5 * root @ (z / np.linalg.norm(z))
+        moved = objective(
+            point.theta + step[:d],
+            point.bias + step[d : d + 3],
+            point.local + step[d + 3 :].reshape(point.local.shape),
+        )
+        assert abs(moved - best - 0.125) < 0.01  # half of 0.5 squared: the Hessian is right as well
+
+
+def test_a_prior_on_the_locked_tensor_gives_the_same_physics(flying, setup_type):
+    """J or J_locked: what the file calls its tensor comes out, wheels heavy enough to tell."""
+    for includes in (False, True):
+        flown = flying(51, setup_type(spin_inertia=0.02, includes_wheel_spin=includes))
+        result = estimate(Model(flown.campaign), starts=1)
+        z = (result.theta - flown.truth.theta) / result.sd
+        assert np.abs(z).max() < 4.5
+    # Taking one for the other would have been seen.
+    wrong = replace(
+        flown.campaign, inertia=replace(flown.campaign.inertia, includes_wheel_spin=False)
+    )
+    z = (estimate(Model(wrong), starts=1).theta - flown.truth.theta) / result.sd
+    assert np.abs(z[:3]).min() > 4.5
+
+
+def test_an_optimizer_that_stopped_short_leaves_the_linearised_residuals_alone(fitted):
+    """Linearised residuals are those of the optimum, though the estimate is a few sds off."""
+    point = fitted.point
+    # One sd of everything fitted, along the posterior's own covariance.
+    step = np.linalg.cholesky(fitted.joint_covariance) @ np.random.default_rng(4).standard_normal(
+        len(fitted.hessian)
+    )
+    f = len(fitted.free)
+    theta, bias, local = (
+        point.theta.copy(),
+        point.bias + step[f : f + 3],
+        point.local + step[f + 3 :].reshape(point.local.shape),
+    )
+    theta[fitted.free] += step[:f]
+    beside = replace(point, theta=theta, bias=bias, local=local)
+    short = replace(
+        fitted,
+        point=beside,
+        information=information_blocks(fitted.model, beside, fitted.white, fitted.free),
+    )
+    chi2 = [float(np.sum(at.linearised().settled_residual ** 2)) for at in (fitted, short)]
+    uncorrected = float(short.information.chi2.sum())
+    assert uncorrected - chi2[0] > 10.0
+    assert abs(chi2[1] - chi2[0]) < 0.02 * (uncorrected - chi2[0])
+
+
+@pytest.mark.slow
+def test_telemetry_of_an_independent_simulator_is_explained():
+    result = estimate(Model(read_campaign(EXAMPLE)), starts=1)
+    assert not result.discounted
+    assert not result.tests["total"].rejected

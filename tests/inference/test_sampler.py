@@ -1,0 +1,119 @@
+"""The sampler: seeds, walkers, steps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.chains import SHORT, D, _chain
+
+from bayes_inertia.errors import SettingsError
+from bayes_inertia.inference.convergence import Diagnostics
+from bayes_inertia.inference.fit_context import FitContext
+from bayes_inertia.inference.noise_model import rate_noise_covariance
+from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.inference.posterior_groups import build_posterior
+from bayes_inertia.inference.sampler import Settings, sample, steps_wanted
+from bayes_inertia.physics.forward_model import Model
+
+
+def test_one_seed_gives_the_same_bytes_whatever_the_threads_and_another_seed_does_not(
+    small_at, tmp_path
+):
+    first = sample(small_at, replace(SHORT, threads=1), folder=tmp_path / "a")
+    again = sample(small_at, replace(SHORT, threads=2), folder=tmp_path / "b")
+    assert first.samples.tobytes() == again.samples.tobytes()
+    assert first.log_posterior.tobytes() == again.log_posterior.tobytes()
+    names = sorted(p.name for p in (tmp_path / "a").iterdir())
+    assert names == ["ensemble_0.h5", "ensemble_1.h5"]
+    for name in names:
+        assert _chain(tmp_path / "a" / name) == _chain(tmp_path / "b" / name)
+    other = sample(small_at, replace(SHORT, seed=4, threads=1))
+    assert not np.any(other.samples == first.samples)
+    assert not np.any(first.samples[0] == first.samples[1])  # nor do ensembles share random numbers
+
+
+def test_walkers_are_at_least_twice_as_many_as_parameters(small_at):
+    assert sample(small_at, replace(SHORT, walkers=4)).samples.shape[1] == 2 * D
+
+
+def _found(**other) -> Diagnostics:
+    fields = {
+        "converged": True,
+        "nested_rhat_max": 1.0,
+        "ess_bulk_min": 8000.0,
+        "ess_tail_min": 4000.0,
+        "tau_max": 2.0,
+        "evaluations": 18_944,
+    }
+    fields |= {
+        "ess_per_evaluation": 0.2,
+        "seconds": 1.0,
+        "acceptance": 0.6,
+        "discarded": 12,
+        "steps": 72,
+    }
+    return Diagnostics(**(fields | other))
+
+
+def test_more_steps_are_taken_as_need_be_and_never_more_than_twice_as_many():
+    settings = Settings(target_ess=4000.0)
+    assert steps_wanted(_found(), settings) == 72
+    assert (
+        steps_wanted(_found(), replace(settings, target_ess=5000.0)) == 95
+    )  # 12 + 1.1 * 60 * 5 / 4
+    assert steps_wanted(_found(tau_max=4.0, converged=False), settings) == 100  # 12 + 1.1 * 20 * 4
+    assert steps_wanted(_found(ess_tail_min=400.0), settings) == 144
+    assert steps_wanted(_found(ess_tail_min=float("nan"), converged=False), settings) == 144
+    assert steps_wanted(_found(ess_tail_min=0.0, converged=False), settings) == 144
+    assert steps_wanted(_found(converged=False), replace(settings, max_steps=72)) == 72
+    assert (
+        steps_wanted(_found(converged=False), settings) == 84
+    )  # something else failed: go on a little
+
+
+def test_shared_code_samples_the_same_posterior(small_at):
+    own, shared = sample(small_at, SHORT), sample(small_at, SHORT, shared_code=True)
+    # Rounding differs in the last digits of the density: hardly a decision of the sampler does.
+    assert np.mean(np.isclose(own.samples, shared.samples, rtol=1e-9).all(-1)) > 0.9
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "advice"),
+    [
+        ("seed", -1, "0 or more"),
+        ("seed", 1.5, "whole number"),
+        ("ensembles", 1, "2 or more"),
+        ("walkers", 0, "2 or more"),
+        ("steps", 0, "4 or more"),
+        ("steps", True, "4 or more"),
+        ("max_steps", 71, "lower steps"),
+        ("target_ess", 0.0, "above 0"),
+        ("target_ess", float("nan"), "above 0"),
+        ("threads", 0, "1 or more"),
+        ("threads", "two", "1 or more"),
+    ],
+)
+def test_settings_that_cannot_be_used_are_refused_by_name(name, value, advice):
+    with pytest.raises(SettingsError, match=advice) as caught:
+        Settings(**{name: value})
+    assert caught.value.where == name
+
+
+def test_predicted_rates_have_the_noise_that_the_likelihood_counts(small_flown):
+    """In the measured drive tachometer noise shakes the predicted rates; here it is most of their
+    noise.
+    """
+    campaign = small_flown.campaign
+    wheels = tuple(replace(w, momentum_sigma=100.0 * w.momentum_sigma) for w in campaign.wheels)
+    model = Model(replace(campaign, wheels=wheels), drive="measured")
+    noisy = estimate(model, starts=1, discount=False)
+    posterior = build_posterior(noisy, sample(noisy, SHORT), FitContext(), seed=0)
+    draws = posterior.tree["posterior_predictive"]["rate"].values
+    draws = draws.reshape(-1, *draws.shape[2:])
+    spread = np.nanmean(np.var(draws, axis=0, ddof=1), axis=(0, 1))
+    covariance = rate_noise_covariance(model, noisy.theta)
+    stated = np.square(campaign.rate_sensor.sigma)
+    assert np.all(np.diag(covariance) > 4.0 * stated)
+    np.testing.assert_allclose(spread, np.diag(covariance), rtol=0.1)

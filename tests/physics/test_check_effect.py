@@ -1,0 +1,234 @@
+"""The contract of effects: the library keeps it, broken effects are rejected."""
+
+from __future__ import annotations
+
+import importlib.util
+import itertools
+import re
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import RateSensor
+from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.errors import EffectError
+from bayes_inertia.physics.check_effect import check_effect
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effects import (
+    LIBRARY,
+    by_name,
+)
+from bayes_inertia.physics.parameters import Normal, scalar, vector
+
+CANONICAL = [
+    "rate_bias",
+    "rate_bias_drift",
+    "rate_sensor_misalignment",
+    "rate_sensor_delay",
+    "rate_sensor_nonlinearity",
+    "star_tracker_misalignment",
+    "star_tracker_shift",
+    "star_tracker_time_offset",
+    "wheel_torque_gain",
+    "wheel_misalignment",
+    "wheel_friction",
+    "wheel_command_lag",
+    "constant_torque",
+    "magnetic_dipole",
+    "gravity_gradient",
+    "viscous_torque",
+    "flexible_mode",
+    "inertia_change",
+]
+
+
+def test_the_library_has_the_canonical_names():
+    assert [effect.name for effect in LIBRARY] == CANONICAL
+
+
+def test_unknown_names_are_refused_with_the_nearest_ones():
+    with pytest.raises(EffectError, match=r"'wheel_gain'.*wheel_torque_gain"):
+        by_name(["wheel_gain"])
+    with pytest.raises(EffectError, match="twice"):
+        by_name(["rate_bias", "rate_bias"])
+
+
+@pytest.mark.parametrize("effect", LIBRARY, ids=lambda e: e.name)
+def test_every_library_effect_keeps_the_contract(effect, campaign):
+    fingerprint = check_effect(effect, campaign).fingerprint
+    assert set(fingerprint) == {"commanded", "measured"}
+    # What acts on commands, or between wheels and body, cannot show where tachometers drive the
+    # model.
+    on_commands = effect.name in ("wheel_torque_gain", "wheel_friction", "wheel_command_lag")
+    assert (max(fingerprint["measured"].values()) == 0.0) == on_commands
+
+
+def thrown_body() -> Campaign:
+    time = np.linspace(0.0, 0.5, 101)
+    rate = np.stack([10.0 * np.cos(3.0 * time), 10.0 * np.sin(3.0 * time), np.full(101, 2.0)], -1)
+    prior = InertiaPrior(1e-3 * np.diag([1.3, 1.1, 0.9]), 0.3, 1e-4)
+    slews = tuple(Slew(f"throw {i}", 60.0 * i, time, rate=rate) for i in range(2))
+    return Campaign("thrown", prior, (), RateSensor(sigma=0.01, bias_sigma=0.01), None, slews)
+
+
+@pytest.mark.parametrize("effect", LIBRARY, ids=lambda e: e.name)
+def test_default_priors_scale_with_the_body(effect, campaign):
+    """What a prior sd does to a satellite in a minute and to a gram-scale body in half a second is
+    alike in the body's own scales.
+    """
+    rate, duration, mass = campaign.scale_of_motion()
+    rate_t, duration_t, mass_t = thrown_body().scale_of_motion()
+    factors = {
+        "N m": mass * rate / duration / (mass_t * rate_t / duration_t),
+        "N m s": mass / duration / (mass_t / duration_t),
+        "kg m^2": mass / mass_t,
+        "kg^0.5 m": (mass / mass_t) ** 0.5,
+        "s": duration / duration_t,
+    }
+    small = {p.name: p for p in effect.parameters(thrown_body())}
+    for parameter in effect.parameters(campaign):
+        assert all(np.isfinite(prior.sd) and prior.sd > 0.0 for prior in parameter.priors)
+        if parameter.unit in factors and parameter.name in small:
+            assert parameter.priors[0].sd == pytest.approx(
+                small[parameter.name].priors[0].sd * factors[parameter.unit]
+            )
+
+
+def test_effects_on_wheels_do_nothing_where_there_are_none():
+    for effect in LIBRARY:
+        if effect.name.startswith("wheel") and effect.name != "wheel_command_lag":
+            assert effect.parameters(thrown_body()) == ()
+
+
+@dataclass(frozen=True)
+class Torque(Effect):
+    """A good effect that the broken ones spoil in one way each."""
+
+    name = "torque"
+
+    def parameters(self, campaign):
+        return (vector("torque", "xyz", unit="N m", prior=Normal(0.0, 1e-5)),)
+
+    def body_torque(self, p, slew, t, state):
+        return p["torque"]
+
+
+@dataclass(frozen=True)
+class NotANoOp(Torque):
+    def body_torque(self, p, slew, t, state):
+        return p["torque"] + 1e-9
+
+
+@dataclass(frozen=True)
+class Impure(Torque):
+    calls = itertools.count()
+
+    def body_torque(self, p, slew, t, state):
+        return p["torque"] * (1.0 + 1e-3 * next(self.calls))
+
+
+@dataclass(frozen=True)
+class NotFinite(Torque):
+    def body_torque(self, p, slew, t, state):
+        return p["torque"] * jnp.sqrt(p["torque"][0])
+
+
+@dataclass(frozen=True)
+class DerivativeNotFinite(Torque):
+    def body_torque(self, p, slew, t, state):
+        return p["torque"] * jnp.linalg.norm(p["torque"])
+
+
+@dataclass(frozen=True)
+class DoubledName(Torque):
+    def parameters(self, campaign):
+        return (
+            *super().parameters(campaign),
+            scalar("torque_x", unit="N m", prior=Normal(0.0, 1.0)),
+        )
+
+
+@dataclass(frozen=True)
+class Degrees(Torque):
+    def parameters(self, campaign):
+        return (vector("torque", "xyz", unit="deg/s", prior=Normal(0.0, 1e-5)),)
+
+
+@dataclass(frozen=True)
+class NoUnit(Torque):
+    def parameters(self, campaign):
+        return (vector("torque", "xyz", unit=None, prior=Normal(0.0, 1e-5)),)
+
+
+@dataclass(frozen=True)
+class NoFingerprint(Torque):
+    def body_torque(self, p, slew, t, state):
+        return p["torque"] * jnp.array([1.0, 1.0, 0.0])
+
+
+@dataclass(frozen=True)
+class WrongDerivative(Torque):
+    def body_torque(self, p, slew, t, state):
+        return p["torque"] * (1.0 + 1e5 * jax.lax.stop_gradient(p["torque"][0]))
+
+
+@dataclass(frozen=True)
+class BranchOnValue(Torque):
+    def body_torque(self, p, slew, t, state):
+        return p["torque"] if p["torque"][0] > 0.0 else 0.0 * p["torque"]
+
+
+@dataclass(frozen=True)
+class Unhashable(Torque):
+    direction: object = None
+
+
+class NotADataclass(Torque):
+    pass
+
+
+@pytest.mark.parametrize(
+    ("effect", "words"),
+    [
+        (NotANoOp(), "at its null values it changes"),
+        (Impure(), "pure"),
+        (NotFinite(), "telemetry is not finite"),
+        (DerivativeNotFinite(), "a derivative is not finite at its null"),
+        (DoubledName(), "'torque_x'.*used twice"),
+        (Degrees(), "not in SI units"),
+        (NoUnit(), "no unit"),
+        (NoFingerprint(), "torque_z changes nothing"),
+        (WrongDerivative(), "finite difference"),
+        (BranchOnValue(), "TracerBoolConversionError"),
+        (Unhashable(direction=[1.0]), "cannot be hashed"),
+        (NotADataclass(), "not a frozen dataclass"),
+        (Torque, "not an instance"),
+    ],
+    ids=lambda x: getattr(x, "__name__", type(x).__name__) if not isinstance(x, str) else "",
+)
+def test_broken_effects_are_rejected(effect, words, campaign):
+    with pytest.raises(EffectError, match=words):
+        check_effect(effect, campaign)
+
+
+def test_the_good_effect_that_the_broken_ones_derive_from_passes(campaign):
+    assert min(check_effect(Torque(), campaign).fingerprint["commanded"].values()) > 1.0
+
+
+def test_an_outsider_s_effect_needs_one_file(capsys):
+    path = Path(__file__).resolve().parents[2] / "analyses" / "outside_effect.py"
+    spec = importlib.util.spec_from_file_location("outside_effect", path)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["outside_effect"] = module
+    spec.loader.exec_module(module)
+    fitted, truth = module.main()
+    assert re.search("the contract holds", capsys.readouterr().out)
+    assert np.abs((fitted.theta - truth) / fitted.sd).max() < 3.5
+    assert (fitted.sd[9:] < 0.5 * fitted.model.space.sd[9:]).all()
