@@ -244,12 +244,14 @@ class LinearisedFit:
     @property
     def shared(self) -> np.ndarray:
         """Columns (slews, numbers, n_shared) of the fitted parameters and the bias."""
-        return self.columns[..., : self.n_shared]
+        # Straight from the rows, not from `columns`: another memory layout, and sums round otherwise.
+        d = self.model.space.size
+        return self.rows.jacobian[..., np.concatenate([self.free, np.arange(d, d + N_BIAS)])]
 
     @property
     def local(self) -> np.ndarray:
         """Columns (slews, numbers, n_local) of each slew's own nuisances (prior sd 1)."""
-        return self.columns[..., self.n_shared :]
+        return self.rows.jacobian[..., self.model.space.size + N_BIAS :]
 
     @cached_property
     def settled_residual(self) -> np.ndarray:
