@@ -244,7 +244,7 @@ class LinearisedFit:
     @property
     def shared(self) -> np.ndarray:
         """Columns (slews, numbers, n_shared) of the fitted parameters and the bias."""
-        # Straight from the rows, not from `columns`: another memory layout, and sums round otherwise.
+        # Straight from the rows, not from `columns`: in that memory layout sums round as before.
         d = self.model.space.size
         return self.rows.jacobian[..., np.concatenate([self.free, np.arange(d, d + N_BIAS)])]
 
