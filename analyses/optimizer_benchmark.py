@@ -40,9 +40,9 @@ from bayes_inertia.inference.objective import (
     normal_equations,
 )
 from bayes_inertia.inference.point import Point
-from bayes_inertia.inference.start_guess import begin
+from bayes_inertia.inference.start_guess import guess_nuisances
 from bayes_inertia.maths import inertia_tensor
-from bayes_inertia.maths.least_squares import descend as levenberg_marquardt
+from bayes_inertia.maths.least_squares import levenberg_marquardt
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import prior_residual
 
@@ -76,7 +76,7 @@ class Problem:
 
     def start(self, theta: np.ndarray) -> Point:
         """The point to begin from at theta, nuisances guessed as the package does."""
-        return Point(theta, np.zeros(3), begin(self.model, theta))
+        return Point(theta, np.zeros(3), guess_nuisances(self.model, theta))
 
     def weighted(self, weight: float) -> Problem:
         """The same posterior with the data counted `weight` times."""
@@ -196,7 +196,7 @@ def descents(problem: Problem, solver: Callable, begins: list[np.ndarray], gentl
         point = problem.start(theta)
         if gently:
             weak = solver(problem.weighted(WEAK), point, tally)
-            guess = begin(problem.model, np.asarray(weak.theta))
+            guess = guess_nuisances(problem.model, np.asarray(weak.theta))
             point = replace(weak, local=guess) if np.any(guess) else weak
         reached.append(problem.objective(solver(problem, point, tally)))
     tally.seconds = time.process_time() - began

@@ -154,7 +154,8 @@ class Campaign:
             False where a reading is missing or saturated.
         """
         limit = _SATURATED * (self.rate_sensor.range or np.inf)
-        return np.isfinite(slew.rate) & (np.abs(np.nan_to_num(slew.rate)) < limit)
+        rate = np.asarray(slew.rate)
+        return np.isfinite(rate) & (np.abs(np.nan_to_num(rate)) < limit)
 
     def largest_rate(self, quantile: float = 0.98) -> float:
         """The largest rate that the campaign believably turned at.

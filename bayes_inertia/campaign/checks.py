@@ -72,7 +72,8 @@ def unit_vector(value: Any, key: str) -> Vector:
         f"the vector has length {norm:.6g}, not 1",
         "give a unit vector in body axes",
     )
-    return tuple(float(x) for x in unit_length(array))
+    x, y, z = unit_length(array).tolist()
+    return (x, y, z)
 
 
 def unit_length(vectors: np.ndarray) -> np.ndarray:
@@ -126,7 +127,8 @@ def triple(value: Any, key: str) -> Vector:
     array = np.broadcast_to(np.asarray(value, dtype=float), (3,))
     finite = bool(np.all(np.isfinite(array)))
     require(finite, key, f"{value!r} is not finite", "give finite numbers")
-    return tuple(float(x) for x in array)
+    x, y, z = array.tolist()
+    return (x, y, z)
 
 
 def require_positive(value: Any, key: str, *, optional: bool = False) -> None:

@@ -9,6 +9,7 @@ import tomllib
 from typing import Any, get_args
 
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 
 from bayes_inertia.campaign.schema import CampaignPart
 from bayes_inertia.errors import CampaignError
@@ -48,7 +49,7 @@ def parse_description(text: str, label: str) -> CampaignPart:
     try:
         parsed = CampaignPart.model_validate(document)
     except ValidationError as error:
-        problems = error.errors(include_url=False, include_context=False)
+        problems: list[Any] = list(error.errors(include_url=False, include_context=False))
         raise _problem(min(problems, key=_urgency), document, label) from None
     _check_columns(parsed, label)
     return parsed
@@ -104,7 +105,7 @@ def _missing(key: str, loc: tuple) -> tuple[str, str]:
     if choices:
         never = "" if key == "format" else ": units and senses are never guessed"
         return "missing key", f"add {key} = {' or '.join(f'"{c}"' for c in choices)}{never}"
-    field = _model_at(loc[:-1]).model_fields[key]
+    field = _fields_at(loc[:-1])[key]
     return "missing key", f"add {field.description}"
 
 
@@ -134,31 +135,34 @@ def _wrong_type(kind: str, key: str, value: Any, message: str) -> tuple[str, str
 
 
 def _model_at(loc: tuple) -> type[BaseModel] | None:
-    model = CampaignPart
+    model: type[BaseModel] | None = CampaignPart
     for part in loc:
         if isinstance(part, str):
-            model = (
-                _inner_model(model.model_fields[part].annotation)
-                if model and part in model.model_fields
-                else None
-            )
+            known = {} if model is None else model.model_fields
+            model = _inner_model(known[part].annotation) if part in known else None
     return model
+
+
+def _fields_at(loc: tuple) -> dict[str, FieldInfo]:
+    """The keys of the table at a place of the description; none if no table stands there."""
+    model = _model_at(loc)
+    return {} if model is None else model.model_fields
 
 
 def _inner_model(annotation: Any) -> type[BaseModel] | None:
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
-    return next((model for inner in get_args(annotation) if (model := _inner_model(inner))), None)
+    models = (_inner_model(inner) for inner in get_args(annotation))
+    return next((model for model in models if model is not None), None)
 
 
 def _choices(loc: tuple) -> tuple:
-    model = _model_at(loc[:-1])
-    field = model.model_fields.get(str(loc[-1])) if model else None
+    field = _fields_at(loc[:-1]).get(str(loc[-1]))
     return tuple(c for c in get_args(field.annotation) if isinstance(c, str)) if field else ()
 
 
 def _nearest_key(key: str, loc: tuple) -> str:
-    known = list(_model_at(loc[:-1]).model_fields)
+    known = list(_fields_at(loc[:-1]))
     lower = key.lower().replace("-", "_")
     words = sorted(lower.split("_"))
     near = [

@@ -174,9 +174,11 @@ def _hardware(parsed: CampaignPart) -> dict[str, Any]:
     for part in parsed.wheels:
         given = _given(part)
         wheels.append(Wheel(axis_B=tuple(given.pop("axis")), **given))
-    tracker = parsed.star_tracker
-    if tracker is not None:
-        tracker = StarTracker(tuple(tracker.boresight), tracker.sigma_cross, tracker.sigma_roll)
+    given_tracker, tracker = parsed.star_tracker, None
+    if given_tracker is not None:
+        x, y, z = given_tracker.boresight
+        sigma_cross, sigma_roll = given_tracker.sigma_cross, given_tracker.sigma_roll
+        tracker = StarTracker((x, y, z), sigma_cross, sigma_roll)
     return {
         "inertia": InertiaPrior(
             **{**_given(parsed.inertia), "tensor": np.array(parsed.inertia.tensor)}
@@ -197,7 +199,7 @@ def _channels(
     )
 
 
-def _slew(part: SlewPart, channels: dict[str, np.ndarray | None]) -> Slew:
+def _slew(part: SlewPart, channels: dict[str, Any]) -> Slew:
     angle = None if part.angle_deg is None else math.radians(part.angle_deg)
-    axis = None if part.axis is None else tuple(part.axis)
+    axis: Any = None if part.axis is None else tuple(part.axis)
     return Slew(name=part.name, start=part.start, axis_B=axis, angle=angle, **channels)

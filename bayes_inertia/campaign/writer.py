@@ -109,10 +109,10 @@ def _columns(campaign: Campaign) -> dict[str, list[str]]:
         ):
             continue
         if per_wheel and not all(having):
-            slew = campaign.slews[having.index(False)].name
+            lacking = campaign.slews[having.index(False)].name
             raise OutputError(
                 f"no {channel}, which other slews have",
-                where=f"slew {slew}",
+                where=f"slew {lacking}",
                 advice="write the slews with and without it as two campaigns",
             )
         for slew in campaign.slews:
@@ -128,9 +128,10 @@ def _columns(campaign: Campaign) -> dict[str, list[str]]:
                     where=f"slew {slew.name}",
                     advice="fill it, or leave the channel out",
                 )
-        columns[channel] = (
-            [names.format(i + 1) for i in range(len(campaign.wheels))] if per_wheel else names
-        )
+        if isinstance(names, str):
+            columns[channel] = [names.format(i + 1) for i in range(len(campaign.wheels))]
+        else:
+            columns[channel] = list(names)
     return columns
 
 

@@ -64,7 +64,7 @@ class _HookTerms(NamedTuple):
     commands: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Loop:
     """What stays the same in all rounds of one slew."""
 

@@ -12,6 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from bayes_inertia.maths.values import AnyArray
+
 ELEMENTS = ("Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz")
 _ROWS, _COLUMNS = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
 
@@ -39,7 +41,7 @@ def tensor(elements: Array) -> Array:
     return jnp.stack(rows, -2)
 
 
-def elements(tensor_B: Array) -> Array:
+def elements(tensor_B: AnyArray) -> Array:
     """The elements (..., 6) of symmetric tensors (..., 3, 3).
 
     Parameters
@@ -82,7 +84,7 @@ def second_moments(tensor_B: Array) -> Array:
     return 0.5 * trace * jnp.eye(3) - tensor_B
 
 
-def is_physical(elements_: Array) -> Array:
+def is_physical(elements_: AnyArray) -> Array:
     """Whether tensors given by elements (..., 6) satisfy the triangle inequalities (bool, ...).
 
     Parameters
@@ -182,7 +184,7 @@ def principal_moments(elements_: np.ndarray) -> np.ndarray:
     return np.linalg.eigvalsh(np.asarray(tensor(jnp.asarray(elements_))))
 
 
-def wheel_spin_tensor(wheel_axes_B: Array, spin_inertia: Array) -> Array:
+def wheel_spin_tensor(wheel_axes_B: AnyArray, spin_inertia: AnyArray) -> Array:
     """sum Js_i g_i g_i^T (3, 3) [kg m^2]: what J_locked has more than J (axes are columns).
 
     Parameters

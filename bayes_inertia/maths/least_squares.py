@@ -29,7 +29,7 @@ _UNDAMPED_PARTS = (0.3, 0.1, 0.03)
 _UNDAMPED_TOLERANCES = 1e3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Problem[X]:
     """What is minimised, and how one moves."""
 
@@ -55,7 +55,7 @@ class _Problem[X]:
         return x, value
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Promise:
     """Steps with damping and without, and by how much they would lower the quadratic."""
 

@@ -80,7 +80,9 @@ def _same_class_and_fields(self: Any, other: object) -> bool:
         return True
     if type(self) is not type(other):
         return NotImplemented
-    return all(equal(*(getattr(x, f.name) for x in (self, other))) for f in fields(self))
+    own_class: Any = type(self)
+    names = [field.name for field in fields(own_class)]
+    return all(equal(getattr(self, name), getattr(other, name)) for name in names)
 
 
 def _hash_of_fields(self: Any) -> int:

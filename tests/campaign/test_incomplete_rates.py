@@ -55,7 +55,7 @@ def test_axes_in_turn_tell_the_wheels_momentum(flown):
         wheels = tuple(replace(wheel, momentum_sigma=None) for wheel in campaign.wheels)
         slews = tuple(replace(slew, wheel_momentum=None) for slew in campaign.slews)
         model = bi.Model(replace(campaign, wheels=wheels, slews=slews))
-        return start_guess.begin(model, np.asarray(model.space.mean))[:, 6:]
+        return start_guess.guess_nuisances(model, np.asarray(model.space.mean))[:, 6:]
 
     full = start(flown.campaign)
     assert np.abs(start(in_turn(flown.campaign)) - full).max() < 0.2 * np.abs(full).max()
