@@ -12,7 +12,7 @@ import io
 import math
 import re
 from array import array
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -72,6 +72,24 @@ def read_table(path: Path, names: Sequence[str], group: str = "") -> Table:
     return table
 
 
+def _rows(text: str, label: str) -> Iterator[tuple[int, list[str]]]:
+    """The rows of CSV text that are not empty, each with the line where it starts."""
+    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
+    first = 1
+    try:
+        for cells in reader:
+            # A quoted cell may span lines: the row is where it starts.
+            line, first = first, reader.line_num + 1
+            if cells:
+                yield line, cells
+    except csv.Error as error:
+        raise CampaignError(
+            f"not CSV ({error})",
+            where=f"{label}, line {first}",
+            advice="close every quote, or remove the quotes",
+        ) from error
+
+
 def parse_csv(text: str, names: Sequence[str], label: str) -> Table:
     """The columns of CSV text: a header, commas between cells, decimal points.
 
@@ -102,41 +120,27 @@ def parse_csv(text: str, names: Sequence[str], label: str) -> Table:
     >>> parse_csv(text, ["t", "w"], "a.csv").stack(["t", "w"]).tolist()
     [[0.0, 1.0], [1.0, nan]]
     """
-    reader = csv.reader(io.StringIO(text, newline=""), strict=True)
-    values, lines = array("d"), array("q")
-    header: list[str] | None = None
-    first = 1
-    try:
-        for cells in reader:
-            # A quoted cell may span lines: the row is where it starts.
-            line, first = first, reader.line_num + 1
-            if not cells:
-                continue
-            if header is None:
-                header = _header(cells, names, f"{label}, line {line}")
-                picked = [header.index(name) for name in names]
-                continue
-            if len(cells) != len(header):
-                raise CampaignError(
-                    f"{len(cells)} cells, but the header has {len(header)}",
-                    where=f"{label}, line {line}",
-                    advice="give every line as many cells as the header; "
-                    "write decimal points, not commas",
-                )
-            values.extend([_number(cells[i], label, line, header[i]) for i in picked])
-            lines.append(line)
-    except csv.Error as error:
-        raise CampaignError(
-            f"not CSV ({error})",
-            where=f"{label}, line {first}",
-            advice="close every quote, or remove the quotes",
-        ) from error
-    if header is None:
+    rows = _rows(text, label)
+    header_line, cells = next(rows, (1, None))
+    if cells is None:
         raise CampaignError(
             "the file is empty",
             where=f"{label}, line 1",
             advice="give a header line and the telemetry below it",
         )
+    header = _header(cells, names, f"{label}, line {header_line}")
+    picked = [header.index(name) for name in names]
+    values, lines = array("d"), array("q")
+    for line, cells in rows:
+        if len(cells) != len(header):
+            raise CampaignError(
+                f"{len(cells)} cells, but the header has {len(header)}",
+                where=f"{label}, line {line}",
+                advice="give every line as many cells as the header; "
+                "write decimal points, not commas",
+            )
+        values.extend([_number(cells[i], label, line, header[i]) for i in picked])
+        lines.append(line)
     data = (
         np.frombuffer(values, dtype=float).reshape(len(lines), len(picked))
         if lines

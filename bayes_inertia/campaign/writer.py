@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import Wheel
 from bayes_inertia.campaign.schema import FORMAT
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import OutputError
@@ -167,51 +168,63 @@ def _plain(value: Any) -> Any:
 
 
 def _toml(campaign: Campaign, columns: dict[str, list[str]], files: list[str]) -> str:
+    """The text of campaign.toml."""
     import tomlkit
-
-    def table(**entries: Any):
-        part = tomlkit.table()
-        for key, value in entries.items():
-            if value is not None:
-                part[key] = _plain(value)
-        return part
-
-    def tables(parts: Iterable[Any]):
-        listed = tomlkit.aot()
-        for part in parts:
-            listed.append(part)
-        return listed
 
     document = tomlkit.document()
     document["format"], document["name"] = FORMAT, campaign.name
-    prior, sensor, tracker = campaign.inertia, campaign.rate_sensor, campaign.star_tracker
-    document["inertia"] = table(**vars(prior))
+    tracker = campaign.star_tracker
+    document["inertia"] = _table(**vars(campaign.inertia))
     if campaign.wheels:
-        document["wheels"] = tables(
-            table(
-                **{"axis" if key == "axis_B" else key: value for key, value in vars(wheel).items()}
-            )
-            for wheel in campaign.wheels
-        )
-    document["rate_sensor"] = table(**vars(sensor))
+        document["wheels"] = _tables(_wheel_table(wheel) for wheel in campaign.wheels)
+    document["rate_sensor"] = _table(**vars(campaign.rate_sensor))
     if tracker is not None:
-        document["star_tracker"] = table(
+        document["star_tracker"] = _table(
             boresight=tracker.boresight_B,
             sigma_cross=tracker.sigma_cross,
             sigma_roll=tracker.sigma_roll,
         )
     document["columns"] = _columns_toml(columns, tomlkit)
-    document["slews"] = tables(
-        table(
-            name=slew.name,
-            file=file,
-            start=slew.start,
-            axis=slew.axis_B,
-            angle_deg=_degrees(slew.angle),
-        )
-        for slew, file in zip(campaign.slews, files, strict=True)
+    document["slews"] = _tables(
+        _slew_table(slew, file) for slew, file in zip(campaign.slews, files, strict=True)
     )
     return tomlkit.dumps(document)
+
+
+def _table(**entries: Any) -> Any:
+    """A table of TOML without the entries that are None."""
+    import tomlkit
+
+    part = tomlkit.table()
+    for key, value in entries.items():
+        if value is not None:
+            part[key] = _plain(value)
+    return part
+
+
+def _tables(parts: Iterable[Any]) -> Any:
+    """An array of tables of TOML."""
+    import tomlkit
+
+    listed = tomlkit.aot()
+    for part in parts:
+        listed.append(part)
+    return listed
+
+
+def _wheel_table(wheel: Wheel) -> Any:
+    entries = vars(wheel).items()
+    return _table(**{"axis" if key == "axis_B" else key: value for key, value in entries})
+
+
+def _slew_table(slew: Slew, file: str) -> Any:
+    return _table(
+        name=slew.name,
+        file=file,
+        start=slew.start,
+        axis=slew.axis_B,
+        angle_deg=_degrees(slew.angle),
+    )
 
 
 def _columns_toml(columns: dict[str, list[str]], tomlkit: Any) -> Any:
