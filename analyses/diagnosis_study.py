@@ -354,7 +354,7 @@ def main() -> None:
     parser.add_argument(
         "--level",
         type=float,
-        default=RULES.false_alarms / len(NAMES),
+        default=RULES.false_alarm_probability / len(NAMES),
         help="level of the ideal test",
     )
     parser.add_argument("--without-tachometers", action="store_true")
