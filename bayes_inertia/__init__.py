@@ -18,13 +18,13 @@ from typing import Any
 
 import jax
 
+from bayes_inertia.version import __version__ as __version__
+
 # Attitude residuals of arc seconds on angles of radians need double precision.
 jax.config.update("jax_enable_x64", True)
 # Ensembles run in threads, and each waits for its own result: asynchronous dispatch only makes them
 # fight over the cores.
 jax.config.update("jax_cpu_enable_async_dispatch", False)
-
-__version__ = "0.1.0"
 
 # Public names and the modules they live in, loaded on first use: plots and reports take a second to
 # import.

@@ -11,7 +11,6 @@ from typing import Annotated
 
 import typer
 
-from bayes_inertia import __version__
 from bayes_inertia.app.commands.check import check_command
 from bayes_inertia.app.commands.compare import compare_command
 from bayes_inertia.app.commands.demo import demo_command
@@ -25,6 +24,7 @@ from bayes_inertia.app.commands.resume import resume_command
 from bayes_inertia.app.commands.simulate import simulate_command
 from bayes_inertia.app.commands.study import study_command
 from bayes_inertia.errors import BayesInertiaError
+from bayes_inertia.version import __version__
 
 COMMANDS: dict[str, Callable[..., None]] = {
     "check": check_command,

@@ -13,7 +13,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from bayes_inertia import __version__
 from bayes_inertia.app.diagnosed_fit import fit_what_was_found
 from bayes_inertia.app.diagnosis_json import next_fit_from, to_json
 from bayes_inertia.app.fit_campaign import fit
@@ -33,6 +32,7 @@ from bayes_inertia.report.diagnosis_sections import diagnosis_sections
 from bayes_inertia.report.fit_sections import standard_sections
 from bayes_inertia.report.page import write_report
 from bayes_inertia.report.section import Section
+from bayes_inertia.version import __version__
 
 FORMAT = "bayes-inertia-run/1"
 _RESULTS = ("posterior.nc", "summary.json", "diagnosis.json", "report.html", "chains")
