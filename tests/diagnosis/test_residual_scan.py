@@ -22,6 +22,7 @@ def edited(campaign, index, change):
     return replace(campaign, slews=tuple(slews))
 
 
+@pytest.mark.slow
 def test_perfect_campaigns_give_uniform_p_values(flying):
     fits = [fitted(flying(100 + i).campaign) for i in range(12)]
     p = np.array([scan_residuals(at, seed=i).p_value for i, at in enumerate(fits)])

@@ -69,6 +69,7 @@ def edited(campaign, change):
     return replace(campaign, slews=tuple(one(s) for s in campaign.slews))
 
 
+@pytest.mark.slow
 def test_ringing_about_an_axis(planted):
     amplitude = 3e-4
     found = unexplained_signal(fitted(planted(sine=amplitude)))
@@ -84,6 +85,7 @@ def test_ringing_about_an_axis(planted):
     assert inside.mean() > 0.9
 
 
+@pytest.mark.slow
 def test_a_torque_that_grows_with_the_square_of_the_rate(planted):
     found = unexplained_signal(fitted(planted(square=2e-5)))
     assert found.source == "body torque"
@@ -93,12 +95,14 @@ def test_a_torque_that_grows_with_the_square_of_the_rate(planted):
     assert found.frequency_hz is None
 
 
+@pytest.mark.slow
 def test_a_constant_torque(planted):
     found = unexplained_signal(fitted(planted(steady=-5e-6)))
     assert "constant about -z in all slews" in describe(found)
     assert found.torque_rms == pytest.approx(5e-6, rel=0.1)
 
 
+@pytest.mark.slow
 def test_evidence_tells_what_a_weak_torque_follows(planted):
     # Squares of rates are nearly constant in these slews, and a constant torque explains most of
     # this one.
@@ -116,6 +120,7 @@ def test_evidence_tells_what_a_weak_torque_follows(planted):
     assert max(unexplained_signal(fitted(planted())).driven_evidence.values()) < 3.0
 
 
+@pytest.mark.slow
 def test_a_glitch_of_the_rate_sensor_is_no_torque(planted):
     def shifted(time, rate):
         rate[(time > 60.0) & (time < 70.0), 0] += 3e-4
@@ -132,6 +137,7 @@ def test_a_glitch_of_the_rate_sensor_is_no_torque(planted):
     assert "no torque explains it" in describe(found)
 
 
+@pytest.mark.slow
 def test_nothing_is_found_in_perfect_data(planted):
     at = fitted(planted())
     history = infer_signal(at.linearised(), body_torque(at.linearised(), torque_response(at)))
