@@ -12,13 +12,10 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from bayes_inertia.errors import OutputError
 from bayes_inertia.files import check_folder, make_folder, write_atomically
-
-if TYPE_CHECKING:
-    pass
 
 _ADVICE = "choose another folder; nothing was overwritten"
 
