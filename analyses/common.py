@@ -298,7 +298,7 @@ def write_page(out: Path) -> Path:
     ]
     return write_atomically(
         out / "analyses" / "PAPER.md",
-        "\n".join([_INTRODUCTION, _overview(found), *map(_section, found)]),
+        "\n".join([*_INTRODUCTION, _overview(found), *map(_section, found)]),
     )
 
 
@@ -309,21 +309,26 @@ def _overview(found: list[dict]) -> str:
     return "\n".join(["## In one table", "", "| the paper says | agree? |", "|---|---|", *rows, ""])
 
 
-_INTRODUCTION = """# Ferguson's paper, run again
-
-P. A. Ferguson, *On-Orbit Spacecraft Inertia and Rate Sensor Scale Factor Estimation for
-Microsatellites* (MOST), reported four tables and argued about what disturbs the method. Each
-section below is one command; it takes less than five minutes on two cores, is seeded, and writes
-the same bytes again. The numbers come from `analyses/results/`, this page from
-`analyses/common.py`.
-
-**What can be compared.** The paper's telemetry, slew axes, sampling and noise are not public, nor
-are its figures reproduced here: we simulate a MOST-like spacecraft in closed loop (three wheels,
-rate sensor 2e-5 rad/s a sample at 4 Hz, star tracker 5" across and 30" about its boresight, five
-slews of 30 to 60 degrees at 1 deg/s) with the paper's own J and K, and draw the pictures that
-correspond to its figures 3 to 6. "WLS" is the weighted-least-squares point estimate, the paper's
-estimator (`estimate()`).
-"""
+_INTRODUCTION = (
+    "# Ferguson's paper, run again",
+    "",
+    "P. A. Ferguson, *On-Orbit Spacecraft Inertia and Rate Sensor Scale Factor Estimation "
+    "for Microsatellites* (MOST), reported four",
+    "tables and argued about what disturbs the method. "
+    "Each section below is one command; it takes less than five minutes on two",
+    "cores, is seeded, and writes the same bytes again. "
+    "The numbers come from `analyses/results/`, this page from `analyses/common.py`.",
+    "",
+    "**What can be compared.** The paper's telemetry, slew axes, sampling and noise are not "
+    "public, nor are its figures reproduced here:",
+    "we simulate a MOST-like spacecraft in closed loop (three wheels, rate sensor 2e-5 rad/s "
+    'a sample at 4 Hz, star tracker 5" across',
+    'and 30" about its boresight, five slews of 30 to 60 degrees at 1 deg/s) with the '
+    "paper's own J and K, and draw the pictures",
+    'that correspond to its figures 3 to 6. "WLS" is the weighted-least-squares point '
+    "estimate, the paper's estimator (`estimate()`).",
+    "",
+)
 
 
 def _section(result: dict) -> str:

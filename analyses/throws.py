@@ -43,7 +43,7 @@ _HEADINGS = (
     "truth",
     "error",
     "in robust sd",
-    "authors",
+    "authors, mean per throw",
 )
 CONFIGURATIONS = ("config_empty", "config_a", "proof_body", "device_only")
 
@@ -114,7 +114,7 @@ def report(rows: list[dict]) -> str:
                     f"{error / row['robust_sd'][i]:+.1f}",
                 ]
                 if known
-                else ["-"] * 3
+                else ["–"] * 3
             )
             cells += [f"{row['authors_percent']} %" if known and i == 0 else ""]
             lines.append("| " + " | ".join(str(c) for c in cells) + " |")

@@ -32,18 +32,24 @@ def calibration():
 
 
 @pytest.fixture(scope="module")
+def statistics(calibration):
+    """Ranks and coverage, which the study's page shows."""
+    return sys.modules["calibration_statistics"]
+
+
+@pytest.fixture(scope="module")
 def benchmark():
     return _script("benchmark")
 
 
-def _table(calibration, spread: float, campaigns: int = 300) -> pd.DataFrame:
+def _table(statistics, spread: float, campaigns: int = 300) -> pd.DataFrame:
     """Fits as the study would write them whose sd is `spread` times the error's true sd."""
     rng, rows = np.random.default_rng(3), []
     for i in range(campaigns):
         for name in ("Jxx", "K1"):
             truth = rng.normal()
             mean = truth + rng.normal()
-            draws = mean + spread * rng.normal(size=(2, calibration.RANKED))
+            draws = mean + spread * rng.normal(size=(2, statistics.RANKED))
             row = {
                 "study": "five slews",
                 "campaign": i,
@@ -56,7 +62,7 @@ def _table(calibration, spread: float, campaigns: int = 300) -> pd.DataFrame:
             row |= {"explained": True, "nested_rhat": 1.0, "reduced_chi2": 1.0}
             row |= {
                 f"q{100 * p:g}": mean + spread * stats.norm.ppf(p)
-                for level in calibration.LEVELS
+                for level in statistics.LEVELS
                 for p in (0.5 - level / 2, 0.5 + level / 2)
             }
             ranks = [draws[0], mean + 0.8 * (draws[0] - mean), draws[1]]
@@ -64,30 +70,30 @@ def _table(calibration, spread: float, campaigns: int = 300) -> pd.DataFrame:
                 row
                 | {
                     key: int((x < truth).sum())
-                    for key, x in zip(calibration.RANKS, ranks, strict=True)
+                    for key, x in zip(statistics.RANKS, ranks, strict=True)
                 }
             )
     return pd.DataFrame(rows)
 
 
-def test_the_band_holds_uniform_ranks_as_often_as_it_says(calibration):
+def test_the_band_holds_uniform_ranks_as_often_as_it_says(statistics):
     n, trials = 60, 600
-    half = calibration.band(n, 0.9)
-    ranks = np.random.default_rng(9).integers(0, calibration.RANKED + 1, (trials, n))
-    inside = sum(np.abs(calibration.departure(r)).max() <= half for r in ranks)
+    half = statistics.band(n, 0.9)
+    ranks = np.random.default_rng(9).integers(0, statistics.RANKED + 1, (trials, n))
+    inside = sum(np.abs(statistics.departure(r)).max() <= half for r in ranks)
     low, high = stats.binom.ppf([1e-4, 1 - 1e-4], trials, 0.9)
     assert low <= inside <= high
 
 
-def test_right_uncertainties_pass_and_wrong_ones_are_noticed(calibration):
-    right, wrong = (calibration.uniformity(_table(calibration, spread)) for spread in (1.0, 0.75))
+def test_right_uncertainties_pass_and_wrong_ones_are_noticed(statistics):
+    right, wrong = (statistics.uniformity(_table(statistics, spread)) for spread in (1.0, 0.75))
     assert not right[right.ranks == "rank"].leaves.any()
     assert wrong[wrong.ranks == "rank"].leaves.any()
     assert right[right.ranks == "rank_shrunk"].leaves.any()
-    covered = calibration.coverage(_table(calibration, 0.75))
+    covered = statistics.coverage(_table(statistics, 0.75))
     ninety = covered[(covered.level == 0.9) & (covered.kind == "sd")]
     assert (ninety.high < 0.9).all()
-    z = calibration.scores(_table(calibration, 0.75))
+    z = statistics.scores(_table(statistics, 0.75))
     assert np.all(np.abs(z.sd_z - 1.0 / 0.75) < 5.0 / 0.75 / np.sqrt(600))
 
 
@@ -99,7 +105,7 @@ def test_a_quick_calibration_writes_its_results_and_goes_on_after_a_kill(
     monkeypatch.setattr(calibration, "studies", lambda: small)
     table = calibration.main(["--campaigns", "4", "--out", str(tmp_path)])
     assert table.campaign.nunique() == 2  # the second study gets half
-    assert np.all(table["rank"].between(0, calibration.RANKED))
+    assert np.all(table["rank"].between(0, sys.modules["calibration_statistics"].RANKED))
     # Nine standardised errors of two honest fits: chi^2 with 18 degrees of freedom, were they
     # independent.
     z = (table.truth - table["mean"]) / table.sd
@@ -128,7 +134,7 @@ def test_the_baseline_flies_what_the_package_flies(benchmark):
 
     campaign, truth = benchmark.the_campaign(benchmark.QUICK, 2026)
     campaign = campaign.subset([1])
-    by_hand = benchmark.ByHand(campaign, "LSODA", 1e-8, 1e-10)
+    by_hand = sys.modules["by_hand"].ByHand(campaign, "LSODA", 1e-8, 1e-10)
     J = campaign.inertia.tensor
     start, wheel = by_hand.start(campaign.slews[0], np.ones((1, 3)))
     path = by_hand.fly(
@@ -176,7 +182,7 @@ def test_effective_samples_are_the_smaller_count_of_the_worst_parameter(benchmar
     slow[:, 0] = rng.normal(size=8)
     for t in range(1, 4000):
         slow[:, t] = 0.9 * slow[:, t - 1] + np.sqrt(0.19) * rng.normal(size=8)
-    found = benchmark.effective_samples(np.stack([white, slow], -1))
+    found = sys.modules["benchmark_samplers"].effective_samples(np.stack([white, slow], -1))
     # An AR(1) process with 0.9 has an autocorrelation time of 19; emcee's and ArviZ's estimates
     # scatter by a tenth.
     assert 0.7 * 32_000 / 19 < found < 1.2 * 32_000 / 19
