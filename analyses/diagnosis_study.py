@@ -1,15 +1,13 @@
-"""How well the diagnosis names hidden effects: confusion matrix, power against the ideal test,
-false alarms.
-
-Every campaign has its own J, K, bias, start attitude, angles and senses of its slews, and wheel
-momenta, drawn from the prior,
-flown in closed loop with the hidden effect. The amplitude is set by the ideal test: the
-non-centrality of the hidden
-effect's score, from its sensitivities projected off everything that is fitted, in the same campaign
-without it. Results are one line a
-campaign in a file that is replaced atomically: a killed study goes on where it was.
+"""How well the diagnosis names hidden effects: every campaign simulated and diagnosed.
 
     python analyses/diagnosis_study.py --kind clean --count 200
+
+Every campaign has its own J, K, bias, start attitude, angles and senses of its slews, and wheel
+momenta, drawn from the prior, and is flown in closed loop with the hidden effect. The amplitude is
+set by the ideal test: the non-centrality of the hidden effect's score, from its sensitivities
+projected off everything that is fitted, in the same campaign without it. Results are one line a
+campaign in a file that is replaced atomically: a killed study goes on where it was.
+`diagnosis_figures.py` makes the page of them.
 """
 
 from __future__ import annotations
@@ -17,37 +15,37 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from dataclasses import replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from diagnosis_campaigns import (
+    amplitude_for,
+    degrees_of_freedom,
+    direction,
+    draw,
+    ideal_powers,
+    noncentrality,
+    scaled,
+    without_tachometers,
+)
 from independent import Deadband, Disturbance, Leak, RateSquared, Ripple, Swirl, Wander, replayed
-from scipy import optimize, stats
 
-from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.cross_validation import held_out_chi2
 from bayes_inertia.diagnosis.model_averaging import alternative_parameters
 from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.rules import Rules
-from bayes_inertia.diagnosis.score_test import score_tests
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.errors import BayesInertiaError
 from bayes_inertia.files import write_atomically
-from bayes_inertia.flight.mission import most_like_mission
-from bayes_inertia.flight.plan import Plan, paper_like_plan
-from bayes_inertia.flight.planned_telemetry import planned_campaign
-from bayes_inertia.flight.simulated_campaigns import draw_flight
-from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.optimizer import estimate, move_to
+from bayes_inertia.flight.plan_flight import Flight
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY
-from bayes_inertia.physics.forward_model import Model
 
 HERE = Path(__file__).parent
 FOLDER = HERE / "results"
 RULES = Rules()
-# Effects without a trace in these campaigns: fixes are taken at rest, so that their time stamps do
-# not matter.
+# Effects without a trace in these campaigns: fixes are taken at rest, their time does not matter.
 INVISIBLE = ("star_tracker_time_offset",)
 NAMES = tuple(e.name for e in LIBRARY if e.name not in INVISIBLE)
 
@@ -64,258 +62,111 @@ OUTSIDE: dict[str, Disturbance] = {
 }
 
 
-def plan() -> Plan:
-    """Five slews like the paper's, at 2 Hz to keep the study short."""
-    return replace(paper_like_plan(), telemetry_period=0.5)
+@dataclass(frozen=True)
+class Case:
+    """One campaign to be simulated: its kind, label, number and hidden effects."""
+
+    kind: str
+    label: str
+    index: int
+    effects: tuple[Effect, ...]
+    tachometers: bool
+
+    @property
+    def seed(self) -> np.random.SeedSequence:
+        """A fresh seed: one that has been drawn from gives other children."""
+        key = (hash_of(self.kind + self.label), self.index, int(self.tachometers))
+        return np.random.SeedSequence(20260, spawn_key=key)
+
+    @property
+    def hidden(self) -> list[str]:
+        """Names of what acts."""
+        return [self.label] if self.label in OUTSIDE else [e.name for e in self.effects]
 
 
-def template_campaign():
-    """The planned campaign: hardware, prior, and the scale of default priors."""
-    return planned_campaign(plan(), most_like_mission())
-
-
-def draw(
-    seed: np.random.SeedSequence, effects: tuple[Effect, ...], values: dict, tachometers: bool
-):
-    """One campaign and its truth."""
-    flight = draw_flight(template_campaign(), plan(), seed, effects=effects, values=values)
-    return flight.campaign if tachometers else deaf(flight.campaign), flight
-
-
-def deaf(campaign: Campaign) -> Campaign:
-    """The campaign without tachometers."""
-    wheels = tuple(replace(w, momentum_sigma=None) for w in campaign.wheels)
-    return replace(
-        campaign,
-        wheels=wheels,
-        slews=tuple(replace(s, wheel_momentum=None) for s in campaign.slews),
-    )
-
-
-def noncentrality(power: float, dof: int, level: float) -> float:
-    """Non-centrality at which an ideal chi^2 test of this level has this power.
-
-    >>> round(noncentrality(0.99, 1, 0.05), 1)
-    18.4
-    """
-    limit = stats.chi2.isf(level, dof)
-    return float(optimize.brentq(lambda nc: stats.ncx2.sf(limit, dof, nc) - power, 1e-3, 1e4))
-
-
-def degrees_of_freedom(effect: Effect) -> int:
-    """Of the ideal test of an effect: its parameters but those that only give it its shape."""
-    return sum(
-        len(p.names) for p in effect.parameters(template_campaign()) if not p.priors[0].logarithmic
-    )
-
-
-def direction(effect: Effect, rng: np.random.Generator) -> dict:
-    """Values of an effect's parameters one prior sd from null in a random direction, shape
-    parameters at their null.
-    """
-    parameters = effect.parameters(template_campaign())
-    values = {}
-    for p in parameters:
-        step = rng.normal(size=len(p.names))
-        if p.priors[0].lower == p.null:
-            step = np.abs(step)
-        if p.priors[0].logarithmic:
-            step = np.zeros(len(p.names))
-        values[p.name] = (p.null, step * np.array([q.sd for q in p.priors]), p.components)
-    return values
-
-
-def scaled(values: dict, size: float) -> dict:
+def run_one(case: Case, power: float, level: float) -> dict:
+    """Simulate and diagnose one campaign."""
+    # Not a child of the seed: the flight draws from those, and the effect's direction must not
+    # follow its noise.
+    rng = np.random.default_rng(np.random.SeedSequence(20261, spawn_key=case.seed.spawn_key))
+    values, sizes, wanted, directions = {}, {}, [], {}
+    for effect in case.effects:
+        name = effect.name
+        directions[name] = direction(effect, rng)
+        wanted.append(noncentrality(power, degrees_of_freedom(effect), level))
+        sizes[name] = amplitude_for(
+            effect, directions[name], wanted[-1], case.seed, case.tachometers
+        )
+        values[name] = scaled(directions[name], sizes[name])
+    flight = draw(case.seed, case.effects, values, case.tachometers)
+    campaign = flight.campaign
+    if case.label in OUTSIDE:
+        campaign = replayed(flight, OUTSIDE[case.label], rng)
+        campaign = campaign if case.tachometers else without_tachometers(campaign)
+    began = time.perf_counter()
+    diagnosis = diagnose(campaign, rules=RULES, seed=case.index)
+    seconds = time.perf_counter() - began
+    powers = None
+    if case.kind == "pair":
+        powers = ideal_powers(case.effects, directions, wanted, case.seed, case.tachometers, level)
     return {
-        k: null + size * step if components else float(null + size * step[0])
-        for k, (null, step, components) in values.items()
+        "kind": case.kind,
+        "label": case.label,
+        "index": case.index,
+        "tachometers": case.tachometers,
+        "hidden": case.hidden,
+        "sizes": sizes,
+        "ideal_powers": powers,
+        **_summary(diagnosis, _truth(flight)),
+        "seconds": seconds,
     }
 
 
-def plain_fit(campaign: Campaign) -> Estimate:
-    """The fit without effects, from as many starts as a user's: in a local optimum the
-    sensitivities are others.
-    """
-    return estimate(Model(campaign), discount=False)
+def _summary(diagnosis: Diagnosis, truth: np.ndarray) -> dict:
+    """What the diagnosis says, and how far J and K are from the truth."""
+    z = (diagnosis.final.theta[:9] - truth) / diagnosis.final.sd[:9]
+    return {
+        "verdict": diagnosis.verdict,
+        "why_unknown": diagnosis.why_unknown,
+        "nameless_lead": diagnosis.nameless_lead if diagnosis.steps else None,
+        "named": list(diagnosis.named),
+        "ambiguous_with": [list(names) for names in diagnosis.ambiguous_with],
+        "steps": [step.added for step in diagnosis.steps],
+        "best": diagnosis.candidates[0].effect,
+        "p_best": min(c.p_value for c in diagnosis.candidates),
+        "limit": diagnosis.threshold,
+        "max_abs_z": float(np.abs(z).max()),
+        "max_abs_z_averaged": float(np.abs(averaged_z(diagnosis, truth)).max()),
+        "chi2_inside": {
+            channel: bool(test.interval[0] <= test.reduced_chi2 <= test.interval[1])
+            for channel, test in diagnosis.tests.items()
+            if test.reduced_chi2 is not None and test.interval is not None
+        },
+        "held_out": [held_out_chi2(diagnosis.base), held_out_chi2(diagnosis.final)],
+    }
 
 
-def amplitude_for(effect: Effect, values: dict, wanted: float, seed, tachometers: bool) -> float:
-    """Multiple of `values` at which the projected signal has the wanted non-centrality."""
-    without, _ = draw(seed, (), {}, tachometers)
-    first = plain_fit(without)
-    if effect.name == "flexible_mode":
-        return mode_amplitude(effect, values, wanted, seed, first, tachometers)
-    marks, step = (
-        score_tests(move_to(first, Model(without, (effect,))), (effect.name,)),
-        unit_step(effect, values, without),
-    )
-    return float(
-        np.clip(np.sqrt(wanted / max(float(step @ marks.matrix @ step), 1e-12)), 1e-9, 30.0)
-    )
-
-
-def unit_step(effect: Effect, values: dict, campaign: Campaign) -> np.ndarray:
-    """The step of `direction` in units of a campaign's prior sd, which may follow its rates."""
-    sd = np.concatenate([[q.sd for q in p.priors] for p in effect.parameters(campaign)])
-    return np.concatenate([step for _, step, _ in values.values()]) / sd
-
-
-def mode_amplitude(
-    effect: Effect, values: dict, wanted: float, seed, first: Estimate, tachometers: bool
-) -> float:
-    """As `amplitude_for`, for a flexible mode, whose signal is of second order in its coupling: by
-    simulation.
-    """
-    size = 0.5
-    for _ in range(3):
-        with_it, _ = draw(seed, (effect,), {effect.name: scaled(values, size)}, tachometers)
-        size *= (wanted / max(projected_difference(with_it, first), 1e-12)) ** 0.25
-        size = float(np.clip(size, 1e-9, 4.0))
-    return size
-
-
-def ideal_powers(
-    effects: tuple[Effect, ...],
-    values: dict,
-    wanted: list[float],
-    seed,
-    tachometers: bool,
-    level: float,
-) -> list[float]:
-    """Power of an ideal test for each of two effects once the other is fitted too, if alone each
-    has the wanted non-centrality.
-
-    Of a flexible mode, whose signal is of second order, nothing is taken off: its power is an upper
-    bound.
-    """
-    without, _ = draw(seed, (), {}, tachometers)
-    first = plain_fit(without)
-    marks = score_tests(
-        move_to(first, Model(without, effects)),
-        tuple(e.name for e in effects if e.name != "flexible_mode"),
-    )
-    steps, kept = [], []
-    for effect, nc in zip(effects, wanted, strict=True):
-        steps.append(unit_step(effect, values[effect.name], without))
-        kept.append(nc)
-    if len(marks.names) == 2:
-        for i, j in ((0, 1), (1, 0)):
-            own, other = marks.indices[i], marks.indices[j]
-            alone = marks.matrix[np.ix_(own, own)]
-            cross = marks.matrix[np.ix_(own, other)]
-            apart = (
-                alone
-                - cross
-                @ np.linalg.pinv(marks.matrix[np.ix_(other, other)], rcond=1e-9, hermitian=True)
-                @ cross.T
-            )
-            kept[i] = (
-                wanted[i] * float(steps[i] @ apart @ steps[i]) / float(steps[i] @ alone @ steps[i])
-            )
-    dofs = [degrees_of_freedom(e) for e in effects]
-    return [
-        float(stats.ncx2.sf(stats.chi2.isf(level, dof), dof, max(nc, 0.0)))
-        for dof, nc in zip(dofs, kept, strict=True)
-    ]
-
-
-def projected_difference(with_it, first: Estimate) -> float:
-    """|P (y1 - y0)|^2 for two campaigns with equal noise: what is left of their difference after
-    fitting J, K, bias and starts.
-    """
-    second = plain_fit(with_it)
-    # Both hold the same noise e: their residuals are P e and P (e + s).
-    gaps = [
-        np.concatenate(
-            [np.nan_to_num(x).ravel() for slews in at.residual_series.values() for x in slews]
-        )
-        for at in (first, second)
-    ]
-    return float(np.sum((gaps[1] - gaps[0]) ** 2))
-
-
-def _truth(flight) -> np.ndarray:
+def _truth(flight: Flight) -> np.ndarray:
     J = flight.spacecraft.inertia_B
     return np.array(
         [J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2], *flight.spacecraft.scale_factor]
     )
 
 
-def averaged_z(found: Diagnosis, truth: np.ndarray) -> np.ndarray:
+def averaged_z(diagnosis: Diagnosis, truth: np.ndarray) -> np.ndarray:
     """Distance of J and K from the truth [sd], averaged over the effects of an ambiguous set."""
-    others = alternative_parameters(found)
+    alternatives = alternative_parameters(diagnosis)
+    final = diagnosis.final
     weights = np.array(
-        [1.0 - sum(o.probability for o in others), *(o.probability for o in others)]
+        [
+            1.0 - sum(a.probability for a in alternatives),
+            *(a.probability for a in alternatives),
+        ]
     )[:, None]
-    means = np.array([found.final.theta[:9], *(o.mean for o in others)])
-    variances = np.array([found.final.sd[:9] ** 2, *(o.sd**2 for o in others)])
+    means = np.array([final.theta[:9], *(a.mean for a in alternatives)])
+    variances = np.array([final.sd[:9] ** 2, *(a.sd**2 for a in alternatives)])
     mean = (weights * means).sum(0)
     return (mean - truth) / np.sqrt((weights * (variances + (means - mean) ** 2)).sum(0))
-
-
-def run_one(
-    kind: str,
-    label: str,
-    index: int,
-    effects: tuple[Effect, ...],
-    tachometers: bool,
-    power: float,
-    level: float,
-) -> dict:
-    """Simulate and diagnose one campaign."""
-    seed = np.random.SeedSequence(20260, spawn_key=(hash_of(kind + label), index, int(tachometers)))
-    # Not a child of `seed`: the flight draws from those, and the effect's direction must not follow
-    # its noise.
-    rng = np.random.default_rng(np.random.SeedSequence(20261, spawn_key=seed.spawn_key))
-    values, sizes, wanted, drawn = {}, {}, [], {}
-
-    def fresh() -> np.random.SeedSequence:
-        return np.random.SeedSequence(seed.entropy, spawn_key=seed.spawn_key)
-
-    for effect in effects:
-        drawn[effect.name] = direction(effect, rng)
-        wanted.append(noncentrality(power, degrees_of_freedom(effect), level))
-        sizes[effect.name] = amplitude_for(
-            effect, drawn[effect.name], wanted[-1], fresh(), tachometers
-        )
-        values[effect.name] = scaled(drawn[effect.name], sizes[effect.name])
-    campaign, flight = draw(fresh(), effects, values, tachometers)
-    if label in OUTSIDE:
-        campaign = replayed(flight, OUTSIDE[label], rng)
-        campaign = campaign if tachometers else deaf(campaign)
-    began = time.perf_counter()
-    found = diagnose(campaign, rules=RULES, seed=index)
-    seconds = time.perf_counter() - began
-    z = (found.final.theta[:9] - _truth(flight)) / found.final.sd[:9]
-    return {
-        "kind": kind,
-        "label": label,
-        "index": index,
-        "tachometers": tachometers,
-        "hidden": [label] if label in OUTSIDE else [e.name for e in effects],
-        "sizes": sizes,
-        "ideal_powers": ideal_powers(effects, drawn, wanted, fresh(), tachometers, level)
-        if kind == "pair"
-        else None,
-        "verdict": found.verdict,
-        "why_unknown": found.why_unknown,
-        "nameless_lead": found.nameless_lead if found.steps else None,
-        "named": list(found.named),
-        "ambiguous_with": [list(s) for s in found.ambiguous_with],
-        "steps": [s.added for s in found.steps],
-        "best": found.candidates[0].effect,
-        "p_best": min(c.p_value for c in found.candidates),
-        "limit": found.threshold,
-        "max_abs_z": float(np.abs(z).max()),
-        "max_abs_z_averaged": float(np.abs(averaged_z(found, _truth(flight))).max()),
-        "chi2_inside": {
-            c: bool(t.interval[0] <= t.reduced_chi2 <= t.interval[1])
-            for c, t in found.tests.items()
-            if t.reduced_chi2 is not None
-        },
-        "held_out": [held_out_chi2(found.base), held_out_chi2(found.final)],
-        "seconds": seconds,
-    }
 
 
 def hash_of(text: str) -> int:
@@ -327,7 +178,7 @@ def hash_of(text: str) -> int:
     return int.from_bytes(text.encode(), "big") % (2**31)
 
 
-def tasks(kind: str, count: int):
+def tasks(kind: str, count: int) -> list[tuple[str, int, tuple[Effect, ...]]]:
     """(label, index, effects) of all campaigns of a kind."""
     library = {e.name: e for e in LIBRARY}
     if kind == "clean":
@@ -341,8 +192,9 @@ def tasks(kind: str, count: int):
     return [("pair", i, tuple(library[NAMES[k]] for k in pair)) for i, pair in enumerate(pairs)]
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+def arguments() -> argparse.Namespace:
+    """The command line."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--kind", choices=["clean", "single", "outside", "pair"], required=True)
     parser.add_argument(
         "--count",
@@ -359,42 +211,43 @@ def main() -> None:
     )
     parser.add_argument("--without-tachometers", action="store_true")
     parser.add_argument("--minutes", type=float, default=60.0, help="stop after this time")
-    arguments = parser.parse_args()
-    tachometers = not arguments.without_tachometers
+    return parser.parse_args()
+
+
+def main() -> None:
+    """Simulate and diagnose what is missing."""
+    options = arguments()
+    tachometers = not options.without_tachometers
     measured = "tacho" if tachometers else "notacho"
-    path = FOLDER / f"diagnosis_{arguments.kind}_{arguments.power:g}_{measured}.jsonl"
+    path = FOLDER / f"diagnosis_{options.kind}_{options.power:g}_{measured}.jsonl"
     rows = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
     done = {(row["label"], row["index"]) for row in rows}
-    end = time.time() + 60.0 * arguments.minutes
-    for label, index, effects in tasks(arguments.kind, arguments.count):
+    end = time.time() + 60.0 * options.minutes
+    for label, index, effects in tasks(options.kind, options.count):
         if (label, index) in done:
             continue
         if time.time() > end:
             print("time is up; run again to go on")
             break
-        try:
-            row = run_one(
-                arguments.kind, label, index, effects, tachometers, arguments.power, arguments.level
-            )
-        except BayesInertiaError as error:
-            row = {
-                "kind": arguments.kind,
-                "label": label,
-                "index": index,
-                "hidden": [e.name for e in effects],
-                "error": str(error),
-            }
+        case = Case(options.kind, label, index, effects, tachometers)
+        row = _row(case, options.power, options.level)
         rows.append(row)
         write_atomically(path, "".join(json.dumps(r) + "\n" for r in rows))
-        print(
-            label,
-            index,
-            row.get("verdict"),
-            row.get("named"),
-            row.get("ambiguous_with"),
-            f"{row.get('seconds', 0):.1f} s",
-            flush=True,
-        )
+        shown = (row.get(key) for key in ("verdict", "named", "ambiguous_with"))
+        print(label, index, *shown, f"{row.get('seconds', 0):.1f} s", flush=True)
+
+
+def _row(case: Case, power: float, level: float) -> dict:
+    try:
+        return run_one(case, power, level)
+    except BayesInertiaError as error:
+        return {
+            "kind": case.kind,
+            "label": case.label,
+            "index": case.index,
+            "hidden": [e.name for e in case.effects],
+            "error": str(error),
+        }
 
 
 if __name__ == "__main__":

@@ -1,17 +1,14 @@
-"""Real hardware: bodies of known inertia thrown by hand, gyro and one reaction wheel, no attitude
-reference.
-
-The telemetry (TU Delft, arXiv 2503.13137) is read where it lies beside the project and is not part
-of it. Every configuration
-is fitted jointly over its throws from its rough prior; principal moments are compared with the
-truth (CAD and calibration, about
-1 %) and with the authors' own per-throw errors. The model does not explain these data: the result
-says so, and the robust
-uncertainty is what counts.
+"""Real hardware: bodies of known inertia thrown by hand, without an attitude reference.
 
     python analyses/throws.py [--data ../shared/data/delft]
 
 writes `analyses/results/throws.md` and `throws.json`.
+
+The telemetry of gyro and one reaction wheel (TU Delft, arXiv 2503.13137) is read where it lies
+beside the project and is not part of it. Every configuration is fitted jointly over its throws from
+its rough prior. Principal moments are compared with the truth (CAD and calibration, about 1 %) and
+with the authors' per-throw errors. The model does not explain these data: the result says so, and
+the robust uncertainty is what counts.
 """
 
 from __future__ import annotations
@@ -24,8 +21,8 @@ import numpy as np
 
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.files import write_atomically
+from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.laplace import principal_sd
-from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.maths.inertia_tensor import principal_moments
 from bayes_inertia.physics.forward_model import Model
 
@@ -49,20 +46,21 @@ CONFIGURATIONS = ("config_empty", "config_a", "proof_body", "device_only")
 
 
 def fit_configuration(folder: Path) -> dict:
-    """Joint fit of one configuration: principal moments with both uncertainties, and the truth
-    where it is known.
+    """Joint fit of one configuration: principal moments with both uncertainties.
+
+    And the truth where it is known.
     """
     model = Model(read_campaign(folder), (), "measured")
-    at = estimate(model)
+    estimate = optimizer.estimate(model)
     row = {
         "configuration": folder.name,
         "throws": model.n_slews,
-        "starts_agreeing": list(at.starts),
-        "reduced_chi2": at.tests["rate"].reduced_chi2,
-        "explained": not any(test.too_large for test in at.tests.values()),
-        "principal_moments": principal_moments(at.theta[:6]).tolist(),
-        "sd": principal_sd(at, at.covariance).tolist(),
-        "robust_sd": principal_sd(at, at.robust_covariance).tolist(),
+        "starts_agreeing": list(estimate.starts),
+        "reduced_chi2": estimate.tests["rate"].reduced_chi2,
+        "explained": not any(test.too_large for test in estimate.tests.values()),
+        "principal_moments": principal_moments(estimate.theta[:6]).tolist(),
+        "sd": principal_sd(estimate, estimate.covariance).tolist(),
+        "robust_sd": principal_sd(estimate, estimate.robust_covariance).tolist(),
         "prior_principal_moments": np.linalg.eigvalsh(model.campaign.inertia.tensor).tolist(),
     }
     if (folder / "truth.json").is_file():
@@ -86,38 +84,7 @@ def report(rows: list[dict]) -> str:
         "|" + "---|" * len(_HEADINGS),
     ]
     for row in rows:
-        for i, value in enumerate(row["principal_moments"]):
-            known = "truth" in row
-            error = value - row["truth"][i] if known else np.nan
-            cells = (
-                [
-                    row["configuration"],
-                    row["throws"],
-                    f"{row['reduced_chi2']:.1f}",
-                    "yes" if row["explained"] else "no",
-                ]
-                if i == 0
-                else ["", "", "", ""]
-            )
-            cells += [
-                f"I{i + 1}",
-                *(
-                    f"{1e6 * x[i]:.1f}"
-                    for x in (row["prior_principal_moments"], row["principal_moments"])
-                ),
-            ]
-            cells += [f"{1e6 * row[key][i]:.2f}" for key in ("sd", "robust_sd")]
-            cells += (
-                [
-                    f"{1e6 * row['truth'][i]:.1f}",
-                    f"{100 * error / row['truth'][i]:+.2f} %",
-                    f"{error / row['robust_sd'][i]:+.1f}",
-                ]
-                if known
-                else ["–"] * 3
-            )
-            cells += [f"{row['authors_percent']} %" if known and i == 0 else ""]
-            lines.append("| " + " | ".join(str(c) for c in cells) + " |")
+        lines += [_moment_row(row, i) for i in range(len(row["principal_moments"]))]
     known = [r for r in rows if "truth" in r]
     for row in known:
         mean = np.mean(np.abs(np.array(row["principal_moments"]) / np.array(row["truth"]) - 1.0))
@@ -129,8 +96,37 @@ def report(rows: list[dict]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _moment_row(row: dict, i: int) -> str:
+    """Principal moment i of a configuration; the first row says what holds for all three."""
+    known, first = "truth" in row, i == 0
+    common = [
+        row["configuration"],
+        str(row["throws"]),
+        f"{row['reduced_chi2']:.1f}",
+        "yes" if row["explained"] else "no",
+    ]
+    against_truth = ["–"] * 3
+    if known:
+        error = row["principal_moments"][i] - row["truth"][i]
+        against_truth = [
+            f"{1e6 * row['truth'][i]:.1f}",
+            f"{100 * error / row['truth'][i]:+.2f} %",
+            f"{error / row['robust_sd'][i]:+.1f}",
+        ]
+    cells = [
+        *(common if first else [""] * len(common)),
+        f"I{i + 1}",
+        *(f"{1e6 * row[key][i]:.1f}" for key in ("prior_principal_moments", "principal_moments")),
+        *(f"{1e6 * row[key][i]:.2f}" for key in ("sd", "robust_sd")),
+        *against_truth,
+        f"{row['authors_percent']} %" if known and first else "",
+    ]
+    return "| " + " | ".join(cells) + " |"
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    """Fit all configurations; write rows and page."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--data", type=Path, default=HERE.parents[1] / "shared" / "data" / "delft")
     folder = parser.parse_args().data
     if not folder.is_dir():
