@@ -20,7 +20,7 @@ from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.parameters import Normal, vector
-from bayes_inertia.physics.simulator import simulate
+from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_input import SlewInput, Start, idle_slew
 
 PRIOR_TENSOR = np.array([[3.2, -0.02, 0.01], [-0.02, 2.2, 0.03], [0.01, 0.03, 1.9]])
@@ -87,7 +87,7 @@ class TestTorque(Effect):
         return p["constant"] - p["damping"] * state.rate_B
 
 
-_run = jax.jit(lambda slew, start, J: simulate(slew, start, J)[0])
+_run = jax.jit(lambda slew, start, J: simulate_slew(slew, start, J)[0])
 
 
 def _wheels(setup: Setup) -> tuple[Wheel, ...]:

@@ -138,7 +138,7 @@ def diagnose_and_fit(
     investigation = investigate(
         campaign, drive=drive, seed=settings.seed, library=library, rules=rules
     )
-    posterior = fit_what_was_found(
+    posterior = fit_after_diagnosis(
         campaign,
         next_fit(investigation),
         drive=drive,
@@ -191,9 +191,9 @@ def fitted_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
     return tuple(instances[step.added] for step in diagnosis.steps)
 
 
-def fit_what_was_found(
+def fit_after_diagnosis(
     campaign: Campaign,
-    wanted: NextFit,
+    choice: NextFit,
     *,
     drive: Drive | None,
     settings: Settings,
@@ -207,7 +207,7 @@ def fit_what_was_found(
     ----------
     campaign : Campaign
         What was flown, with the noise as stated.
-    wanted : NextFit
+    choice : NextFit
         What the diagnosis wants fitted.
     drive : {"commanded", "measured"} or None
         What drives the model; None for the campaign's best.
@@ -225,17 +225,17 @@ def fit_what_was_found(
     Posterior
         With a group `averaged` more where the diagnosis is ambiguous.
     """
-    context = FitContext(campaign_sha256, verdict=wanted.verdict)
-    if wanted.verdict != "unknown":
-        campaign = with_measured_noise(campaign, wanted.noise, wanted.drive)
-        context = replace(context, measured_noise=dict(wanted.noise))
+    context = FitContext(campaign_sha256, verdict=choice.verdict)
+    if choice.verdict != "unknown":
+        campaign = with_measured_noise(campaign, choice.noise, choice.drive)
+        context = replace(context, measured_noise=dict(choice.noise))
     posterior = fit(
         campaign,
-        effects=wanted.effects,
+        effects=choice.effects,
         drive=drive,
         settings=settings,
         chains=chains,
         context=context,
         progress=progress,
     )
-    return averaged_posterior(posterior, wanted.alternatives, settings.seed)
+    return averaged_posterior(posterior, choice.alternatives, settings.seed)

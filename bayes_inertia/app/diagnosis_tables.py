@@ -11,7 +11,7 @@ from bayes_inertia.diagnosis.result import NOISE_LEVEL, Candidate, Diagnosis, St
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.physics.parameters import N_BASE
 
-_INVISIBLE = (
+_REASON_INVISIBLE = (
     "invisible: an effect of the size of its prior would change the telemetry "
     "by less than its noise"
 )
@@ -49,7 +49,7 @@ def _scored(candidate: Candidate, final: Estimate, added: bool) -> dict[str, Any
         "p_value": candidate.p_value,
         "log_bayes_factor": candidate.log_bayes_factor,
         "parameters": parameter_rows(final, candidate.effect) if added else None,
-        "reason": None if candidate.dof else _INVISIBLE,
+        "reason": None if candidate.dof else _REASON_INVISIBLE,
     }
 
 

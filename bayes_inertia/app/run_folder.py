@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from bayes_inertia.app.diagnosed_fit import fit_what_was_found
+from bayes_inertia.app.diagnosed_fit import fit_after_diagnosis
 from bayes_inertia.app.diagnosis_json import next_fit_from, to_json
 from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.app.investigation import investigate
@@ -35,7 +35,7 @@ from bayes_inertia.report.section import Section
 from bayes_inertia.version import __version__
 
 FORMAT = "bayes-inertia-run/1"
-_RESULTS = ("posterior.nc", "summary.json", "diagnosis.json", "report.html", "chains")
+_RESULT_FILES = ("posterior.nc", "summary.json", "diagnosis.json", "report.html", "chains")
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Run:
             FORMAT,
             digest,
             options,
-            _RESULTS,
+            _RESULT_FILES,
             flat=True,
             defaults={"kind": "fit"},
         )
@@ -227,7 +227,7 @@ def _posterior(folder: Path, run: Run, progress: Progress | None) -> Posterior:
     """Of the effects that the run names, or that its diagnosis does."""
     campaign, chains = read_campaign(folder / "campaign"), folder / "chains"
     if run.kind == "diagnose":
-        return fit_what_was_found(
+        return fit_after_diagnosis(
             campaign,
             # Always from the file's content, so that a run that was killed gives the same bits.
             next_fit_from(_diagnosed(folder, campaign, run, progress)),

@@ -16,7 +16,7 @@ import numpy as np
 from bayes_inertia.campaign.table import Table, check_columns_present
 from bayes_inertia.errors import CampaignError
 
-_DEPTH = 4  # of groups inside groups; a group may contain itself
+_MAX_GROUP_DEPTH = 4  # of groups inside groups; a group may contain itself
 
 
 def read_parquet(path: Path, names: Sequence[str]) -> Table:
@@ -135,7 +135,7 @@ def _hdf5_groups(file: Any, h5py: Any) -> dict[str, list[str]]:
             hard = isinstance(node.get(name, getlink=True), h5py.HardLink)
             if (
                 hard
-                and depth < _DEPTH
+                and depth < _MAX_GROUP_DEPTH
                 and isinstance(node[name], h5py.Group)
                 and not name.startswith("#")
             ):
@@ -208,7 +208,7 @@ def read_mat(path: Path, names: Sequence[str], group: str = "") -> Table:
     def visit(node: Mapping[str, Any], at: str, depth: int) -> None:
         groups[at] = {name: value for name, value in node.items() if not name.startswith("__")}
         for name, value in groups[at].items():
-            if isinstance(value, dict) and depth < _DEPTH:
+            if isinstance(value, dict) and depth < _MAX_GROUP_DEPTH:
                 visit(value, f"{at}/{name}", depth + 1)
 
     visit(content, "", 0)

@@ -85,14 +85,14 @@ def _problem(problem: dict, document: dict, label: str) -> CampaignError:
         choices = ", ".join(f'"{c}"' for c in _choices(loc))
         what, advice = (
             f"{reprlib.repr(value)} is not one of {choices}",
-            _SENSE.get(key, "write one of these exactly"),
+            _ADVICE_ON_SENSE.get(key, "write one of these exactly"),
         )
     else:
         what, advice = _wrong_type(kind, key, value, problem["msg"])
     return CampaignError(what, where=f"{label}, key {_path(loc, document)}", advice=advice)
 
 
-_SENSE = {
+_ADVICE_ON_SENSE = {
     "frame": "rotate the vectors into the inertial frame before they are stored",
     "relative_to": "subtract the body's own rate about the wheel axis first: "
     "momentum is spin inertia times speed RELATIVE to the body",

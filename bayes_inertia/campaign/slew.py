@@ -11,7 +11,7 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths.values import Vector, array_dataclass
 
 # Columns of each channel; None: one a wheel.
-_WIDTHS = {
+_COLUMNS_OF_CHANNEL = {
     "wheel_torque": None,
     "wheel_momentum": None,
     "rate": 3,
@@ -86,7 +86,7 @@ class Slew:
             value = getattr(self, key)
             finite = value is None or bool(np.isfinite(value))
             require(finite, f"{where}.{key}", f"{value!r} is not finite", "give a finite number")
-        for key, width in _WIDTHS.items():
+        for key, width in _COLUMNS_OF_CHANNEL.items():
             if getattr(self, key) is not None:
                 array = _channel(getattr(self, key), len(time), width, f"{where}.{key}")
                 object.__setattr__(self, key, array)

@@ -15,7 +15,7 @@ from bayes_inertia.flight.plan import Plan, PlannedSlew
 from bayes_inertia.flight.spacecraft import Spacecraft
 
 # A slew that hardly turns [rad]: it shows what the start alone demands.
-_HARDLY = 1e-6
+_NEGLIGIBLE_ANGLE = 1e-6
 
 
 def require_feasible(
@@ -51,7 +51,7 @@ def require_feasible(
         )
     smallest = PlannedSlew((1.0, 0.0, 0.0), region.angles[0], region.rate, region.acceleration)
     _require_time(replace(base, slews=(smallest,) * n_slews), limits)
-    still = replace(smallest, angle=_HARDLY)
+    still = replace(smallest, angle=_NEGLIGIBLE_ANGLE)
     _require_start(replace(base, slews=(still,)), spacecraft, limits)
     if limits.end_attitude is not None:
         at_end = replace(base, start_attitude=limits.end_attitude, slews=(still,))

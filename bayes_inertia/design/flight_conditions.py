@@ -80,7 +80,7 @@ class FlightConditions(NamedTuple):
         Index of the first of these slews in its campaign.
     slew_count : () array of int
         Slews in that campaign.
-    begin : () array
+    start_time : () array
         When these slews begin on its clock [s].
     middle : () array
         The middle of the campaign on that clock [s].
@@ -96,7 +96,7 @@ class FlightConditions(NamedTuple):
     boresight_B: AnyArray
     first: AnyArray
     slew_count: AnyArray
-    begin: AnyArray
+    start_time: AnyArray
     middle: AnyArray
 
 
@@ -106,7 +106,7 @@ def conditions_of(
     *,
     first: int,
     slew_count: int,
-    begin: float,
+    start_time: float,
     middle: float,
 ) -> FlightConditions:
     """The conditions of slews flown with a model's hardware in the commanded drive.
@@ -121,7 +121,7 @@ def conditions_of(
         Index of the first of these slews in the campaign.
     slew_count : int
         Slews in that campaign.
-    begin : float
+    start_time : float
         When these slews begin on its clock [s].
     middle : float
         The middle of the campaign on that clock [s].
@@ -156,7 +156,7 @@ def conditions_of(
         boresight_B=np.array(boresight_B),
         first=np.array(first),
         slew_count=np.array(slew_count),
-        begin=np.array(begin),
+        start_time=np.array(start_time),
         middle=np.array(middle),
     )
 

@@ -154,7 +154,7 @@ def prepare_forecast(plan: Plan, mission: Mission, effects: tuple[Effect, ...] =
     end = campaign.span[1]
     environment = orbit_environment(plan.orbit, 2.0 * end)
     conditions = conditions_of(
-        model, environment, first=0, slew_count=len(plan.slews), begin=0.0, middle=0.5 * end
+        model, environment, first=0, slew_count=len(plan.slews), start_time=0.0, middle=0.5 * end
     )
     sd = model.space.sd
     structure = replace(model.structure, refined=False)

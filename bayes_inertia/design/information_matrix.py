@@ -133,11 +133,11 @@ def _information_of_slew(
 ) -> Array:
     """Information (d + 3, d + 3) of one slew; its arrays as in `PlannedMotion`, without slews."""
     conditions, times = arrays.conditions, layout.times
-    begin = conditions.begin + start
+    start_time = conditions.start_time + start
     context = SlewContext(
         index=conditions.first + index,
         slews=conditions.slew_count,
-        start=begin,
+        start=start_time,
         middle=conditions.middle,
         time=time,
         step=jnp.append(jnp.diff(time), 0.0),
@@ -147,7 +147,7 @@ def _information_of_slew(
         boresight_B=conditions.boresight_B,
         rate_axes=conditions.sensors.axes,
     )
-    field, position = environment_at(conditions.environment, begin + time)
+    field, position = environment_at(conditions.environment, start_time + time)
     path = Trajectory(time, attitude, rate_B, wheel_momentum, jnp.zeros((len(time), 0)))
     planned = PlannedTrajectory(path, field, position)
     sensitivity = telemetry_sensitivity(

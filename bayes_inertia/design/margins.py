@@ -23,7 +23,7 @@ from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.values import AnyArray
 
 # A limit counts as kept when this fraction of it is missing: rounding.
-_ROUNDING = 1e-9
+_ROUNDING_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Margin:
     @property
     def kept(self) -> bool:
         """Whether the limit is respected (to rounding)."""
-        return self.left >= -_ROUNDING
+        return self.left >= -_ROUNDING_TOLERANCE
 
     @property
     def says(self) -> str:

@@ -33,7 +33,7 @@ from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.values import AnyArray, array_dataclass
 
 # Plans that one call of compiled code scores.
-_BATCH = 10
+_PLANS_PER_BATCH = 10
 # Half the time to compile, twice the 20 ms to run, some hundred times.
 _WITHOUT_OPTIMIZATION = {"xla_backend_optimization_level": 0}
 
@@ -175,7 +175,8 @@ class PlanProblem:
         static = (self.goal, self.forecast.layout, self.groups)
         given = (self.forecast.arrays, self.thetas[truth], self.region, self.end_attitude)
         batches = [
-            np.resize(x[i : i + _BATCH], (_BATCH, *x.shape[1:])) for i in range(0, len(x), _BATCH)
+            np.resize(x[i : i + _PLANS_PER_BATCH], (_PLANS_PER_BATCH, *x.shape[1:]))
+            for i in range(0, len(x), _PLANS_PER_BATCH)
         ]
         parts = [_scores(*static, *given, batch) for batch in batches]
         return jax.tree.map(lambda *pieces: np.concatenate(pieces)[: len(x)], *parts)

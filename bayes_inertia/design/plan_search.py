@@ -16,9 +16,9 @@ from bayes_inertia.design.feasible_region import (
 from bayes_inertia.design.plan_problem import PlanProblem
 
 # Limits are kept this far away [fraction] in the search, so that rounding does not cross them.
-_CLEARANCE = 1e-3
+_LIMIT_CLEARANCE = 1e-3
 # Slack [fraction] that stands for a limit which does not exist: SLSQP cannot hold infinity.
-_UNLIMITED = 1e3
+_UNLIMITED_SLACK = 1e3
 # Most steps of each descent.
 _DESCENT_STEPS = 50
 
@@ -87,7 +87,7 @@ def improved_plan(
 
     def slacks(flat: np.ndarray) -> np.ndarray:
         values = problem.slacks_and_jacobian(flat.reshape(shape))[0]
-        return np.minimum(values, _UNLIMITED) - _CLEARANCE
+        return np.minimum(values, _UNLIMITED_SLACK) - _LIMIT_CLEARANCE
 
     def jacobian(flat: np.ndarray) -> np.ndarray:
         slopes = problem.slacks_and_jacobian(flat.reshape(shape))[1]

@@ -139,49 +139,51 @@ def telemetry_sensitivity(
                 advice="leave it out of the design",
             )
     quantities = partial(_quantities, structure, context=context, planned=planned, sensors=sensors)
-    at, by_theta = quantities(theta), jax.jacfwd(quantities)(theta)
+    nominal, by_theta = quantities(theta), jax.jacfwd(quantities)(theta)
     d, p = len(theta), len(theta) + N_BIAS + structure.n_local
-    moved = jax.tree.map(
+    derivatives = jax.tree.map(
         lambda x: jnp.concatenate([x, jnp.zeros((*x.shape[:-1], p - d))], -1), by_theta
     )
-    deviation = _state_deviation(at, moved, planned.path, context, scale, d)
-    return _of_sensors(at, moved, deviation, planned.path, context, sensors, scale, d)
+    deviation = _state_deviation(nominal, derivatives, planned.path, context, scale, d)
+    return _of_sensors(nominal, derivatives, deviation, planned.path, context, sensors, scale, d)
 
 
 def _state_deviation(
-    at: _Quantities,
-    moved: _Quantities,
+    nominal: _Quantities,
+    derivatives: _Quantities,
     path: Trajectory,
     context: SlewContext,
     scale: NuisanceScale,
     d: int,
 ) -> _StateDeviation:
     """How the state moves with the unknowns, of which the first d are parameters."""
-    spin, G = context.spin_inertia, at.axes_B
-    total, d_total, d_wheel = _start_deviation(at, moved, path, context, scale, d)
+    spin, G = context.spin_inertia, nominal.axes_B
+    total, d_total, d_wheel = _start_deviation(nominal, derivatives, path, context, scale, d)
     wheel = path.wheel_momentum + spin * (path.rate_B @ G)
     step = jnp.diff(path.time)[:, None, None]
     d_wheel = (
         d_wheel
-        + _integral(step, moved.delivered[:-1])
-        + _integral(step, _midpoints(moved.wheel_torque))
+        + _integral(step, derivatives.delivered[:-1])
+        + _integral(step, _midpoints(derivatives.wheel_torque))
     )
-    d_total = d_total + _integral(step, _midpoints(_to_inertial(path.attitude, moved.body_torque)))
+    d_total = d_total + _integral(
+        step, _midpoints(_to_inertial(path.attitude, derivatives.body_torque))
+    )
     momentum_B = quaternion.to_body(path.attitude, jnp.broadcast_to(total, path.rate_B.shape))
     source = _to_body(path.attitude, d_total) - jnp.einsum("iw,nwp->nip", G, d_wheel)
     source = (
         source
-        - jnp.einsum("iwp,nw->nip", moved.axes_B, wheel)
-        - jnp.einsum("ijp,nj->nip", moved.inertia_B, path.rate_B)
+        - jnp.einsum("iwp,nw->nip", derivatives.axes_B, wheel)
+        - jnp.einsum("ijp,nj->nip", derivatives.inertia_B, path.rate_B)
     )
-    inverse = _inverse(at.inertia_B)
+    inverse = _inverse(nominal.inertia_B)
     attitude, d_rate = _integrated(path, momentum_B, inverse, source, d + N_BIAS, scale)
     return _StateDeviation(attitude, d_rate, d_wheel)
 
 
 def _of_sensors(
-    at: _Quantities,
-    moved: _Quantities,
+    nominal: _Quantities,
+    derivatives: _Quantities,
     deviation: _StateDeviation,
     path: Trajectory,
     context: SlewContext,
@@ -190,24 +192,25 @@ def _of_sensors(
     d: int,
 ) -> TelemetrySensitivity:
     """What the sensors make of the state's deviation and of their own."""
-    p, spin, G = deviation.rate_B.shape[-1], context.spin_inertia, at.axes_B
-    rate_S = jnp.einsum("ij,njp->nip", sensors.axes, deviation.rate_B) + moved.rate_S
+    p, spin, G = deviation.rate_B.shape[-1], context.spin_inertia, nominal.axes_B
+    rate_S = jnp.einsum("ij,njp->nip", sensors.axes, deviation.rate_B) + derivatives.rate_S
     rate_S = rate_S + jnp.zeros((3, p)).at[jnp.arange(3), d + jnp.arange(N_BIAS)].set(scale.bias)
     rate = (
-        rate_S - (at.rate_S / at.scale_factor)[..., None] * moved.scale_factor
-    ) / at.scale_factor[:, None]
+        rate_S - (nominal.rate_S / nominal.scale_factor)[..., None] * derivatives.scale_factor
+    ) / nominal.scale_factor[:, None]
     by_tracker = (
         2.0
         * quaternion.multiply(
-            quaternion.conjugate(at.attitude)[:, None], jnp.swapaxes(moved.attitude, 1, 2)
+            quaternion.conjugate(nominal.attitude)[:, None],
+            jnp.swapaxes(derivatives.attitude, 1, 2),
         )[..., :3]
     )
     h = deviation.wheel - spin[:, None] * (
-        jnp.einsum("iwp,ni->nwp", moved.axes_B, path.rate_B)
+        jnp.einsum("iwp,ni->nwp", derivatives.axes_B, path.rate_B)
         + jnp.einsum("iw,nip->nwp", G, deviation.rate_B)
     )
     attitude = deviation.attitude + jnp.swapaxes(by_tracker, 1, 2)
-    return TelemetrySensitivity(rate, attitude, h + moved.momentum)
+    return TelemetrySensitivity(rate, attitude, h + derivatives.momentum)
 
 
 def _quantities(
@@ -270,8 +273,8 @@ def _torques_along(
 
 
 def _start_deviation(
-    at: _Quantities,
-    moved: _Quantities,
+    nominal: _Quantities,
+    derivatives: _Quantities,
     path: Trajectory,
     context: SlewContext,
     scale: NuisanceScale,
@@ -282,12 +285,12 @@ def _start_deviation(
     Their derivatives are (3, p) and (wheels, p). The start state's columns are those of the forward
     model: rate, attitude, wheel momentum; the planned rate is zero.
     """
-    p = moved.scale_factor.shape[-1]
-    first, G, wheels = d + N_BIAS, at.axes_B, at.axes_B.shape[1]
-    locked = inertia_tensor.with_wheel_spin(at.inertia_B, G, context.spin_inertia)
+    p = derivatives.scale_factor.shape[-1]
+    first, G, wheels = d + N_BIAS, nominal.axes_B, nominal.axes_B.shape[1]
+    locked = inertia_tensor.with_wheel_spin(nominal.inertia_B, G, context.spin_inertia)
     h, q = path.wheel_momentum[0], path.attitude[0]
     momentum_B = G @ h
-    d_momentum = jnp.einsum("iwp,w->ip", moved.axes_B, h)
+    d_momentum = jnp.einsum("iwp,w->ip", derivatives.axes_B, h)
     d_momentum = d_momentum.at[:, first : first + 3].add(locked * scale.local[:3])
     d_momentum = d_momentum.at[:, first + 3 : first + 6].add(-_cross(momentum_B) * scale.local[3:6])
     d_momentum = d_momentum.at[:, first + 6 : first + 6 + wheels].add(G * scale.local[6:])
@@ -315,8 +318,8 @@ def _integrated(
     B = jnp.swapaxes(to_body, 1, 2) @ (inverse @ source)
     half = 0.5 * jnp.diff(path.time)[:, None, None]
     left = _inverse(jnp.eye(3) - half * A[1:])
-    across, push = left @ (jnp.eye(3) + half * A[:-1]), left @ (half * (B[:-1] + B[1:]))
-    begin = (
+    transition, driven = left @ (jnp.eye(3) + half * A[:-1]), left @ (half * (B[:-1] + B[1:]))
+    start = (
         jnp.zeros(source.shape[1:])
         .at[:, first + 3 : first + 6]
         .set(to_body[0].T * scale.local[3:6])
@@ -326,8 +329,8 @@ def _integrated(
         following = row[0] @ psi + row[1]
         return following, following
 
-    _, psi = jax.lax.scan(step, begin, (across, push))
-    turned = to_body @ jnp.concatenate([begin[None], psi])
+    _, psi = jax.lax.scan(step, start, (transition, driven))
+    turned = to_body @ jnp.concatenate([start[None], psi])
     return turned, gain @ turned + inverse @ source
 
 

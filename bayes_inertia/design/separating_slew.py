@@ -53,7 +53,7 @@ _BATCH, _FIRST_BATCHES = 128, 4
 # Rounds of the search around the best, how many are kept in each, and how far it reaches at first.
 _ROUNDS, _KEPT, _FIRST_WIDTH = 5, 10, 0.3
 # What a violated limit adds to the logarithm of the goal, for each fraction of the limit.
-_PENALTY = 1e3
+_LIMIT_PENALTY = 1e3
 
 Score = Callable[[np.ndarray], tuple[Array, Array]]
 
@@ -191,7 +191,7 @@ def _scores(
         missing = jnp.sum(jnp.maximum(0.0, -slacks))
         covariance = covariance_after(arrays, information)
         value = criterion(goal, covariance, theta, arrays.prior_sd, groups)
-        return jnp.log(value) + _PENALTY * missing, information[0]
+        return jnp.log(value) + _LIMIT_PENALTY * missing, information[0]
 
     return jax.lax.map(one, x)
 

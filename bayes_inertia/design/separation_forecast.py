@@ -106,7 +106,7 @@ def forecast_separation(estimate: Estimate, a: Effect, b: Effect) -> SeparationF
         last_environment(campaign),
         first=len(campaign.slews),
         slew_count=len(campaign.slews),
-        begin=campaign.span[1] + plan.pause,
+        start_time=campaign.span[1] + plan.pause,
         middle=0.5 * sum(campaign.span),
     )
     commanded = model

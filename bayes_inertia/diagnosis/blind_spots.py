@@ -101,8 +101,8 @@ def _shifts(
     """How far candidate k could move each element of J and K that was fitted."""
     space, effect = estimate.model.space, tests.names[k]
     part, index = space.slice_of(effect), tests.indices[k]
-    limit = even_odds(max(tests.dof(k), 1), threshold)
-    shift, amplitude = furthest(
+    limit = noncentrality_at_even_odds(max(tests.dof(k), 1), threshold)
+    shift, amplitude = largest_shifts(
         _shift_per_amplitude(fit, estimate.free, fit.parameters[..., part] * space.sd[part]),
         tests.matrix[np.ix_(index, index)] / limit,
     )
@@ -123,7 +123,7 @@ def _shifts(
     }
 
 
-def even_odds(dof: int, level: float) -> float:
+def noncentrality_at_even_odds(dof: int, level: float) -> float:
     """Find the non-centrality that a chi^2 test finds every second time.
 
     Parameters
@@ -140,19 +140,21 @@ def even_odds(dof: int, level: float) -> float:
 
     Examples
     --------
-    >>> round(even_odds(1, 0.05), 2)
+    >>> round(noncentrality_at_even_odds(1, 0.05), 2)
     3.84
     """
     limit = stats.chi2.isf(level, dof)
     return float(optimize.brentq(lambda nc: stats.ncx2.sf(limit, dof, nc) - 0.5, 0.0, limit + 10.0))
 
 
-def furthest(pull: np.ndarray, data: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Maximise pulls over amplitudes a with a^T data a + |a|^2 / 4 at most 1.
+def largest_shifts(
+    shift_per_amplitude: np.ndarray, data: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Largest shifts over amplitudes a with a^T data a + |a|^2 / 4 at most 1.
 
     Parameters
     ----------
-    pull : (p, n) array
+    shift_per_amplitude : (p, n) array
         p linear functions of the amplitudes.
     data : (n, n) array
         Normal matrix of the amplitudes, 1 where an effect is found with even odds.
@@ -166,12 +168,12 @@ def furthest(pull: np.ndarray, data: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
     Examples
     --------
-    >>> shift, amplitude = furthest(np.eye(2), np.diag([1e6, 0.0]))
+    >>> shift, amplitude = largest_shifts(np.eye(2), np.diag([1e6, 0.0]))
     >>> shift.round(6).tolist(), amplitude.round(6).tolist()
     ([0.001, 2.0], [[0.001, 0.0], [0.0, 2.0]])
     """
-    towards = np.linalg.solve(data + np.eye(len(data)) / _MAX_AMPLITUDE**2, pull.T).T
-    shift = np.sqrt(np.maximum(np.sum(pull * towards, 1), 0.0))
+    towards = np.linalg.solve(data + np.eye(len(data)) / _MAX_AMPLITUDE**2, shift_per_amplitude.T).T
+    shift = np.sqrt(np.maximum(np.sum(shift_per_amplitude * towards, 1), 0.0))
     return shift, towards / np.maximum(shift, 1e-300)[:, None]
 
 

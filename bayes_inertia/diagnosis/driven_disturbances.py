@@ -122,4 +122,4 @@ def _evidence(fit: LinearisedFit, columns: np.ndarray) -> float:
     imitated = fit.imitated(columns)
     matrix = np.einsum("snj,snk->jk", columns, columns, optimize=True) - imitated.T @ imitated
     powers, directions = np.linalg.eigh(matrix)
-    return log_bayes_factor_of(fit.pull(columns, imitated) @ directions, powers)
+    return log_bayes_factor_of(fit.projected_gradient(columns, imitated) @ directions, powers)

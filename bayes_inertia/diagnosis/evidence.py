@@ -19,7 +19,7 @@ from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.maths.linear_algebra import inverse
 
-_SCALES = 24
+_N_PRIOR_SCALES = 24
 # Smallest scale: signal-to-noise amplitude of an effect of that size in its clearest direction. It
 # is at most this share of the stated one.
 _INVISIBLE, _LARGEST_START = 0.3, 0.1
@@ -48,10 +48,10 @@ def log_bayes_factor_of(gradient: ArrayLike, powers: ArrayLike) -> float:
     u, power = np.asarray(gradient, float), np.maximum(np.asarray(powers, float), 0.0)
     strongest = max(float(power.max(initial=0.0)), 1e-300)
     lowest = min(_INVISIBLE / np.sqrt(strongest), _LARGEST_START)
-    variance = np.geomspace(lowest, 1.0, _SCALES)[:, None] ** 2
+    variance = np.geomspace(lowest, 1.0, _N_PRIOR_SCALES)[:, None] ** 2
     values = 0.5 * (variance * u**2 / (1.0 + variance * power) - np.log1p(variance * power))
-    one_scale = logsumexp(values.sum(1)) - np.log(_SCALES)
-    scale_each = float(np.sum(logsumexp(values, axis=0) - np.log(_SCALES)))
+    one_scale = logsumexp(values.sum(1)) - np.log(_N_PRIOR_SCALES)
+    scale_each = float(np.sum(logsumexp(values, axis=0) - np.log(_N_PRIOR_SCALES)))
     return float(np.logaddexp(one_scale, scale_each) - np.log(2.0))
 
 

@@ -30,8 +30,8 @@ _ROW, _COLUMN = np.array(PAIRS).T
 _MAX_FREQUENCIES = 320
 _FREQUENCIES_AT_A_TIME = 20
 # Around so many of the best frequencies others are tried, at these shares of the spacing.
-_REFINED = 6
-_REFINEMENT = np.array([-0.5, -0.25, 0.25, 0.5])
+_REFINED_FREQUENCIES = 6
+_REFINEMENT_OFFSETS = np.array([-0.5, -0.25, 0.25, 0.5])
 _DIRECTIONS = 400
 # Independent trials per frequency tried, as the closer look finds maxima between: simulated maxima
 # ask for 1.0 to 2.0.
@@ -157,7 +157,10 @@ def best_flexible_mode(
     """
     tried = frequencies(response)
     gains = _gains(response, fit, scale, tried)
-    closer = tried[np.argsort(-gains)[:_REFINED], None] + (tried[1] - tried[0]) * _REFINEMENT
+    closer = (
+        tried[np.argsort(-gains)[:_REFINED_FREQUENCIES], None]
+        + (tried[1] - tried[0]) * _REFINEMENT_OFFSETS
+    )
     closer = np.unique(np.clip(closer, tried[0], tried[-1]))
     closer_gains = _gains(response, fit, scale, closer)
     best = (
@@ -165,8 +168,8 @@ def best_flexible_mode(
         if closer_gains.max() > gains.max()
         else tried[np.argmax(gains)]
     )
-    columns, pull, matrix = _normal_equations(response, fit, np.array([best]), scale)
-    coupling, gain = _best_coupling(pull[0], matrix[0])
+    columns, projected_gradient, matrix = _normal_equations(response, fit, np.array([best]), scale)
+    coupling, gain = _best_coupling(projected_gradient[0], matrix[0])
     tangents = _tangents(coupling)
     evidence = log_bayes_factor_around(0.5 * gain, tangents.T @ matrix[0] @ tangents, coupling)
     return FlexibleModeCandidate(
@@ -190,8 +193,8 @@ def _gains(
     gains = []
     step = _FREQUENCIES_AT_A_TIME
     for part in np.split(tried, np.arange(step, len(tried), step)):
-        _, pull, matrix = _normal_equations(response, fit, part, scale)
-        along = np.maximum(pull @ products.T - 0.5, 0.0)
+        _, projected_gradient, matrix = _normal_equations(response, fit, part, scale)
+        along = np.maximum(projected_gradient @ products.T - 0.5, 0.0)
         power = np.einsum("da,fab,db->fd", products, matrix, products, optimize=True)
         gains.append(np.max(along**2 / np.maximum(power, 1e-300), axis=1))
     return np.concatenate(gains)
@@ -207,30 +210,30 @@ def _normal_equations(
     f, k = len(tried), len(PAIRS)
     columns = oscillator_columns(response, tried, scale)
     imitated = fit.imitated(columns)
-    pull = fit.pull(columns, imitated).reshape(f, k)
+    projected_gradient = fit.projected_gradient(columns, imitated).reshape(f, k)
     imitated = imitated.reshape(-1, f, k)
     by_mode = columns.reshape(*columns.shape[:2], f, k)
     matrix = np.einsum("snfa,snfb->fab", by_mode, by_mode, optimize=True) - np.einsum(
         "ufa,ufb->fab", imitated, imitated
     )
-    return columns, pull, matrix
+    return columns, projected_gradient, matrix
 
 
-def _best_coupling(pull: np.ndarray, matrix: np.ndarray) -> tuple[np.ndarray, float]:
-    """Coupling (3,) of the largest gain, and the gain 2 pull.p - p.matrix.p - |delta|^2.
+def _best_coupling(projected_gradient: np.ndarray, matrix: np.ndarray) -> tuple[np.ndarray, float]:
+    """Coupling (3,) of the largest gain, and the gain 2 gradient.p - p.matrix.p - |delta|^2.
 
     p are the products of the coupling delta.
     """
     directions = _directions()
     products = _products(directions)
-    along = np.maximum(pull @ products.T - 0.5, 0.0)
+    along = np.maximum(projected_gradient @ products.T - 0.5, 0.0)
     power = np.einsum("da,ab,db->d", products, matrix, products)
     k = int(np.argmax(along**2 / np.maximum(power, 1e-300)))
     start = directions[k] * np.sqrt(along[k] / max(power[k], 1e-300))
 
     def loss(delta: np.ndarray) -> tuple[float, np.ndarray]:
-        p, left = _products(delta), pull - matrix @ _products(delta)
-        value = float(delta @ delta - p @ (pull + left))
+        p, left = _products(delta), projected_gradient - matrix @ _products(delta)
+        value = float(delta @ delta - p @ (projected_gradient + left))
         return value, 2.0 * delta - 2.0 * _tangents(delta).T @ left
 
     optimum = optimize.minimize(loss, start, jac=True, method="BFGS")

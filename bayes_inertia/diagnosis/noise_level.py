@@ -11,8 +11,8 @@ from bayes_inertia.inference.laplace import Estimate
 
 # Differences of white noise, by order: variance, and the number of independent values that one is
 # worth times two (from their correlations).
-_VARIANCE = {2: 6.0, 4: 70.0}
-_SPREAD = {
+_DIFFERENCE_VARIANCE = {2: 6.0, 4: 70.0}
+_DIFFERENCE_WORTH = {
     2: 2.0 * (1.0 + 2.0 * (16.0 + 1.0) / 36.0),
     4: 2.0 * (1.0 + 2.0 * (56.0**2 + 28.0**2 + 8.0**2 + 1.0) / 70.0**2),
 }
@@ -20,7 +20,7 @@ _SIGNIFICANT_SIGMAS = 4.0
 _MIN_DIFFERENCES = 30  # squared second differences that a level needs
 _MEDIAN_OF_CHI2 = 0.454936  # with one degree of freedom
 _POWER_BELOW_3_SIGMA = 0.973337  # mean square of a standard normal number that is below 3 sigma
-_GAP = 3.0  # times the usual spacing of fixes
+_GAP_IN_SPACINGS = 3.0  # times the usual spacing of fixes
 
 
 def noise_factors(estimate: Estimate) -> dict[str, float]:
@@ -77,12 +77,12 @@ def white_factor(pieces: list[np.ndarray]) -> float:
     if len(together) < _MIN_DIFFERENCES:
         return 1.0
     power = _clipped_power(together, 2)
-    scatter = _SIGNIFICANT_SIGMAS * np.sqrt(_SPREAD[2] / len(together))
+    scatter = _SIGNIFICANT_SIGMAS * np.sqrt(_DIFFERENCE_WORTH[2] / len(together))
     for component in _squares(pieces, 4):
         if len(component) < _MIN_DIFFERENCES:
             continue
         component_power = _clipped_power(component, 4)
-        component_scatter = _SIGNIFICANT_SIGMAS * np.sqrt(_SPREAD[4] / len(component))
+        component_scatter = _SIGNIFICANT_SIGMAS * np.sqrt(_DIFFERENCE_WORTH[4] / len(component))
         if component_power > power * (1.0 + component_scatter):
             power, scatter = component_power, component_scatter
     return float(np.sqrt(power)) if power > 1.0 + scatter else 1.0
@@ -104,7 +104,7 @@ def _bursts(time: np.ndarray, series: np.ndarray) -> list[np.ndarray]:
     gaps = np.diff(time)
     if not len(gaps):
         return [series]
-    return np.split(series, 1 + np.flatnonzero(gaps > _GAP * np.quantile(gaps, 0.25)))
+    return np.split(series, 1 + np.flatnonzero(gaps > _GAP_IN_SPACINGS * np.quantile(gaps, 0.25)))
 
 
 def _clipped_power(squares: np.ndarray, order: int) -> float:
@@ -115,4 +115,4 @@ def _clipped_power(squares: np.ndarray, order: int) -> float:
     power = float(np.median(squares)) / _MEDIAN_OF_CHI2
     for _ in range(20):
         power = float(np.mean(squares[squares < 9.0 * power])) / _POWER_BELOW_3_SIGMA
-    return power / _VARIANCE[order]
+    return power / _DIFFERENCE_VARIANCE[order]

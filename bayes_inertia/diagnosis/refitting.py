@@ -195,7 +195,7 @@ def _refit_from_afar(scored: ScoredRound, first: Refit) -> Refit:
         first.estimate,
         first.estimate.theta,
         first.estimate.free,
-        gently=True,
+        weak_data_first=True,
         tolerance=_COMPARISON_TOLERANCE,
     )
     if fitted.objective > first.estimate.objective:

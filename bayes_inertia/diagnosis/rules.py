@@ -6,9 +6,9 @@ from dataclasses import dataclass, fields
 
 from bayes_inertia.errors import SettingsError
 
-_PROBABILITIES = ("false_alarm_probability", "misfit_p_value")
-_SHARES = ("refit_share", "imitation_correlation")
-_COUNTS = ("max_refits", "max_effects")
+_PROBABILITY_FIELDS = ("false_alarm_probability", "misfit_p_value")
+_SHARE_FIELDS = ("refit_share", "imitation_correlation")
+_COUNT_FIELDS = ("max_refits", "max_effects")
 
 
 @dataclass(frozen=True)
@@ -68,19 +68,19 @@ class Rules:
 def _check(name: str, value: float) -> None:
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise SettingsError(f"{value!r} is not a number", where=name, advice="give a number")
-    if name in _PROBABILITIES and not 0.0 < value < 1.0:
+    if name in _PROBABILITY_FIELDS and not 0.0 < value < 1.0:
         raise SettingsError(
             f"{value} is not between 0 and 1",
             where=name,
             advice=f"give a probability, such as {getattr(Rules, name)}",
         )
-    if name in _SHARES and not 0.0 <= value <= 1.0:
+    if name in _SHARE_FIELDS and not 0.0 <= value <= 1.0:
         raise SettingsError(
             f"{value} is not from 0 to 1",
             where=name,
             advice=f"give a share, such as {getattr(Rules, name)}",
         )
-    if name in _COUNTS and (value != int(value) or value < (name == "max_refits")):
+    if name in _COUNT_FIELDS and (value != int(value) or value < (name == "max_refits")):
         raise SettingsError(
             f"{value} is no such count",
             where=name,

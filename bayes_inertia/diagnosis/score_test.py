@@ -338,7 +338,7 @@ def score_tests(
         names=(*names, *(candidate.name for candidate in nonlinear)),
         indices=tuple(np.arange(start, stop) for start, stop in bounds),
         one_sided=(*one_sided, *(False for _ in nonlinear)),
-        gradient=fit.pull(columns, imitated),
+        gradient=fit.projected_gradient(columns, imitated),
         matrix=matrix,
         nonlinear={candidate.name: candidate for candidate in nonlinear},
     )

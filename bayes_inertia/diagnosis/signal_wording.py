@@ -8,11 +8,11 @@ from bayes_inertia.diagnosis.driven_disturbances import CONSTANT
 from bayes_inertia.diagnosis.free_signal import FreeSignal
 from bayes_inertia.diagnosis.unexplained import UnexplainedSignal
 
-_TIE = 3.0  # of log evidence, below which two laws are as good
+_TIED_LOG_EVIDENCE = 3.0  # of log evidence, below which two laws are as good
 _NAMED_AXIS = np.radians(15.0)  # angle to a body axis within which a direction has its name
 _ONE_AXIS_SHARE = 0.8  # of the power, above which the torque has one axis
 _MENTIONED_SHARE = 0.3  # of the torque, above which what it goes along with is mentioned
-_BEGINS_WITH_WHEELS = 0.4  # rms before the wheels act over rms afterwards, below which it does
+_MAX_QUIET_RMS_RATIO = 0.4  # rms before the wheels act over rms afterwards, below which it does
 
 
 def describe(signal: UnexplainedSignal) -> str:
@@ -59,7 +59,7 @@ def _ringing(signal: UnexplainedSignal) -> str:
     said = f"{signal.frequency_hz:.2g} Hz ringing about {axis}"
     if signal.quiet_before is None:
         return f"{said} ({size}): appendage, slosh or a wheel's imbalance"
-    if signal.quiet_before < _BEGINS_WITH_WHEELS:
+    if signal.quiet_before < _MAX_QUIET_RMS_RATIO:
         return f"{said} that begins when the wheels act ({size}): appendage or slosh"
     return (
         f"{said} all the time, also before the wheels act ({size}): "
@@ -103,8 +103,8 @@ def _driver(signal: UnexplainedSignal) -> str | None:
     best = max(torques, key=torques.__getitem__)
     # Squares of rates are nearly constant in a campaign of like slews: the simpler word wins a near
     # tie.
-    chosen = CONSTANT if torques[CONSTANT] > torques[best] - _TIE else best
-    return chosen if torques[chosen] > signal.torque.log_evidence - _TIE else None
+    chosen = CONSTANT if torques[CONSTANT] > torques[best] - _TIED_LOG_EVIDENCE else best
+    return chosen if torques[chosen] > signal.torque.log_evidence - _TIED_LOG_EVIDENCE else None
 
 
 def axis_name(axis_B: np.ndarray, *, signed: bool = True) -> str:

@@ -20,7 +20,7 @@ from bayes_inertia.inference.likelihood import Residuals
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.prediction import Data, Structure, start_of
-from bayes_inertia.physics.simulator import simulate
+from bayes_inertia.physics.simulator import simulate_slew
 
 
 @array_dataclass
@@ -207,7 +207,7 @@ def tangents(
                 attitude=quaternion.multiply(begin.attitude, quaternion.exp(y[:3])),
                 rate_B=begin.rate_B + y[3:],
             )
-            trajectory, _ = simulate(slew, start, J_of, active, structure.drive)
+            trajectory, _ = simulate_slew(slew, start, J_of, active, structure.drive)
             return trajectory.attitude, trajectory.rate_B, trajectory.wheel_momentum
 
         (q, w, h), (dq, dw, _) = jax.vmap(

@@ -31,11 +31,11 @@ _SUFFICIENT_P_VALUE = 1e-4
 # Log evidence by which another kind of signal must be better than a torque.
 _SENSOR_MARGIN = 10.0
 # Share of the excess of chi^2 above which a torque that is not sufficient still counts.
-_MOSTLY = 0.5
+_LEAST_EXPLAINED_SHARE = 0.5
 # Share of the torque's variance from which what is known explains it.
-_KNOWN_SHARE = 0.9
+_NAMED_VARIANCE_SHARE = 0.9
 # Effort of the wheels, as a share of the largest in the slew, from which they act.
-_ACTING = 0.2
+_ACTIVE_WHEEL_SHARE = 0.2
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class UnexplainedSignal:
 
         None if there is no line in the spectrum, or something known explains the torque.
         """
-        known = self.matches and self.matches[0].share > _KNOWN_SHARE
+        known = self.matches and self.matches[0].share > _NAMED_VARIANCE_SHARE
         ringing = self.spectrum.line and self.source == "body torque" and not known
         return self.spectrum.peak if ringing else None
 
@@ -146,7 +146,7 @@ def unexplained_signal(estimate: Estimate) -> UnexplainedSignal:
 def _source(torque: FreeSignal, better: FreeSignal | None) -> str:
     if better is not None:
         return better.source
-    explains = torque.p_left > _SUFFICIENT_P_VALUE or torque.explained > _MOSTLY
+    explains = torque.p_left > _SUFFICIENT_P_VALUE or torque.explained > _LEAST_EXPLAINED_SHARE
     return "body torque" if explains else "nothing smooth"
 
 
@@ -227,7 +227,7 @@ def _quiet_before(estimate: Estimate, time: np.ndarray, along: np.ndarray) -> fl
         if slew.wheel_torque is None:
             continue
         effort = np.linalg.norm(slew.wheel_torque, axis=1)
-        early = t < slew.time[np.argmax(effort > _ACTING * effort.max())]
+        early = t < slew.time[np.argmax(effort > _ACTIVE_WHEEL_SHARE * effort.max())]
         if np.count_nonzero(early) > 2:
             before.append(y[early])
             after.append(y[~early])

@@ -297,11 +297,11 @@ def _ask_hooks(
     context = context._replace(torque=commands)
     plain = rate_B @ loop.plant.rate_axes.T + loop.plant.bias
     rate_S, fix, tachometer = plain, attitude, momentum
-    for (effect, p), own in zip(loop.active, path.own, strict=True):
-        with_own = trajectory._replace(own=own)
-        rate_S = effect.rate_output(p, context, with_own, rate_S)
-        fix = effect.attitude_output(p, context, with_own, fix)
-        tachometer = effect.momentum_output(p, context, with_own, tachometer)
+    for (effect, p), effect_states in zip(loop.active, path.effect_states, strict=True):
+        with_states = trajectory._replace(effect_states=effect_states)
+        rate_S = effect.rate_output(p, context, with_states, rate_S)
+        fix = effect.attitude_output(p, context, with_states, fix)
+        tachometer = effect.momentum_output(p, context, with_states, tachometer)
     terms = _HookTerms(
         torque=jnp.zeros_like(commands),
         rate_S=(rate_S - plain)[:: loop.substeps],

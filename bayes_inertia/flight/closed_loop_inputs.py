@@ -26,7 +26,7 @@ from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.slew_input import SlewInput, Start
 
 # Stands for a limit that the hardware does not have, in any unit.
-_UNLIMITED = 1e30
+_NO_LIMIT = 1e30
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +142,7 @@ def closed_loop_inputs(
     return ClosedLoopInputs(
         planned=planned,
         slews=grid.slews,
-        schedules=stacked(schedules),
+        schedules=stacked_pytrees(schedules),
         plant=Plant(
             jnp.asarray(craft.inertia_B),
             jnp.asarray(craft.scale_factor),
@@ -157,7 +157,7 @@ def closed_loop_inputs(
     )
 
 
-def stacked(parts: Sequence[Any]) -> Any:
+def stacked_pytrees(parts: Sequence[Any]) -> Any:
     """Pytrees of one structure as one pytree, with a new leading axis.
 
     Parameters
@@ -172,7 +172,7 @@ def stacked(parts: Sequence[Any]) -> Any:
 
     Examples
     --------
-    >>> stacked([{"a": 1.0}, {"a": 2.0}])["a"].tolist()
+    >>> stacked_pytrees([{"a": 1.0}, {"a": 2.0}])["a"].tolist()
     [1.0, 2.0]
     """
     return jax.tree.map(lambda *x: np.stack(x), *parts)
@@ -376,8 +376,8 @@ def control_law(spacecraft: Spacecraft, controller: Controller) -> ControlLaw:
         wheel_axes_B=jnp.asarray(G),
         allocation=jnp.asarray(np.linalg.pinv(G)),
         spin_inertia=jnp.asarray([w.spin_inertia for w in spacecraft.wheels]),
-        max_torque=jnp.asarray([w.max_torque or _UNLIMITED for w in spacecraft.wheels]),
+        max_torque=jnp.asarray([w.max_torque or _NO_LIMIT for w in spacecraft.wheels]),
         stiffness=jnp.asarray(controller.bandwidth**2),
         damping=jnp.asarray(2.0 * controller.damping * controller.bandwidth),
-        rate_range=jnp.asarray(sensor.range or _UNLIMITED),
+        rate_range=jnp.asarray(sensor.range or _NO_LIMIT),
     )

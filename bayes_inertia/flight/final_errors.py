@@ -22,7 +22,7 @@ from bayes_inertia.flight.closed_loop_inputs import (
     rate_bias,
     sensor_noise,
     slew_schedule,
-    stacked,
+    stacked_pytrees,
     start_states,
 )
 from bayes_inertia.flight.integration_grids import integration_grid
@@ -142,7 +142,7 @@ def _plants(
         bias = np.stack([rate_bias(craft, rng) for _ in range(n)])
     else:
         bias = np.tile(craft.bias, (n, 1))
-    starts = stacked(
+    starts = stacked_pytrees(
         [
             jax.tree.map(lambda x: x[index], start_states(plan, craft, controller, rng))
             for _ in range(n if rng else 1)

@@ -23,7 +23,7 @@ REJECT_BELOW = 1e-3
 # but said beside it.
 OBSERVABLE_ABOVE = 0.5
 
-_UNKNOWN = (
+_UNKNOWN_NOTE = (
     "the diagnosis found that something is missing which no candidate explains: "
     "it may shift J and K by more than any sd"
 )
@@ -73,7 +73,7 @@ def check_gates(
     context = context or FitContext()
     gates = [_converged(diagnostics), _explained(estimate, context)]
     if context.verdict == "unknown":
-        gates.append({"name": "diagnosed", "passed": False, "says": _UNKNOWN})
+        gates.append({"name": "diagnosed", "passed": False, "says": _UNKNOWN_NOTE})
     return gates
 
 

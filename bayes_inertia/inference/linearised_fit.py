@@ -279,10 +279,10 @@ class LinearisedFit:
         (slews, numbers) array
             The part that the fit cannot imitate.
         """
-        pull = np.zeros(len(self.covariance))
+        projected_gradient = np.zeros(len(self.covariance))
         for s, change in enumerate(signal):
-            pull[self.index(s)] += self.columns[s].T @ change
-        answer = self.covariance @ pull
+            projected_gradient[self.index(s)] += self.columns[s].T @ change
+        answer = self.covariance @ projected_gradient
         return np.stack(
             [change - self.columns[s] @ answer[self.index(s)] for s, change in enumerate(signal)]
         )
@@ -310,11 +310,11 @@ class LinearisedFit:
                 rng.standard_normal((len(e) * self.n_local, n)),
             ]
         )
-        pull = np.zeros_like(truth)
+        projected_gradient = np.zeros_like(truth)
         for s in range(len(e)):
             e[s] -= self.columns[s] @ truth[self.index(s)]
-            pull[self.index(s)] += self.columns[s].T @ e[s]
-        answer = self.covariance @ pull
+            projected_gradient[self.index(s)] += self.columns[s].T @ e[s]
+        answer = self.covariance @ projected_gradient
         for s in range(len(e)):
             e[s] -= self.columns[s] @ answer[self.index(s)]
         return e
@@ -359,8 +359,8 @@ class LinearisedFit:
             total[self.index(s)] += fitted.T @ change
         return self.inverse_root @ total
 
-    def pull(self, columns: np.ndarray, imitated: np.ndarray) -> np.ndarray:
-        """Towards which amplitude of columns the residuals pull.
+    def projected_gradient(self, columns: np.ndarray, imitated: np.ndarray) -> np.ndarray:
+        """Gradient of the fit towards amplitudes of columns that are not fitted.
 
         Parameters
         ----------

@@ -87,11 +87,13 @@ def _project(structure: Structure, marginal: Marginal, theta: Array) -> tuple[Ar
     bias, local = point.bias, point.local
     prediction = predict_all(structure, theta, local, bias, marginal.data)
     r = whitened(structure, prediction, marginal.data.arrays.telemetry, marginal.white)
-    pull: Any = sum(
+    slew_gradient: Any = sum(
         jnp.einsum("sn,snk->sk", channel, columns)
         for channel, columns in zip(r, marginal.columns, strict=True)
     )
-    gradient = jnp.concatenate([pull[:, :3].sum(0) + bias, (pull[:, 3:] + local).ravel()])
+    gradient = jnp.concatenate(
+        [slew_gradient[:, :3].sum(0) + bias, (slew_gradient[:, 3:] + local).ravel()]
+    )
     chi2 = sum(jnp.sum(channel**2) for channel in r) + jnp.sum(bias**2) + jnp.sum(local**2)
     return chi2, gradient
 
@@ -182,11 +184,13 @@ def conditional_point(
     bias = optimum.bias + np.asarray(marginal.ridge_bias) @ shift
     local = optimum.local + np.asarray(marginal.ridge_local) @ shift
     r = residuals(structure, Point(theta, bias, local), marginal.data, marginal.white)
-    pull: Any = sum(
+    slew_gradient: Any = sum(
         np.einsum("sn,snk->sk", channel, columns)
         for channel, columns in zip(r, marginal.columns, strict=True)
     )
-    gradient = np.concatenate([pull[:, :3].sum(0) + bias, (pull[:, 3:] + local).ravel()])
+    gradient = np.concatenate(
+        [slew_gradient[:, :3].sum(0) + bias, (slew_gradient[:, 3:] + local).ravel()]
+    )
     root = np.asarray(marginal.root)
     step = root.T @ (noise - root @ gradient)
     return Point(theta, bias + step[:3], local + step[3:].reshape(local.shape))

@@ -21,7 +21,7 @@ from bayes_inertia.physics.parameters import prior_residual
 N_BIAS = 3
 # Second moment over trace: no step comes closer to a body without thickness. Beyond, rounding
 # rules.
-_THINNEST = 1e-7
+_SMALLEST_SECOND_MOMENT = 1e-7
 # Steps keep this distance [prior sd] from the end of a prior's support.
 _SUPPORT_MARGIN = 1e-9
 
@@ -76,11 +76,13 @@ def normal_equations(
     f, m = len(information.free), point.n_local
     size = f + N_BIAS + point.local.size
     hessian, gradient = np.zeros((size, size)), np.zeros(size)
-    for s, (block, pull) in enumerate(zip(information.matrix, information.gradient, strict=True)):
+    for s, (block, slew_gradient) in enumerate(
+        zip(information.matrix, information.gradient, strict=True)
+    ):
         index = block_index(f + N_BIAS, m, s)
         weight = 1.0 if weights is None else weights[s]
         hessian[np.ix_(index, index)] += weight * block.sum(0)
-        gradient[index] += weight * pull.sum(0)
+        gradient[index] += weight * slew_gradient.sum(0)
     slope, distance = (rows[information.free] for rows in prior_rows(model, point.theta))
     hessian[np.arange(size), np.arange(size)] += np.concatenate([slope**2, np.ones(size - f)])
     gradient += np.concatenate([slope * distance, point.bias, point.local.ravel()])
@@ -152,7 +154,9 @@ def moved(model: Model, point: Point, step: np.ndarray, free: np.ndarray) -> Poi
     theta = point.theta.copy()
     theta[free] += step[:f]
     chart = np.array(_to_chart(point.theta[:6])) + step[:6]
-    chart[:3] = np.maximum(chart[:3], 0.5 * np.log(_THINNEST * np.sum(point.theta[:3])))
+    chart[:3] = np.maximum(
+        chart[:3], 0.5 * np.log(_SMALLEST_SECOND_MOMENT * np.sum(point.theta[:3]))
+    )
     theta[:6] = np.asarray(_from_chart(chart))
     margin = _SUPPORT_MARGIN * model.space.sd
     theta[6:] = np.clip(theta, model.space.lower + margin, model.space.upper - margin)[6:]
@@ -220,9 +224,11 @@ def marginal_information(
     local = np.arange(shared, len(joint))
     joint[local, local] += 1.0
     across = joint[np.ix_(local, np.arange(shared))]
-    own = joint[np.ix_(local, local)]
-    told = joint[:shared, :shared] - np.stack([across.T @ solve(own, c) for c in across.T], 1)
-    return 0.5 * (told + told.T)
+    local_block = joint[np.ix_(local, local)]
+    marginal = joint[:shared, :shared] - np.stack(
+        [across.T @ solve(local_block, c) for c in across.T], 1
+    )
+    return 0.5 * (marginal + marginal.T)
 
 
 _is_physical = jax.jit(inertia_tensor.is_physical)

@@ -41,7 +41,7 @@ _GENTLE_STOP = {"steps": 60, "tolerance": 1e-3}
 # Ends of gentle descents nearer than this [prior sd] are one.
 _SAME_PLACE_SD = 0.1
 # Ends whose (gentle) objective is this much above the best are not followed.
-_WORTH_FOLLOWING = 1.0
+_MAX_OBJECTIVE_EXCESS = 1.0
 # Reduced chi^2 above which a gentle descent has lost its way.
 _LOST_REDUCED_CHI2 = 1e3
 # Starts that are tried at most until one has not lost its way.
@@ -93,7 +93,7 @@ def estimate(
     if start is None:
         descents = _from_starts(model, seed, starts, free)
     else:
-        descents = [_gently(model, start, free)]
+        descents = [_gentle_descent(model, start, free)]
     if not np.isfinite(min(objective for objective, _ in descents)):
         raise EstimateError(
             "the start of the optimizer gave no finite residuals",
@@ -101,13 +101,13 @@ def estimate(
         )
     full = np.ones((model.n_slews, len(CHANNELS)))
     optima = [
-        (_best_settled(model, point, full, free), point, count)
-        for point, count in distinct_ends(model, descents)
+        (_best_optimum_with_noise(model, point, full, free), point, count)
+        for point, count in distinct_optima(model, descents)
     ]
     best, gentle_end, _ = min(optima, key=lambda optimum: optimum[0][1])
     agreeing = sum(count for settled, _, count in optima if settled[1] < best[1] + 1.0)
     counts = Starts(agreeing, len(descents))
-    fitted = _at(model, *best, full, free, counts)
+    fitted = _estimate_of(model, *best, full, free, counts)
     too_large = [test.too_large for test in fitted.tests.values()]
     if not discount or not any(too_large):
         return fitted
@@ -122,7 +122,7 @@ def re_estimate(
     theta: np.ndarray,
     free: np.ndarray,
     *,
-    gently: bool = False,
+    weak_data_first: bool = False,
     tolerance: float = 1e-7,
 ) -> Estimate:
     """The maximum with other parameters free, from nuisances and noise of an earlier estimate.
@@ -135,7 +135,7 @@ def re_estimate(
         Where to begin.
     free : (f,) array of int
         Indices of the parameters that may move.
-    gently : bool
+    weak_data_first : bool
         Guess the nuisances afresh and descend with the data counted weakly first, which finds the
         way out of a local optimum.
     tolerance : float
@@ -147,12 +147,12 @@ def re_estimate(
     """
     model, discount = previous.model, previous.discount
     point, free = replace(previous.point, theta=np.asarray(theta, float)), np.asarray(free)
-    if gently:
+    if weak_data_first:
         white = discounted(whitening(model, point.theta), _GENTLE_WEIGHT * discount)
         guess = replace(point, local=guess_nuisances(model, point.theta))
         point, _ = _descend(model, guess, white, free, **_GENTLE_STOP)
-    settled = _settled(model, point, discount, free, rounds=1, tolerance=tolerance)
-    return _at(model, *settled, discount, free, Starts(1, 1))
+    settled = _optimum_with_noise(model, point, discount, free, rounds=1, tolerance=tolerance)
+    return _estimate_of(model, *settled, discount, free, Starts(1, 1))
 
 
 def without_effect(previous: Estimate, name: str) -> Estimate:
@@ -221,8 +221,8 @@ def with_noise(previous: Estimate, factors: dict[str, float]) -> Estimate:
     discount = np.tile([factors[c] ** -2.0 for c in CHANNELS], (model.n_slews, 1))
     if np.array_equal(discount, previous.discount):
         return previous
-    settled = _settled(model, previous.point, discount, free)
-    return _at(model, *settled, discount, free, previous.starts)
+    settled = _optimum_with_noise(model, previous.point, discount, free)
+    return _estimate_of(model, *settled, discount, free, previous.starts)
 
 
 def _discounted_fit(
@@ -231,11 +231,13 @@ def _discounted_fit(
     """Repeat the estimate, each slew counted as its own residuals scatter, until both agree."""
     factors = np.where(channels, _GENTLE_WEIGHT, np.ones((model.n_slews, 3)))
     for _ in range(_DISCOUNT_ROUNDS):
-        point, _, stated = _settled(model, point, factors, free, rounds=1)
+        point, _, stated = _optimum_with_noise(model, point, factors, free, rounds=1)
         previous, factors = factors, np.where(channels, _dispersions(model, point, stated), 1.0)
         if np.all(np.abs(np.log(factors / previous)) < _DISCOUNT_SETTLED):
             break
-    return _at(model, *_settled(model, point, factors, free), factors, free, starts)
+    return _estimate_of(
+        model, *_optimum_with_noise(model, point, factors, free), factors, free, starts
+    )
 
 
 def _dispersions(model: Model, point: Point, stated: Whitening) -> np.ndarray:
@@ -260,7 +262,7 @@ def _from_starts(
     for k, theta in enumerate([model.space.mean, *draws]):
         if k >= starts and descents and min(o for o, _ in descents) < near:
             break
-        objective, point = _gently(model, _inside_support(model, theta), free)
+        objective, point = _gentle_descent(model, _inside_support(model, theta), free)
         if np.isfinite(objective):
             descents.append((objective, point))
     if not descents:
@@ -271,7 +273,7 @@ def _from_starts(
     return descents
 
 
-def distinct_ends(model: Model, descents: list[tuple[float, Point]]) -> list[tuple[Point, int]]:
+def distinct_optima(model: Model, descents: list[tuple[float, Point]]) -> list[tuple[Point, int]]:
     """The ends of gentle descents that are worth following, without repetition.
 
     While the data count weakly an objective hardly tells two optima apart; places do.
@@ -290,21 +292,25 @@ def distinct_ends(model: Model, descents: list[tuple[float, Point]]) -> list[tup
     descents = sorted(descents, key=lambda descent: descent[0])
     groups: list[list[Point]] = []
     for objective, point in descents:
-        place = _place(model, point)
-        same = [g for g in groups if np.max(np.abs(_place(model, g[0]) - place)) < _SAME_PLACE_SD]
+        place = _unknowns_in_prior_sd(model, point)
+        same = [
+            g
+            for g in groups
+            if np.max(np.abs(_unknowns_in_prior_sd(model, g[0]) - place)) < _SAME_PLACE_SD
+        ]
         if same:
             same[0].append(point)
-        elif objective < descents[0][0] + _WORTH_FOLLOWING:
+        elif objective < descents[0][0] + _MAX_OBJECTIVE_EXCESS:
             groups.append([point])
     return [(group[0], len(group)) for group in groups]
 
 
-def _place(model: Model, point: Point) -> np.ndarray:
+def _unknowns_in_prior_sd(model: Model, point: Point) -> np.ndarray:
     """All unknowns in prior sd."""
     return np.concatenate([point.theta / model.space.sd, point.bias, point.local.ravel()])
 
 
-def _gently(model: Model, theta: np.ndarray, free: np.ndarray) -> tuple[float, Point]:
+def _gentle_descent(model: Model, theta: np.ndarray, free: np.ndarray) -> tuple[float, Point]:
     """Objective and end of a descent with the data counted weakly.
 
     J, K and the nuisances move first: far from the optimum an effect would take over what they
@@ -335,7 +341,7 @@ def _inside_support(model: Model, theta: np.ndarray) -> np.ndarray:
     return theta
 
 
-def _settled(
+def _optimum_with_noise(
     model: Model, point: Point, factors: np.ndarray, free: np.ndarray, rounds: int = 3, **stop
 ) -> tuple[Point, float, Whitening]:
     """Optimum, objective and noise that belong together (measured drive: noise depends on J)."""
@@ -346,18 +352,20 @@ def _settled(
     return point, objective, stated
 
 
-def _best_settled(
+def _best_optimum_with_noise(
     model: Model, point: Point, factors: np.ndarray, free: np.ndarray
 ) -> tuple[Point, float, Whitening]:
-    """As `_settled`, or from nuisances guessed at the J that was reached, if that is better."""
-    settled = _settled(model, point, factors, free)
+    """As `_optimum_with_noise`, or from nuisances guessed afresh at the J reached, if better."""
+    settled = _optimum_with_noise(model, point, factors, free)
     guess = replace(settled[0], local=guess_nuisances(model, settled[0].theta))
     if not np.any(guess.local):
         return settled
-    return min(settled, _settled(model, guess, factors, free), key=lambda optimum: optimum[1])
+    return min(
+        settled, _optimum_with_noise(model, guess, factors, free), key=lambda optimum: optimum[1]
+    )
 
 
-def _at(
+def _estimate_of(
     model: Model,
     point: Point,
     objective: float,

@@ -42,10 +42,10 @@ class _Problem[X]:
         value = self.objective(x)
         return x, value if np.isfinite(value) else np.inf
 
-    def corrected(self, x: X, value: float, wanted: float) -> tuple[X, float]:
+    def corrected(self, x: X, value: float, target: float) -> tuple[X, float]:
         """A point lower than x beside the valley's bottom; enough once `wanted` is reached."""
         for _ in range(_MOST_CORRECTIONS):
-            if not np.isfinite(value) or value < wanted:
+            if not np.isfinite(value) or value < target:
                 break
             step = _damped_step(*self.equations(x), _CORRECTION_DAMPING)
             trial, reached = self.at(self.move(x, step))
@@ -56,7 +56,7 @@ class _Problem[X]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Promise:
+class _PredictedGain:
     """Steps with damping and without, and by how much they would lower the quadratic."""
 
     step: np.ndarray
@@ -64,7 +64,7 @@ class _Promise:
     damped_gain: float
     undamped_gain: float
 
-    def ends(self, tolerance: float, damping: float) -> bool:
+    def has_converged(self, tolerance: float, damping: float) -> bool:
         """Whether little is left to gain.
 
         A damped step may promise little while the end of the valley is far; at a wall of the
@@ -127,14 +127,14 @@ def levenberg_marquardt[X](
     reached_before = [np.inf] * _STALL_STEPS
     hessian, gradient = equations(x)
     for _ in range(steps):
-        promise = _promise(hessian, gradient, damping)
-        trial, reached = _trial(problem, x, best, promise, tolerance)
+        predicted = _predicted_gain(hessian, gradient, damping)
+        trial, reached = _trial(problem, x, best, predicted, tolerance)
         if np.isfinite(reached) and reached <= best:
-            gain = (best - reached) / max(promise.damped_gain, 1e-300)
+            gain = (best - reached) / max(predicted.damped_gain, 1e-300)
             x, best = trial, reached
             factor = max(0.1, 1.0 - (2.0 * min(gain, 1.0) - 1.0) ** 3)
             damping, growth = max(damping * factor, _LEAST_DAMPING), 2.0
-            if promise.ends(tolerance, damping):
+            if predicted.has_converged(tolerance, damping):
                 break
             reached_before = [*reached_before[1:], best]
             if reached_before[0] - best < _STALL_TOLERANCES * tolerance:
@@ -142,34 +142,34 @@ def levenberg_marquardt[X](
             hessian, gradient = equations(x)
         else:
             damping, growth = damping * growth, growth * 2.0
-        hopeless = promise.damped_gain < 1e-3 * tolerance or damping > _LARGEST_DAMPING
+        hopeless = predicted.damped_gain < 1e-3 * tolerance or damping > _LARGEST_DAMPING
         if hopeless or not np.all(np.isfinite(gradient)):
             break
     return x, best
 
 
-def _promise(hessian: np.ndarray, gradient: np.ndarray, damping: float) -> _Promise:
+def _predicted_gain(hessian: np.ndarray, gradient: np.ndarray, damping: float) -> _PredictedGain:
     """The step with this damping, the undamped one, and what both promise."""
     step, undamped = (_damped_step(hessian, gradient, d) for d in (damping, _LEAST_DAMPING))
     gains = (float(-(gradient @ s + 0.5 * s @ hessian @ s)) for s in (step, undamped))
-    return _Promise(step, undamped, *gains)
+    return _PredictedGain(step, undamped, *gains)
 
 
 def _trial[X](
-    problem: _Problem[X], x: X, best: float, promise: _Promise, tolerance: float
+    problem: _Problem[X], x: X, best: float, predicted: _PredictedGain, tolerance: float
 ) -> tuple[X, float]:
     """Where a step leads, with corrections where it disappoints, and its objective."""
-    gain, all_gain = promise.damped_gain, promise.undamped_gain
-    trial, reached = problem.at(problem.move(x, promise.step))
+    gain, all_gain = predicted.damped_gain, predicted.undamped_gain
+    trial, reached = problem.at(problem.move(x, predicted.step))
     if best - reached < _DISAPPOINTING_SHARE * gain:
         trial, reached = problem.corrected(trial, reached, best - _DISAPPOINTING_SHARE * gain)
     far = all_gain > _UNDAMPED_TOLERANCES * tolerance
     if best - reached < _LITTLE_SHARE * all_gain and far:
-        parts = (problem.at(problem.move(x, k * promise.undamped)) for k in _UNDAMPED_PARTS)
-        part, value = min(parts, key=lambda tried: tried[1])
+        parts = (problem.at(problem.move(x, k * predicted.undamped)) for k in _UNDAMPED_PARTS)
+        part, value = min(parts, key=lambda candidate: candidate[1])
         if value < best:
             corrected = problem.corrected(part, value, -np.inf)
-            trial, reached = min((trial, reached), corrected, key=lambda tried: tried[1])
+            trial, reached = min((trial, reached), corrected, key=lambda candidate: candidate[1])
     return trial, reached
 
 

@@ -15,13 +15,13 @@ from bayes_inertia.maths.physical_draws import are_physical
 from bayes_inertia.observability.result import Observability, ParameterObservability
 
 # A difference is reported above its limit plus four times its Monte Carlo error.
-_LOG_SD_RATIO = 0.05
-_SHIFT = 0.1  # [predicted sd]
-_SKEWNESS = 0.2
-_KURTOSIS = 0.5
-_ERRORS = 4.0
+_MAX_LOG_SD_RATIO = 0.05
+_MAX_SHIFT = 0.1  # [predicted sd]
+_MAX_SKEWNESS = 0.2
+_MAX_KURTOSIS = 0.5
+_MONTE_CARLO_ERRORS = 4.0
 # Part of the predicted Gaussian that no body can have, above which it is named.
-_TRUNCATED = 1e-3
+_UNPHYSICAL_SHARE_NAMED = 1e-3
 
 
 @dataclass(frozen=True)
@@ -118,12 +118,12 @@ def _compare(
     sd = float(draws.std(ddof=1))
     shift, ratio = float((draws.mean() - p.value) / p.sd), sd / p.sd
     skewness, kurtosis = float(stats.skew(draws)), float(stats.kurtosis(draws))
-    differs = abs(np.log(ratio)) > _LOG_SD_RATIO + _ERRORS / np.sqrt(2.0 * effective) or abs(
-        shift
-    ) > _SHIFT + _ERRORS / np.sqrt(effective)
-    odd = abs(skewness) > _SKEWNESS + _ERRORS * np.sqrt(6.0 / effective) or abs(
+    differs = abs(np.log(ratio)) > _MAX_LOG_SD_RATIO + _MONTE_CARLO_ERRORS / np.sqrt(
+        2.0 * effective
+    ) or abs(shift) > _MAX_SHIFT + _MONTE_CARLO_ERRORS / np.sqrt(effective)
+    odd = abs(skewness) > _MAX_SKEWNESS + _MONTE_CARLO_ERRORS * np.sqrt(6.0 / effective) or abs(
         kurtosis
-    ) > _KURTOSIS + _ERRORS * np.sqrt(24.0 / effective)
+    ) > _MAX_KURTOSIS + _MONTE_CARLO_ERRORS * np.sqrt(24.0 / effective)
     warnings = []
     if p.verdict in ("prior", "weakly"):
         warnings.append("prior-dominated: both numbers say mostly what was known before")
@@ -132,7 +132,11 @@ def _compare(
             f"the posterior differs from the prediction: sd {ratio:.3g} times, "
             f"mean moved by {shift:+.2g} predicted sd; use the posterior's"
         )
-    if unphysical > _TRUNCATED and p.name in inertia_tensor.ELEMENTS and (differs or odd):
+    if (
+        unphysical > _UNPHYSICAL_SHARE_NAMED
+        and p.name in inertia_tensor.ELEMENTS
+        and (differs or odd)
+    ):
         warnings.append(
             f"truncated by physics: {100 * unphysical:.2g} % of the predicted Gaussian "
             "are tensors that no body has"

@@ -37,8 +37,8 @@ from bayes_inertia.observability.result import (
 from bayes_inertia.observability.variance_inflation import inflation_by_group
 
 GROUPS = ("J", "K", "initial conditions", "tachometer noise", "rate bias", "effects")
-_PARTNERS = 3  # correlated parameters that are listed
-_ATTITUDE = CHANNELS.index("attitude")
+_MAX_PARTNERS = 3  # correlated parameters that are listed
+_ATTITUDE_INDEX = CHANNELS.index("attitude")
 
 
 def observe(estimate: Estimate, other_drive: Estimate | None = None) -> Observability:
@@ -192,7 +192,7 @@ def _parameters(
 
 def _partners(names: list[str], correlation: np.ndarray, k: int) -> tuple[tuple[str, float], ...]:
     """The parameters that parameter k is most correlated with."""
-    nearest = [j for j in np.argsort(-np.abs(correlation)) if j != k][:_PARTNERS]
+    nearest = [j for j in np.argsort(-np.abs(correlation)) if j != k][:_MAX_PARTNERS]
     return tuple((names[j], float(correlation[j])) for j in nearest)
 
 
@@ -233,7 +233,7 @@ def _arrivals(estimate: Estimate) -> tuple[InformationArrival, ...]:
         for c, (columns, width) in enumerate(zip(jacobian, widths, strict=True)):
             projected = columns[s] @ follow
             squares = (projected**2).reshape(-1, width, f).sum(1)
-            place = fix_row[s] if c == _ATTITUDE else np.arange(len(squares))
+            place = fix_row[s] if c == _ATTITUDE_INDEX else np.arange(len(squares))
             np.add.at(rows[:, c], place, squares)
         time = slew.time - slew.time[0]
         arrivals.append(InformationArrival(slew.name, time, rows[: len(time)]))

@@ -24,8 +24,8 @@ from bayes_inertia.maths.linear_algebra import inverse
 EXACT_BELOW = 1e-6
 # An axis counts as not turned about when its rms rate is below this part of the main axis's,
 # or below the noise.
-_NOT_TURNED = 0.02
-_GAIN = "wheel_torque_gain."
+_MIN_TURNED_RATE_RATIO = 0.02
+_GAIN_PREFIX = "wheel_torque_gain."
 _SCALE_FACTORS = ("K1", "K2", "K3")
 
 
@@ -205,7 +205,7 @@ def _ratio(estimate: Estimate, direction: np.ndarray, part: np.ndarray) -> float
 
 
 def _common_gain(estimate: Estimate) -> Degeneracy:
-    gains = [name for name in _free_names(estimate) if name.startswith(_GAIN)]
+    gains = [name for name in _free_names(estimate) if name.startswith(_GAIN_PREFIX)]
     model = estimate.model
     says = (
         "With wheels only, J and a gain common to all wheels are exactly degenerate: "
@@ -287,7 +287,7 @@ def _unturned_axes(estimate: Estimate) -> list[Degeneracy]:
     campaign = estimate.model.campaign
     rms, axes_B = turned_axes(campaign)
     noise = float(np.max(campaign.rate_sensor.sigma))
-    turned = int(np.sum(rms > max(_NOT_TURNED * rms[0], noise)))
+    turned = int(np.sum(rms > max(_MIN_TURNED_RATE_RATIO * rms[0], noise)))
     if turned == 3 or rms[0] == 0.0:
         return []
     exact = bool(rms[min(turned, 2)] < noise)
@@ -350,15 +350,15 @@ def _left_with_free_inertia(estimate: Estimate) -> float:
     direction = np.zeros(len(free))
     direction[scales] = theta[free[scales]]
     slope = prior_rows(estimate.model, theta)[0][free[tensor]]
-    pull = (information @ direction)[tensor] / slope
+    gradient = (information @ direction)[tensor] / slope
     alone = direction @ information @ direction
     hidden = (
-        pull
+        gradient
         @ np.linalg.pinv(
             information[np.ix_(tensor, tensor)] / np.outer(slope, slope),
             rcond=1e-12,
             hermitian=True,
         )
-        @ pull
+        @ gradient
     )
     return float(np.clip(1.0 - hidden / alone, 0.0, 1.0)) if alone > 0.0 else 0.0

@@ -17,14 +17,14 @@ from bayes_inertia.observability.result import (
 from bayes_inertia.observability.sentences import sentence
 
 FORMAT = "bayes-inertia-observability/1"
-_CONTROLLER = (
+_CONTROLLER_NOTE = (
     "A controller commands whatever torque keeps a slew on its profile, "
     "so that a wrong J hardly shows in the motion. "
     "The fit takes the commands as recorded: nothing is hidden from it. "
     "commands_worth is the sd with the commands ignored (tachometers drive the model) "
     "over the sd with them; 1 means that they add nothing."
 )
-_AS_THEY_ARE = (
+_COPIED_FIELDS = (
     "unit",
     "value",
     "prior_sd",
@@ -82,7 +82,7 @@ def observability_json(observability: Observability) -> dict[str, Any]:
             for degeneracy in observability.degeneracies
         ],
         "windows": {slew: edges for slew, (edges, _) in windows.items()},
-        "controller": _CONTROLLER,
+        "controller": _CONTROLLER_NOTE,
     }
     return _plain(content)
 
@@ -94,7 +94,7 @@ def _parameter(
 ) -> dict[str, Any]:
     i, slews = observability.names.index(p.name), observability.slews
     middle = observability.middle_half(p.name)
-    return {key: getattr(p, key) for key in _AS_THEY_ARE} | {
+    return {key: getattr(p, key) for key in _COPIED_FIELDS} | {
         "says": sentence(observability, p.name),
         "signal_by": _by_slew_and_channel(slews, p.signal_by),
         "share": _by_slew_and_channel(slews, p.share),

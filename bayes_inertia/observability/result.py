@@ -13,7 +13,7 @@ from bayes_inertia.observability.degeneracy import Degeneracy
 
 # Contraction of the prior variance: below, the answer is the prior; above, the data's.
 PRIOR_BELOW, DETERMINED_ABOVE = 0.05, 0.9
-_WINDOWS = 24  # of each slew, in which information is summed
+_WINDOWS_PER_SLEW = 24  # of each slew, in which information is summed
 
 Determination = Literal["determined", "partly", "weakly", "prior"]
 
@@ -209,7 +209,7 @@ class Observability:
 
 
 def in_windows(
-    arrival: InformationArrival, windows: int = _WINDOWS
+    arrival: InformationArrival, windows: int = _WINDOWS_PER_SLEW
 ) -> tuple[np.ndarray, np.ndarray]:
     """Sum the information of a slew in equal windows of time.
 

@@ -13,8 +13,8 @@ from bayes_inertia.observability.result import (
     commands_worth,
 )
 
-_WORTH_SAYING = 1.2  # ratio of sds from which the worth of the commands is mentioned
-_LOST_FROM = 1.21  # variance inflation from which something is called lost
+_MENTIONED_SD_RATIO = 1.2  # ratio of sds from which the worth of the commands is mentioned
+_LOST_VARIANCE_INFLATION = 1.21  # variance inflation from which something is called lost
 _MOST_GROUPS = 3
 
 
@@ -53,14 +53,14 @@ def sentence(observability: Observability, name: str) -> str:
         source = _source(p, observability.slews)
         parts.append(f"{source}, half of that slew's part between {begin:.4g} and {end:.4g} s")
     worth = commands_worth(p, observability.drive)
-    if worth is not None and worth > _WORTH_SAYING:
+    if worth is not None and worth > _MENTIONED_SD_RATIO:
         parts.append(f"without the recorded commands its sd would be {worth:.2g} times larger")
     return "; ".join(parts) + "."
 
 
 def _lost(p: ParameterObservability) -> str:
     """To which other unknowns information is lost."""
-    if p.variance_inflation < _LOST_FROM:
+    if p.variance_inflation < _LOST_VARIANCE_INFLATION:
         return "almost nothing is lost to other unknowns"
     logs = {group: math.log(max(factor, 1.0)) for group, factor in p.inflation.items()}
     worst = [

@@ -12,7 +12,7 @@ from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.effect_declaration import check_declaration, guarded, require
+from bayes_inertia.physics.effect_declaration import check_declaration, guarded, require_of_effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.physics.prediction import Prediction, predict_all
@@ -21,7 +21,7 @@ from bayes_inertia.physics.small_campaign import small_campaign
 
 _DRAWS = 8  # of the prior, where telemetry and derivatives are tried
 _SEED = 20250
-_STEP = 1e-4  # of differences [prior sds]
+_DIFFERENCE_STEP = 1e-4  # of differences [prior sds]
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def check_effect(effect: Effect, campaign: Campaign | None = None) -> CheckedEff
         drive: _in_drive(effect, campaign, drive, thorough=i == 0) for i, drive in enumerate(drives)
     }
     for name in Model(campaign, (effect,)).space.names[N_BASE:]:
-        require(
+        require_of_effect(
             max(sizes[name] for sizes in fingerprint.values()) > 1e-6,
             effect,
             f"the parameter {name} changes nothing in the telemetry anywhere in its prior",
@@ -159,7 +159,7 @@ def _in_drive(effect: Effect, campaign: Campaign, drive: Drive, thorough: bool) 
     )
     without = np.array(_compiled(_Bench(Model(campaign, (_Inert(step),), drive)))(jnp.zeros(0)))
     bad = ~np.isfinite(telemetry).all(axis=1)
-    require(
+    require_of_effect(
         not bad.any(),
         effect,
         f"telemetry is not finite at {_show(points[np.argmax(bad)])}",
@@ -167,7 +167,7 @@ def _in_drive(effect: Effect, campaign: Campaign, drive: Drive, thorough: bool) 
     )
     size = max(1.0, float(np.abs(without).max()))
     gap = float(np.abs(telemetry[0] - without).max()) / size
-    require(
+    require_of_effect(
         gap <= 1e-12,
         effect,
         f"at its null values it changes the telemetry by {gap:.1g} of its size ({drive} drive)",
@@ -186,7 +186,7 @@ def _check_style(trial: _Trial, size: float) -> None:
         effect, "predicting a batch", lambda: np.array(_compiled(jax.vmap(bench))(trial.points))
     )
     gap = float(np.abs(batch - trial.telemetry).max()) / size
-    require(
+    require_of_effect(
         gap <= 1e-9,
         effect,
         f"a batch differs from a loop by {gap:.1g}",
@@ -198,7 +198,7 @@ def _check_style(trial: _Trial, size: float) -> None:
         lambda: np.array(bench(jnp.asarray(trial.points[1]))),
     )
     gap = float(np.abs(plain - trial.telemetry[1]).max()) / size
-    require(
+    require_of_effect(
         gap <= 1e-9,
         effect,
         f"a second evaluation, not compiled, differs by {gap:.1g}",
@@ -217,7 +217,7 @@ def _check_derivatives(trial: _Trial) -> dict[str, float]:
     )
     bad = ~np.isfinite(jacobian).all(axis=(1, 2))
     where = "its null values" if bad[0] else _show(points[np.argmax(bad)])
-    require(
+    require_of_effect(
         not bad.any(),
         effect,
         f"a derivative is not finite at {where}",
@@ -238,19 +238,21 @@ def _compare_with_difference(
     sd, lower = space.sd[N_BASE:], space.lower[N_BASE:]
     direction = rng.choice([-1.0, 1.0], size=len(sd))
     if at_null:  # where a prior ends at the null, the difference goes to the inside
-        direction = np.where(x - _STEP * sd < lower, 1.0, direction)
-    move = _STEP * sd * direction
+        direction = np.where(x - _DIFFERENCE_STEP * sd < lower, 1.0, direction)
+    move = _DIFFERENCE_STEP * sd * direction
     behind = trial.telemetry[0] if at_null else trial.pushed(x - move, x)[0]
-    length = _STEP if at_null else 2.0 * _STEP
+    length = _DIFFERENCE_STEP if at_null else 2.0 * _DIFFERENCE_STEP
     difference = np.array(trial.pushed(x + move, x)[0] - behind) / length
     expected = direction @ jacobian
     gap, size = (float(np.linalg.norm(v)) for v in (difference - expected, expected))
     # A difference to one side is less exact.
     allowed = 1e-2 * largest if at_null else 1e-3 * max(size, 1e-3 * largest)
     telemetry = trial.telemetry
-    rounding = 1e-14 * float(np.abs(telemetry).max()) * np.sqrt(telemetry.shape[1]) / _STEP
+    rounding = (
+        1e-14 * float(np.abs(telemetry).max()) * np.sqrt(telemetry.shape[1]) / _DIFFERENCE_STEP
+    )
     where = "its null values" if at_null else _show(x)
-    require(
+    require_of_effect(
         gap <= allowed + rounding,
         trial.effect,
         "the derivative differs from a finite difference "

@@ -259,10 +259,12 @@ class Effect:
         (k,) array
             Change of each state per second.
         """
-        return jnp.zeros_like(state.own)
+        return jnp.zeros_like(state.effect_states)
 
-    def internal_momentum(self, p: Mapping[str, Array], slew: SlewContext, own: Array) -> Array:
-        """Angular momentum that the own states carry beyond J w + G H.
+    def internal_momentum(
+        self, p: Mapping[str, Array], slew: SlewContext, effect_states: Array
+    ) -> Array:
+        """Angular momentum that the effect's own states carry beyond J w + G H.
 
         Parameters
         ----------
@@ -270,8 +272,8 @@ class Effect:
             The effect's parameters.
         slew : SlewContext
             The slew it acts in.
-        own : (k,) array
-            The own states at one instant.
+        effect_states : (k,) array
+            Their values at one instant.
 
         Returns
         -------

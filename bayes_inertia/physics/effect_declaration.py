@@ -16,7 +16,7 @@ from bayes_inertia.physics.parameters import Parameter
 _NOT_SI = {"deg", "arcsec", "arcmin", "rpm", "min", "h", "gauss"}
 
 
-def require(condition: bool, effect: Any, what: str, advice: str) -> None:
+def require_of_effect(condition: bool, effect: Any, what: str, advice: str) -> None:
     """Raise unless a condition holds.
 
     Parameters
@@ -35,7 +35,7 @@ def require(condition: bool, effect: Any, what: str, advice: str) -> None:
 
     Examples
     --------
-    >>> require(False, Effect(), "it does nothing", "override a hook")
+    >>> require_of_effect(False, Effect(), "it does nothing", "override a hook")
     Traceback (most recent call last):
     bayes_inertia.errors.EffectError: no_effect: it does nothing; override a hook
     """
@@ -44,14 +44,14 @@ def require(condition: bool, effect: Any, what: str, advice: str) -> None:
         raise EffectError(what, where=where, advice=advice)
 
 
-def guarded(effect: Effect, doing: str, call: Callable[[], Any]) -> Any:
+def guarded(effect: Effect, step_name: str, call: Callable[[], Any]) -> Any:
     """The result of a call; whatever goes wrong in it becomes an `EffectError` that says where.
 
     Parameters
     ----------
     effect : Effect
         Whose code is called.
-    doing : str
+    step_name : str
         What the call does, for the error.
     call : callable
         A function without arguments.
@@ -78,7 +78,7 @@ def guarded(effect: Effect, doing: str, call: Callable[[], Any]) -> Any:
     except Exception as reason:
         first = (str(reason).strip() or type(reason).__name__).splitlines()[0]
         raise EffectError(
-            f"{doing} fails: {type(reason).__name__}: {first}",
+            f"{step_name} fails: {type(reason).__name__}: {first}",
             where=effect.name,
             advice="hooks must be plain jax.numpy with fixed shapes and no branches on values",
         ) from reason
@@ -112,13 +112,13 @@ def check_declaration(effect: Effect, campaign: Campaign) -> None:
         and all(isinstance(p, Parameter) for p in parameters)
         and len(parameters) > 0
     )
-    require(
+    require_of_effect(
         good,
         effect,
         "parameters(campaign) is not a non-empty tuple of Parameter",
         "return (scalar(...), vector(...))",
     )
-    require(
+    require_of_effect(
         parameters == effect.parameters(campaign),
         effect,
         "parameters(campaign) differs from call to call",
@@ -130,7 +130,7 @@ def check_declaration(effect: Effect, campaign: Campaign) -> None:
         {name for name in labels if labels.count(name) > 1}
         | {name for name in names if names.count(name) > 1}
     )
-    require(
+    require_of_effect(
         not doubled,
         effect,
         f"the parameter name {doubled[:1]} is used twice",
@@ -141,7 +141,7 @@ def check_declaration(effect: Effect, campaign: Campaign) -> None:
 
 
 def _check_class(effect: Effect) -> None:
-    require(
+    require_of_effect(
         isinstance(effect, Effect),
         effect,
         "this is not an instance of Effect",
@@ -149,7 +149,7 @@ def _check_class(effect: Effect) -> None:
     )
     options = getattr(type(effect), "__dataclass_params__", None)
     frozen = dataclasses.is_dataclass(effect) and options is not None and options.frozen
-    require(
+    require_of_effect(
         frozen and "__dataclass_params__" in vars(type(effect)),
         effect,
         "the class is not a frozen dataclass",
@@ -158,7 +158,7 @@ def _check_class(effect: Effect) -> None:
     named = (
         isinstance(effect.name, str) and effect.name.isidentifier() and effect.name != Effect.name
     )
-    require(
+    require_of_effect(
         named,
         effect,
         f"{effect.name!r} is no name for an effect",
@@ -175,27 +175,27 @@ def _check_class(effect: Effect) -> None:
 
 
 def _check_parameter(effect: Effect, p: Parameter) -> None:
-    require(
+    require_of_effect(
         isinstance(p.unit, str),
         effect,
         f"{p.name} has no unit",
         'state it as text, "" for a pure number',
     )
     words = set(p.unit.replace("/", " ").replace("^", " ").split())
-    require(
+    require_of_effect(
         not words & _NOT_SI,
         effect,
         f"{p.name} is in {p.unit}, not in SI units and radians",
         "convert it",
     )
-    require(
+    require_of_effect(
         len(p.priors) == len(p.names),
         effect,
         f"{p.name} has {len(p.priors)} priors for {len(p.names)} components",
         "give one prior a component",
     )
     inside = all(prior.lower <= p.null <= prior.upper and np.isfinite(p.null) for prior in p.priors)
-    require(
+    require_of_effect(
         inside,
         effect,
         f"the null value {p.null} of {p.name} lies outside its prior",

@@ -42,14 +42,14 @@ class SlewState(NamedTuple):
         Total angular momentum in inertial axes [N m s].
     wheel : tuple of Array
         One absolute momentum H a wheel [N m s] in the commanded drive; unused in the measured one.
-    own : tuple of Array
+    effect_states : tuple of Array
         Each effect's own states (k,).
     """
 
     attitude: Components
     momentum_N: Components
     wheel: Components
-    own: Components
+    effect_states: Components
 
 
 class MassProperties(NamedTuple):
@@ -120,15 +120,15 @@ def prepare(
         inertia_B = effect.inertia(p, context, inertia_B)
         axes = effect.wheel_axes(p, context, axes)
         torque = effect.delivered_torque(p, context, torque)
-    own = tuple(effect.initial_state(p, context, start.rate_B) for effect, p in active)
+    effect_states = tuple(effect.initial_state(p, context, start.rate_B) for effect, p in active)
     locked = with_wheel_spin(inertia_B, axes, context.spin_inertia)
     relative = start.wheel_momentum if drive == "commanded" else slew.momentum[0]
-    internal = internal_momentum(active, context, own)
+    internal = internal_momentum(active, context, effect_states)
     momentum_B = locked @ start.rate_B + axes @ relative + internal
     wheel = relative + context.spin_inertia * (axes.T @ start.rate_B)
     inverse = jnp.linalg.inv(inertia_B if drive == "commanded" else locked)
     momentum_N = quaternion.to_inertial(start.attitude, momentum_B)
-    state = SlewState(tuple(start.attitude), tuple(momentum_N), tuple(wheel), own)
+    state = SlewState(tuple(start.attitude), tuple(momentum_N), tuple(wheel), effect_states)
     return MassProperties(inverse, locked, axes, context.spin_inertia), state, torque
 
 
@@ -249,7 +249,7 @@ def rate_and_wheel_momentum(
     wheel = stacked(state.wheel)
     momentum_B = jnp.stack(quaternion.to_body_components(state.attitude, state.momentum_N))
     rate = mass.inverse @ (
-        momentum_B - mass.axes_B @ wheel - internal_momentum(active, context, state.own)
+        momentum_B - mass.axes_B @ wheel - internal_momentum(active, context, state.effect_states)
     )
     return rate, wheel - mass.spin_inertia * (rate @ mass.axes_B)
 
@@ -299,7 +299,9 @@ def rate_components(
     return tuple(sum(mass.inverse[i, j] * momentum_B[j] for j in range(3)) for i in range(3))  # type: ignore[misc]
 
 
-def internal_momentum(active: ActiveEffects, context: SlewContext, own: Components) -> Array:
+def internal_momentum(
+    active: ActiveEffects, context: SlewContext, effect_states: Components
+) -> Array:
     """Momentum that the effects' own states carry.
 
     Parameters
@@ -308,7 +310,7 @@ def internal_momentum(active: ActiveEffects, context: SlewContext, own: Componen
         What acts.
     context : SlewContext
         What effects may know of this slew.
-    own : tuple of Array
+    effect_states : tuple of Array
         Each effect's own states (k,), or (n, k) for a whole slew.
 
     Returns
@@ -323,7 +325,7 @@ def internal_momentum(active: ActiveEffects, context: SlewContext, own: Componen
     [0.0, 0.0, 0.0]
     """
     total = jnp.zeros(3)
-    for (effect, p), states in zip(active, own, strict=True):
+    for (effect, p), states in zip(active, effect_states, strict=True):
         if effect.acts("internal_momentum"):
             hook = effect.internal_momentum
             total = total + (
@@ -348,7 +350,7 @@ def _slope(
     attitude = unit(x.attitude)
     internal = None
     if active.act("internal_momentum"):
-        internal = internal_momentum(active, context, x.own)
+        internal = internal_momentum(active, context, x.effect_states)
     rate = rate_components(mass, attitude, x.momentum_N, wheel, internal)
     attitude_rate = quaternion.rate_of_components(x.attitude, rate)
     if not active:
@@ -382,8 +384,10 @@ def _effect_slopes(
     field, position = (jnp.stack(between(at, row[key])) for key in ("field", "position"))
     t = row["time"] + at * row["step"]
     external, wheel_torque, own_rates = jnp.zeros(3), jnp.zeros_like(relative), []
-    for (effect, p), own in zip(active, x.own, strict=True):
-        state = State(jnp.stack(x.attitude), rate_B, relative, own, mass.locked, field, position)
+    for (effect, p), effect_states in zip(active, x.effect_states, strict=True):
+        state = State(
+            jnp.stack(x.attitude), rate_B, relative, effect_states, mass.locked, field, position
+        )
         if effect.acts("body_torque"):
             external = external + effect.body_torque(p, context, t, state)
         if effect.acts("wheel_torque"):

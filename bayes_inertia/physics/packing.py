@@ -22,7 +22,7 @@ from bayes_inertia.physics.slew_context import SlewContext
 from bayes_inertia.physics.slew_input import SlewInput
 
 # Rows are padded to a multiple of this so that campaigns of similar length share compiled code.
-_PAD = 32
+_ROW_MULTIPLE = 32
 _MOST_POINTS = 1e6
 
 
@@ -214,7 +214,7 @@ def pack(campaign: Campaign, *, max_step: float | None = None, modes: int = 0) -
 
 
 def _padded(n: int) -> int:
-    return -(-n // _PAD) * _PAD
+    return -(-n // _ROW_MULTIPLE) * _ROW_MULTIPLE
 
 
 def _stack_tuples(parts):

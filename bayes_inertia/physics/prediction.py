@@ -19,7 +19,7 @@ from bayes_inertia.physics.components import Components
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.packing import Arrays, Reference, Telemetry
 from bayes_inertia.physics.parameters import N_BASE
-from bayes_inertia.physics.simulator import simulate
+from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_context import Trajectory
 from bayes_inertia.physics.slew_input import Drive, SlewInput, Start
 
@@ -223,13 +223,15 @@ def predict(
         noise = (local[6:] * data.scale.local[6:]).reshape(structure.wheels, structure.modes)
         slew = slew._replace(momentum=slew.momentum - telemetry.tachometer_modes @ noise.T)
     start = start_of(structure, data.scale, reference, local)
-    trajectory, own = simulate(slew, start, J, active, structure.drive)
+    trajectory, effect_states = simulate_slew(slew, start, J, active, structure.drive)
     bias_S = data.sensors.bias + bias * data.scale.bias
     C = data.sensors.axes
     rate_S = jnp.stack(
         [sum(C[i, j] * trajectory.rate_B[:, j] for j in range(3)) + bias_S[i] for i in range(3)], -1
     )
-    return _sensed(structure, theta[6:N_BASE], rate_S, active, slew, telemetry, trajectory, own)
+    return _sensed(
+        structure, theta[6:N_BASE], rate_S, active, slew, telemetry, trajectory, effect_states
+    )
 
 
 def _sensed(
@@ -240,15 +242,15 @@ def _sensed(
     slew: SlewInput,
     telemetry: Telemetry,
     trajectory: Trajectory,
-    own: Components,
+    effect_states: Components,
 ) -> Prediction:
     """Each effect's sensor hooks in order, then scale factors and sampling."""
     attitude, momentum = trajectory.attitude, trajectory.wheel_momentum
-    for (effect, p), states in zip(active, own, strict=True):
-        with_own = trajectory._replace(own=states)
-        rate_S = effect.rate_output(p, slew.context, with_own, rate_S)
-        attitude = effect.attitude_output(p, slew.context, with_own, attitude)
-        momentum = effect.momentum_output(p, slew.context, with_own, momentum)
+    for (effect, p), states in zip(active, effect_states, strict=True):
+        with_states = trajectory._replace(effect_states=states)
+        rate_S = effect.rate_output(p, slew.context, with_states, rate_S)
+        attitude = effect.attitude_output(p, slew.context, with_states, attitude)
+        momentum = effect.momentum_output(p, slew.context, with_states, momentum)
     fixes = telemetry.fix_row
     if structure.refined:
         rows = telemetry.sample

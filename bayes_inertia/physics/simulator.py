@@ -40,7 +40,7 @@ from bayes_inertia.physics.slew_input import Drive, SlewInput, Start
 _MOVING_HOOKS = ("wheel_torque", "body_torque", "initial_state", "internal_momentum")
 
 
-def simulate(
+def simulate_slew(
     slew: SlewInput,
     start: Start,
     inertia_B: Array,
@@ -66,8 +66,8 @@ def simulate(
     Returns
     -------
     trajectory : Trajectory
-        The slew on the grid; its `own` is empty.
-    own : tuple of (n, k) arrays
+        The slew on the grid; its `effect_states` is empty.
+    effect_states : tuple of (n, k) arrays
         Each effect's own states.
 
     Examples
@@ -75,7 +75,7 @@ def simulate(
     >>> from bayes_inertia.physics.slew_input import idle_slew
     >>> slew, q = idle_slew([0.0, 1.0, 2.0]), jnp.array([0.0, 0.0, 0.0, 1.0])
     >>> start = Start(jnp.array([0.1, 0.0, 0.0]), q, jnp.zeros(0))
-    >>> simulate(slew, start, jnp.eye(3))[0].rate_B[:, 0].round(9).tolist()
+    >>> simulate_slew(slew, start, jnp.eye(3))[0].rate_B[:, 0].round(9).tolist()
     [0.1, 0.1, 0.1]
     """
     active = ActiveEffects() if active is None else active
@@ -84,8 +84,8 @@ def simulate(
     integrate = _full_path if active.act(*_MOVING_HOOKS) else _attitude_path
     path = integrate(slew, mass, state, torque, active, drive)
     wheel = stacked(path.wheel, len(context.time)) if drive == "commanded" else slew.momentum
-    attitude, own = jnp.stack(path.attitude, -1), path.own
-    internal = internal_momentum(active, context, own)
+    attitude, effect_states = jnp.stack(path.attitude, -1), path.effect_states
+    internal = internal_momentum(active, context, effect_states)
     momentum_B = (
         quaternion.to_body(attitude, jnp.stack(path.momentum_N, -1))
         - wheel @ mass.axes_B.T
@@ -94,7 +94,7 @@ def simulate(
     rate = momentum_B @ mass.inverse.T
     momentum = wheel if drive == "measured" else wheel - mass.spin_inertia * (rate @ mass.axes_B)
     no_states = jnp.zeros((len(context.time), 0))
-    return Trajectory(context.time, attitude, rate, momentum, no_states), own
+    return Trajectory(context.time, attitude, rate, momentum, no_states), effect_states
 
 
 def _full_path(
@@ -146,7 +146,7 @@ def _attitude_path(
 
     rows = ((columns(wheel), columns(following(wheel))), slew.context.step)
     _, attitude = jax.lax.scan(step, first.attitude, rows)
-    own = jax.tree.map(lambda x: jnp.broadcast_to(x, (n, *x.shape)), first.own)
+    effect_states = jax.tree.map(lambda x: jnp.broadcast_to(x, (n, *x.shape)), first.effect_states)
     momentum_N = tuple(jnp.broadcast_to(m, n) for m in first.momentum_N)
     absolute = tuple(h + column for h, column in zip(offset, columns(wheel), strict=True))
-    return SlewState(attitude, momentum_N, absolute, own)
+    return SlewState(attitude, momentum_N, absolute, effect_states)

@@ -60,7 +60,7 @@ class State(NamedTuple):
         Body rate [rad/s].
     wheel_momentum : (wheels,) array
         Wheel momentum relative to the body [N m s].
-    own : (k,) array
+    effect_states : (k,) array
         The effect's own states.
     inertia_B : (3, 3) array
         J_locked in this slew: the inertia of everything, wheels included [kg m^2].
@@ -73,7 +73,7 @@ class State(NamedTuple):
     attitude: Array
     rate_B: Array
     wheel_momentum: Array
-    own: Array
+    effect_states: Array
     inertia_B: Array
     magnetic_field_N: Array
     position_N: Array
@@ -92,7 +92,7 @@ class Trajectory(NamedTuple):
         Body rate [rad/s].
     wheel_momentum : (n, wheels) array
         Wheel momentum relative to the body [N m s].
-    own : (n, k) array
+    effect_states : (n, k) array
         The effect's own states.
     """
 
@@ -100,4 +100,4 @@ class Trajectory(NamedTuple):
     attitude: Array
     rate_B: Array
     wheel_momentum: Array
-    own: Array
+    effect_states: Array

@@ -10,7 +10,7 @@ from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
 from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.maths import quaternion
-from bayes_inertia.physics.simulator import simulate
+from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_input import Start, idle_slew
 
 _ORBIT_RATE = 1.08e-3  # of a low Earth orbit [rad/s]
@@ -63,7 +63,7 @@ def _small_slew(index: int, push: np.ndarray, tensor: np.ndarray, axes: np.ndarr
         quaternion.exp(jnp.array([0.3, -0.2, 0.1 * index])),
         jnp.array([0.05, -0.04, 0.06]),
     )
-    path = simulate(slew, first, jnp.asarray(tensor))[0]
+    path = simulate_slew(slew, first, jnp.asarray(tensor))[0]
     angle = (start + time) * _ORBIT_RATE
     in_orbit = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], -1)
     direction_N = in_orbit @ np.array([[0.9, 0.3, -0.3], [-0.3, 0.2, -0.93], [0, 0, 0]])

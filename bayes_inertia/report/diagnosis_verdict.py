@@ -23,7 +23,7 @@ _LEVELS: dict[str, Level] = {
     "ambiguous": "caution",
     "unknown": "bad",
 }
-_RARE = 1e-3  # p-value below which "one campaign of so many" is no longer counted out
+_RARE_P_VALUE = 1e-3  # p-value below which "one campaign of so many" is no longer counted out
 
 
 def diagnosis_verdict(content: Mapping[str, Any]) -> Verdict:
@@ -104,7 +104,7 @@ def _on_disagreement(content: Mapping[str, Any]) -> str:
     if content["verdict"] == "consistent":
         often = (
             f"one campaign of {round(1.0 / p_value)}"
-            if p_value > _RARE
+            if p_value > _RARE_P_VALUE
             else "fewer than one campaign of 1000"
         )
         return (

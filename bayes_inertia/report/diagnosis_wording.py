@@ -14,7 +14,7 @@ _RULES_OF_0_1 = {
     "imitation_correlation": 0.6,
 }
 # In units of the sd: a smaller difference between two models is called none.
-_NO_DIFFERENCE = 0.1
+_NEGLIGIBLE_DIFFERENCE_SD = 0.1
 
 
 def rules_of(content: Mapping[str, Any]) -> Mapping[str, float]:
@@ -120,7 +120,7 @@ def averaging_text(content: Mapping[str, Any]) -> str:
     text = (
         f"J and K are averaged over what may be true ({shares}), so that they hold whichever it is"
     )
-    if gap < _NO_DIFFERENCE:
+    if gap < _NEGLIGIBLE_DIFFERENCE_SD:
         return f"{text}; it makes no difference to them."
     return f"{text}: if it is {plain(effect)}, {name} is {gap:.1f} sd from where the first has it."
 

@@ -9,7 +9,7 @@ from bayes_inertia.report.criteria import Criteria
 
 # Just outside a 99 % interval happens once in a hundred; gates reject at one in a thousand.
 # The interval is widened by this share of its half width before anything is called wrong.
-_SLACK = 0.28
+_INTERVAL_SLACK = 0.28
 
 
 def channel_verdict(fit: Mapping[str, Any], channel: str, criteria: Criteria) -> str:
@@ -42,7 +42,7 @@ def channel_verdict(fit: Mapping[str, Any], channel: str, criteria: Criteria) ->
     if reduced is None or interval is None:
         return "no data"
     coloured = p_white is not None and p_white < criteria.rejected_below
-    slack = _SLACK * (interval[1] - interval[0]) / 2.0
+    slack = _INTERVAL_SLACK * (interval[1] - interval[0]) / 2.0
     if reduced > interval[1] + slack:
         return "too large" + (" and structured in time" if coloured else "")
     if coloured:

@@ -129,7 +129,7 @@ def test_the_baseline_flies_what_the_package_flies(benchmark):
     import jax.numpy as jnp
 
     from bayes_inertia.physics.forward_model import Model
-    from bayes_inertia.physics.simulator import simulate
+    from bayes_inertia.physics.simulator import simulate_slew
     from bayes_inertia.physics.slew_input import Start
 
     campaign, truth = benchmark.the_campaign(benchmark.QUICK, 2026)
@@ -141,7 +141,7 @@ def test_the_baseline_flies_what_the_package_flies(benchmark):
         campaign.slews[0].time, campaign.slews[0].wheel_torque[None], start, wheel, J[None]
     )[0]
     slew = jax.tree.map(lambda a: a[0], Model(campaign).data.arrays.slews)
-    flown, _ = jax.jit(simulate)(
+    flown, _ = jax.jit(simulate_slew)(
         slew,
         Start(jnp.asarray(start[0, 4:]), jnp.asarray(start[0, :4]), jnp.asarray(wheel[0])),
         jnp.asarray(J),

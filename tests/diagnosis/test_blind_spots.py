@@ -5,7 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from bayes_inertia.diagnosis.blind_spots import even_odds, furthest, undetected_effects
+from bayes_inertia.diagnosis.blind_spots import (
+    largest_shifts,
+    noncentrality_at_even_odds,
+    undetected_effects,
+)
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import ParameterSpace
@@ -55,7 +59,7 @@ def test_what_is_fitted_hides_nothing_and_of_the_unknown_nothing_is_said(lagging
 def test_even_odds_are_even_and_the_furthest_amplitude_is_the_furthest():
     rng, n = np.random.default_rng(4), 40_000
     size, limit = (
-        even_odds(3, 1e-3),
+        noncentrality_at_even_odds(3, 1e-3),
         16.266,
     )  # chi^2 with three degrees of freedom exceeds it once in a thousand times
     error = math.sqrt(0.25 / n)
@@ -65,12 +69,12 @@ def test_even_odds_are_even_and_the_furthest_amplitude_is_the_furthest():
 
     assert abs(found(size) - 0.5) < 4.0 * error
     assert abs(found(1.1 * size) - 0.5) > 4.0 * error
-    pull, root = rng.normal(size=(2, 4)), rng.normal(size=(4, 4))
+    shift_per_amplitude, root = rng.normal(size=(2, 4)), rng.normal(size=(4, 4))
     data = 9.0 * root @ root.T
-    shift, amplitude = furthest(pull, data)
+    shift, amplitude = largest_shifts(shift_per_amplitude, data)
     shape = data + 0.25 * np.eye(4)
     np.testing.assert_allclose(np.einsum("pi,ij,pj->p", amplitude, shape, amplitude), 1.0)
-    np.testing.assert_allclose(np.sum(pull * amplitude, 1), shift)
+    np.testing.assert_allclose(np.sum(shift_per_amplitude * amplitude, 1), shift)
     others = rng.normal(size=(5000, 4))
     others /= np.sqrt(np.einsum("ni,ij,nj->n", others, shape, others))[:, None]
-    assert np.all(np.abs(others @ pull.T) <= shift * (1.0 + 1e-12))
+    assert np.all(np.abs(others @ shift_per_amplitude.T) <= shift * (1.0 + 1e-12))

@@ -12,7 +12,7 @@ import pytest
 import bayes_inertia
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.inference.likelihood import information_blocks
-from bayes_inertia.inference.optimizer import distinct_ends, estimate
+from bayes_inertia.inference.optimizer import distinct_optima, estimate
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.forward_model import Model
@@ -45,7 +45,7 @@ def test_optima_are_told_apart_by_their_place_not_by_an_objective_in_which_the_d
 ):
     model, here = fitted.model, fitted.point
     there = replace(here, local=here.local + 1.0)
-    kept = distinct_ends(
+    kept = distinct_optima(
         model,
         [(2.0, here), (2.3, there), (2.0001, here), (9.0, replace(here, local=here.local - 1.0))],
     )

@@ -29,7 +29,7 @@ from bayes_inertia.observability.sentences import sentence
 from bayes_inertia.observability.variance_inflation import inflation_by_group
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.simulator import simulate
+from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_input import Start, idle_slew
 
 
@@ -215,9 +215,9 @@ def test_without_wheels_the_size_of_the_tensor_is_exactly_degenerate(flown):
         start = Start(
             jnp.asarray(0.02 * rng.normal(size=3)), jnp.array([0.0, 0.0, 0.0, 1.0]), jnp.zeros(0)
         )
-        tumble = simulate(idle_slew(s.time), start, inertia_tensor.tensor(jnp.asarray(truth[:6])))[
-            0
-        ]
+        tumble = simulate_slew(
+            idle_slew(s.time), start, inertia_tensor.tensor(jnp.asarray(truth[:6]))
+        )[0]
         rate = np.asarray(tumble.rate_B) / truth[6:9] + 2e-5 * rng.normal(size=s.rate.shape)
         attitude = np.where(np.isfinite(s.attitude), np.asarray(tumble.attitude), np.nan)
         slews.append(

@@ -12,14 +12,14 @@ from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.effects import (
     LIBRARY,
 )
-from bayes_inertia.physics.simulator import simulate
+from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_input import Start, idle_slew
 
 
 def test_constant_torque_spins_up_an_axis():
     slew = idle_slew(np.arange(21.0), 3, np.eye(3), np.zeros(3))
     effect = effect_of("constant_torque")
-    path, _ = simulate(
+    path, _ = simulate_slew(
         slew,
         REST,
         jnp.diag(jnp.array([3.0, 2.0, 1.0])),
@@ -63,7 +63,7 @@ def test_viscous_torque_decays_the_rate_exponentially():
     slew = idle_slew(np.arange(41.0), 0)
     effect = effect_of("viscous_torque")
     start = Start(jnp.array([0.0, 0.0, 0.1]), jnp.array([0.0, 0.0, 0.0, 1.0]), jnp.zeros(0))
-    path, _ = simulate(
+    path, _ = simulate_slew(
         slew,
         start,
         jnp.diag(jnp.array([3.0, 2.0, 1.0])),

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from support.effects import REST, effect_of
 
 from bayes_inertia.physics.active_effects import ActiveEffects
-from bayes_inertia.physics.simulator import simulate
+from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_input import Start, idle_slew
 
 DELTA, FREQUENCY, DAMPING = np.array([0.5, 0.0, 0.0]), 0.3, 0.01
@@ -28,7 +28,7 @@ def test_flexible_mode_keeps_total_momentum_and_rings_like_the_free_body():
         "frequency": jnp.asarray(FREQUENCY),
         "damping": jnp.asarray(DAMPING),
     }
-    path, (own,) = simulate(
+    path, (own,) = simulate_slew(
         slew,
         REST._replace(wheel_momentum=jnp.zeros(1)),
         jnp.asarray(tensor),
@@ -63,7 +63,7 @@ def test_flexible_mode_begins_undeformed_on_a_turning_body():
         "frequency": jnp.asarray(FREQUENCY),
         "damping": jnp.asarray(DAMPING),
     }
-    path, _ = simulate(
+    path, _ = simulate_slew(
         slew,
         start,
         jnp.diag(jnp.array([3.0, 2.0, 2.0])),
@@ -95,7 +95,7 @@ def test_flexible_mode_is_integrated_finely_enough(campaign):
             spin_inertia=np.zeros(1),
             torque=np.where(time < 2.0 - 1e-9, 2e-3, 0.0)[:, None],
         )
-        path, _ = simulate(
+        path, _ = simulate_slew(
             slew,
             REST._replace(wheel_momentum=jnp.zeros(1)),
             jnp.asarray(np.diag([3.0, 2.0, 2.0])),

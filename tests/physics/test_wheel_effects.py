@@ -11,12 +11,12 @@ from support.effects import REST, J, effect_of, state_of
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.simulator import simulate
+from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_input import Start, idle_slew
 
 
 def flown(effect: Effect, p: dict, slew, start: Start) -> tuple:
-    return simulate(
+    return simulate_slew(
         slew,
         start,
         jnp.asarray(J),

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.physics.active_effects import ActiveEffects
-from bayes_inertia.physics.simulator import simulate
+from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_input import Start
 
 J = np.array([[3.2, -0.2, 0.1], [-0.2, 2.2, 0.3], [0.1, 0.3, 1.9]])
@@ -40,7 +40,7 @@ EXTERNAL = {
 }
 
 
-_run = jax.jit(simulate, static_argnums=4)
+_run = jax.jit(simulate_slew, static_argnums=4)
 
 
 def run(slew, start, J_B=J, effects=(), values=None, drive="commanded"):

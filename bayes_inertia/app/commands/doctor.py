@@ -38,12 +38,12 @@ def _energy_drift() -> float:
     """Largest relative change of the energy of a body that tumbles freely for 100 s."""
     import jax.numpy as jnp
 
-    from bayes_inertia.physics.simulator import simulate
+    from bayes_inertia.physics.simulator import simulate_slew
     from bayes_inertia.physics.slew_input import Start, idle_slew
 
     slew = idle_slew(np.arange(100.0))
     start = Start(jnp.array([0.01, 0.02, 0.01]), jnp.array([0.0, 0.0, 0.0, 1.0]), jnp.zeros(0))
     J = jnp.diag(jnp.array([3.0, 2.0, 2.0]))
-    rate = simulate(slew, start, J)[0].rate_B
+    rate = simulate_slew(slew, start, J)[0].rate_B
     energy = jnp.einsum("ni,ij,nj->n", rate, J, rate)
     return float(jnp.abs(energy / (rate[0] @ J @ rate[0]) - 1.0).max())

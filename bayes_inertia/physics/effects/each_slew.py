@@ -144,8 +144,8 @@ class EachSlew(Effect):
     def state_rate(self, p, slew, t, state):
         return self._call("state_rate", p, slew, t, state)
 
-    def internal_momentum(self, p, slew, own):
-        return self._call("internal_momentum", p, slew, own)
+    def internal_momentum(self, p, slew, effect_states):
+        return self._call("internal_momentum", p, slew, effect_states)
 
     def rate_output(self, p, slew, trajectory, rate_S):
         return self._call("rate_output", p, slew, trajectory, rate_S)

@@ -100,10 +100,10 @@ class FlexibleMode(Effect):
         return jnp.stack([jnp.zeros_like(p["frequency"]), p["coupling"] @ rate_B])
 
     def state_rate(self, p, slew, t, state):
-        eta, momentum = state.own
+        eta, momentum = state.effect_states
         W = 2.0 * jnp.pi * p["frequency"]
         speed = momentum - p["coupling"] @ state.rate_B
         return jnp.stack([speed, -2.0 * p["damping"] * W * speed - W**2 * eta])
 
-    def internal_momentum(self, p, slew, own):
-        return p["coupling"] * own[1]
+    def internal_momentum(self, p, slew, effect_states):
+        return p["coupling"] * effect_states[1]

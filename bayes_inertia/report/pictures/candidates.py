@@ -14,8 +14,8 @@ from matplotlib.patches import Patch
 from bayes_inertia.report.formatting import plain, tenths
 from bayes_inertia.report.pictures import style
 
-_LEAST_P = 1e-300  # what is smaller is drawn here
-_WIDE = 40.0  # beyond this strength the axis is logarithmic
+_SMALLEST_P_DRAWN = 1e-300  # what is smaller is drawn here
+_LARGEST_ON_LINEAR_AXIS = 40.0  # beyond this strength the axis is logarithmic
 _TICKS = (0, 2, 5, 10, 30, 100, 300)
 
 
@@ -43,12 +43,12 @@ def draw_candidates(
     if not scored:
         return None
     scored = sorted(scored, key=lambda c: (-c["p_value"], c["log_bayes_factor"]))
-    strength = np.array([-np.log10(max(c["p_value"], _LEAST_P)) for c in scored])
-    limit = -np.log10(max(threshold, _LEAST_P))
+    strength = np.array([-np.log10(max(c["p_value"], _SMALLEST_P_DRAWN)) for c in scored])
+    limit = -np.log10(max(threshold, _SMALLEST_P_DRAWN))
     figure, (place,) = style.grid(0.9 + 0.23 * len(scored), 1, 1, left=2.3, right=1.9, top=0.4)
     axes = figure.add_axes(place)
     _bars(axes, [c["effect"] for c in scored], strength, limit, named)
-    if strength.max() > _WIDE:
+    if strength.max() > _LARGEST_ON_LINEAR_AXIS:
         axes.set_xscale("symlog", linthresh=10.0, linscale=1.5)
         axes.set_xticks(_TICKS, [str(tick) for tick in _TICKS])
         axes.minorticks_off()

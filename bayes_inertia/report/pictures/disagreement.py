@@ -14,7 +14,7 @@ from matplotlib.patches import Patch, Rectangle
 from bayes_inertia.report.pictures import style
 
 MOST_SLEWS = 9
-_LIMIT = 6.0  # sigma at which colours saturate
+_COLOR_LIMIT_SIGMA = 6.0  # sigma at which colours saturate
 _MOST_FRAMES = 2  # in one channel and slew
 _NOT_MEASURED = "#f0f0f0"
 # Blue and vermillion differ in hue and lightness for every reader; white is "as expected".
@@ -113,8 +113,8 @@ def _map_panel(
             np.arange(row, row + len(shift) + 1) - 0.5,
             shift,
             cmap=_COLORS,
-            vmin=-_LIMIT,
-            vmax=_LIMIT,
+            vmin=-_COLOR_LIMIT_SIGMA,
+            vmax=_COLOR_LIMIT_SIGMA,
             rasterized=True,
         )
         if row:
@@ -148,7 +148,7 @@ def _frame(axes: Axes, window: Mapping[str, Any], edges: np.ndarray, first: int,
 def _map_legend(figure: Figure) -> None:
     handles = [
         Patch(
-            fc=_COLORS(0.5 + 0.5 * level / _LIMIT),
+            fc=_COLORS(0.5 + 0.5 * level / _COLOR_LIMIT_SIGMA),
             ec=style.PALE,
             lw=0.5,
             label=f"{level:+d} σ".replace("-", "−").replace("+0", "0"),

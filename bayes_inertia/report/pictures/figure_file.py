@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from bayes_inertia.files import write_atomically
 
 _DPI = 130
-_SAME_EVERY_TIME: dict[Any, Any] = {
+_REPRODUCIBLE_SETTINGS: dict[Any, Any] = {
     "svg.hashsalt": "bayes-inertia",
     "svg.fonttype": "path",
     "path.simplify_threshold": 0.3,
@@ -44,7 +44,7 @@ def figure_bytes(figure: Figure, form: Literal["png", "svg"]) -> bytes:
     b'\\x89PNG'
     """
     file = io.BytesIO()
-    with rc_context(_SAME_EVERY_TIME):
+    with rc_context(_REPRODUCIBLE_SETTINGS):
         figure.savefig(file, format=form, dpi=_DPI, metadata=_METADATA[form])
     return file.getvalue()
 

@@ -10,7 +10,7 @@ from matplotlib.patches import Patch
 from bayes_inertia.observability.result import InformationArrival, Observability, in_windows
 from bayes_inertia.report.pictures import style
 
-_CROSS = ("Jxy", "Jxz", "Jyz")
+_PRODUCTS_OF_INERTIA = ("Jxy", "Jxz", "Jyz")
 _MOST_SLEWS = 6
 
 
@@ -32,9 +32,9 @@ def draw_observability(observability: Observability) -> Figure:
     Figure
         Two panels above, at most six below.
     """
-    shown = [name for name in _CROSS if name in observability.names] or list(observability.names)[
-        :3
-    ]
+    shown = [name for name in _PRODUCTS_OF_INERTIA if name in observability.names] or list(
+        observability.names
+    )[:3]
     arrivals = _telling(observability, shown)
     n, slews = len(observability.parameters), len(arrivals)
     bars, below, top, gap = 0.34 * n + 0.3, 2.2, 0.75, 1.15

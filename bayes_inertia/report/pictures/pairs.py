@@ -17,11 +17,11 @@ from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.formatting import unit_text
 from bayes_inertia.report.pictures import posterior_data, style
 
-_PIXELS = 44
-_SPAN = 3.4  # cells show the mean +- this many of the larger sd
+_CELL_PIXELS = 44
+_CELL_HALF_WIDTH_SD = 3.4  # cells show the mean +- this many of the larger sd
 _RADIUS_90 = float(np.sqrt(2.0 * np.log(10.0)))  # of the 90 % ellipse of a bivariate normal
-_GAP = 0.06
-_UPRIGHT = 10  # more labels than this are turned
+_CELL_GAP = 0.06
+_MOST_UPRIGHT_LABELS = 10  # more labels than this are turned
 
 
 @style.styled
@@ -50,12 +50,14 @@ def draw_pairs(posterior: Posterior, most: int = 16) -> Figure:
     robust = None if robust is None else robust[np.ix_(index, index)]
     covariance = np.atleast_2d(np.cov(draws.T))
     sd = np.sqrt(np.diag(covariance))
-    half = _SPAN * (sd if robust is None else np.maximum(sd, np.sqrt(np.diag(robust))))
+    half = _CELL_HALF_WIDTH_SD * (
+        sd if robust is None else np.maximum(sd, np.sqrt(np.diag(robust)))
+    )
     z = (draws - draws.mean(0)) / half
     d = len(names)
     size = min(style.WIDTH, 2.6 + 0.72 * d)
     figure = Figure(figsize=(size, size * 0.98))
-    bottom = 0.05 if d <= _UPRIGHT else 0.09
+    bottom = 0.05 if d <= _MOST_UPRIGHT_LABELS else 0.09
     axes = figure.add_axes((0.15, bottom, 0.84, 0.95 - bottom))
     _densities(axes, z)
     _diagonal(axes, z)
@@ -99,21 +101,21 @@ def _chosen(samples: np.ndarray, most: int) -> list[int]:
 
 def _place(z: np.ndarray, cell: int, flip: bool = False) -> np.ndarray:
     """Positions in [-1, 1] of a cell on the picture's axes (rows count downwards: `flip`)."""
-    inside = 0.5 * (1.0 - _GAP)
+    inside = 0.5 * (1.0 - _CELL_GAP)
     return cell + 0.5 + (-inside if flip else inside) * z
 
 
 def _densities(axes: Axes, z: np.ndarray) -> None:
     """All 2-D histograms as one image."""
     d = z.shape[1]
-    image = np.full((d * _PIXELS, d * _PIXELS), np.nan)
-    pad = round(0.5 * _GAP * _PIXELS)
-    n = _PIXELS - 2 * pad
+    image = np.full((d * _CELL_PIXELS, d * _CELL_PIXELS), np.nan)
+    pad = round(0.5 * _CELL_GAP * _CELL_PIXELS)
+    n = _CELL_PIXELS - 2 * pad
     for row in range(d):
         for column in range(row):
             counts = np.histogram2d(z[:, row], z[:, column], bins=n, range=[[-1, 1], [-1, 1]])[0]
             smooth = gaussian_filter(counts, 1.2)[::-1]
-            y, x = row * _PIXELS + pad, column * _PIXELS + pad
+            y, x = row * _CELL_PIXELS + pad, column * _CELL_PIXELS + pad
             image[y : y + n, x : x + n] = smooth / smooth.max()
     shades = _blues()
     axes.imshow(
@@ -197,9 +199,9 @@ def _correlations(axes: Axes, correlation: np.ndarray) -> None:
 
 def _square(row: int, column: int) -> Rectangle:
     return Rectangle(
-        (column + 0.5 * _GAP, row + 0.5 * _GAP),
-        1 - _GAP,
-        1 - _GAP,
+        (column + 0.5 * _CELL_GAP, row + 0.5 * _CELL_GAP),
+        1 - _CELL_GAP,
+        1 - _CELL_GAP,
         fc="#fdf0d5",
         ec=style.ORANGE,
         lw=0.8,
@@ -216,7 +218,7 @@ def _labels(
 ) -> None:
     """Names left and below; left also the unit, and centre and half width of the cells."""
     d = len(names)
-    place = {"rotation": 45, "ha": "right"} if d > _UPRIGHT else {"ha": "center"}
+    place = {"rotation": 45, "ha": "right"} if d > _MOST_UPRIGHT_LABELS else {"ha": "center"}
     for i, name in enumerate(names):
         unit = unit_text(str(posterior.tree["posterior"][name].attrs.get("units", "")))
         short = name.replace(".", "\n")

@@ -13,8 +13,8 @@ from bayes_inertia.report.pictures import style
 from bayes_inertia.report.pictures.posterior_data import values_of
 
 # Below this ratio of quoted to prior sd the prior would look flat: it has a strip of its own.
-_ZOOM = 0.12
-_STRIP = (0.80, 0.98)  # height of that strip in axes fractions
+_ZOOMED_SD_RATIO = 0.12
+_STRIP_HEIGHT = (0.80, 0.98)  # height of that strip in axes fractions
 
 
 @style.styled
@@ -71,7 +71,7 @@ def _panel(
 ) -> None:
     mean, prior_sd = row["mean"], row["prior_sd"]
     quoted = max(row["sd"], row["robust_sd"] or 0.0)
-    zoomed = quoted < _ZOOM * prior_sd
+    zoomed = quoted < _ZOOMED_SD_RATIO * prior_sd
     low, high = mean - 4.5 * quoted, mean + 4.5 * quoted
     if not zoomed:
         low, high = min(low, prior_mean - 3.2 * prior_sd), max(high, prior_mean + 3.2 * prior_sd)
@@ -135,7 +135,7 @@ def _gain_text(gain: float) -> str:
 def _strip(axes: Axes, place: float) -> None:
     """The prior over +-3.2 sd, and the posterior's place in it [prior sd]."""
     z = np.linspace(-3.2, 3.2, 60)
-    bottom, top = _STRIP
+    bottom, top = _STRIP_HEIGHT
     x = 0.5 + z / 6.4
     axes.fill_between(
         x,

@@ -42,7 +42,7 @@ DASHES = (
 )
 MARKERS = ("o", "s", "^", "D", "v", "P")
 WIDTH = 10.0  # [in] of every picture
-_LIMIT = 2000  # points of a line
+_MOST_LINE_POINTS = 2000  # points of a line
 
 _RC: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
@@ -200,7 +200,9 @@ def grid_shape(n: int) -> tuple[int, int]:
     return -(-n // columns), columns
 
 
-def envelope(x: np.ndarray, y: np.ndarray, limit: int = _LIMIT) -> tuple[np.ndarray, np.ndarray]:
+def envelope(
+    x: np.ndarray, y: np.ndarray, limit: int = _MOST_LINE_POINTS
+) -> tuple[np.ndarray, np.ndarray]:
     """A line of few points that looks like one of many: lowest and highest of each stretch.
 
     Parameters
