@@ -97,6 +97,7 @@ def test_right_uncertainties_pass_and_wrong_ones_are_noticed(statistics):
     assert np.all(np.abs(z.sd_z - 1.0 / 0.75) < 5.0 / 0.75 / np.sqrt(600))
 
 
+@pytest.mark.slow
 def test_a_quick_calibration_writes_its_results_and_goes_on_after_a_kill(
     calibration, tmp_path, monkeypatch
 ):
@@ -159,6 +160,7 @@ def test_the_baseline_flies_what_the_package_flies(benchmark):
     assert by_hand(np.array([9.0, 1.0, 1.0, 0, 0, 0, 1, 1, 1])) == -np.inf
 
 
+@pytest.mark.slow
 def test_a_quick_benchmark_writes_its_results(benchmark, tmp_path):
     found = benchmark.main(["--quick", "--out", str(tmp_path)])
     content = json.loads((tmp_path / "analyses/results/benchmark.json").read_text())

@@ -42,6 +42,7 @@ def quick(load, tmp_path_factory):
     return found, out
 
 
+@pytest.mark.slow
 def test_quick_variants_say_what_the_full_ones_say(quick):
     found, _ = quick
     numbers = {name: result.numbers for name, (result, _) in found.items()}
@@ -102,6 +103,7 @@ def test_committed_page_is_what_the_committed_results_say(load, tmp_path):
     assert common.write_page(tmp_path).read_text() == (ANALYSES / "PAPER.md").read_text()
 
 
+@pytest.mark.slow
 def test_scatter_is_what_repeated_campaigns_show(load):
     """Errors of 16 campaigns at 50 times our noise, whitened by the predicted scatter, are standard
     normal.

@@ -14,6 +14,7 @@ from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.physics.effects import by_name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "names",
     [(), ("wheel_friction", "wheel_command_lag", "rate_sensor_delay", "magnetic_dipole")],

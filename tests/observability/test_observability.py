@@ -156,6 +156,7 @@ def test_commands_are_worth_the_sd_without_them_over_the_sd_with_them(estimate, 
 
 
 # --- what cannot be told ----------------------------------------
+@pytest.mark.slow
 def test_one_slew_about_z_leaves_the_rest_of_the_tensor_to_the_prior(
     flying, setup_type, truth_type
 ):
@@ -179,6 +180,7 @@ def test_one_slew_about_z_leaves_the_rest_of_the_tensor_to_the_prior(
     )
 
 
+@pytest.mark.slow
 def test_a_common_wheel_gain_is_always_stated_and_shown_where_it_is_fitted(flown, observability):
     stated = [d for d in observability.degeneracies if d.name == "common wheel gain"]
     assert len(stated) == 1
@@ -207,6 +209,7 @@ def test_a_common_wheel_gain_is_always_stated_and_shown_where_it_is_fitted(flown
     assert v @ data_information(estimate) @ v > 1e4
 
 
+@pytest.mark.slow
 def test_without_wheels_the_size_of_the_tensor_is_exactly_degenerate(flown):
     """A body that tumbles freely, simulated here: stated, and the weakest direction."""
     rng, truth = np.random.default_rng(62), flown.truth.theta

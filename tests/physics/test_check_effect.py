@@ -222,6 +222,7 @@ def test_the_good_effect_that_the_broken_ones_derive_from_passes(campaign):
     assert min(check_effect(Torque(), campaign).fingerprint["commanded"].values()) > 1.0
 
 
+@pytest.mark.slow
 def test_an_outsider_s_effect_needs_one_file(capsys):
     path = Path(__file__).resolve().parents[2] / "analyses" / "outside_effect.py"
     spec = importlib.util.spec_from_file_location("outside_effect", path)

@@ -19,6 +19,7 @@ from bayes_inertia.physics.forward_model import Model
 DATA = Path(__file__).resolve().parents[1] / "data"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("folder", "name"), [("hidden_lag", "wheel_command_lag"), ("hidden_dipole", "magnetic_dipole")]
 )
