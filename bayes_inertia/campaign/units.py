@@ -12,15 +12,15 @@ from types import MappingProxyType
 
 import numpy as np
 
-_DEGREE = math.pi / 180.0
+DEGREE = math.pi / 180.0  # [rad]
 
 UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
         "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
         "wheel_torque": {"N m": 1.0, "mN m": 1e-3, "uN m": 1e-6},
         "wheel_momentum": {"N m s": 1.0, "mN m s": 1e-3, "uN m s": 1e-6},
-        "wheel_speed": {"rad/s": 1.0, "deg/s": _DEGREE, "rpm": 2.0 * math.pi / 60.0},
-        "rate": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": _DEGREE, "deg/h": _DEGREE / 3600.0},
+        "wheel_speed": {"rad/s": 1.0, "deg/s": DEGREE, "rpm": 2.0 * math.pi / 60.0},
+        "rate": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": DEGREE, "deg/h": DEGREE / 3600.0},
         "magnetic_field": {"T": 1.0, "mT": 1e-3, "uT": 1e-6, "nT": 1e-9, "G": 1e-4},
         "position": {"m": 1.0, "km": 1e3},
     }
@@ -29,8 +29,24 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
 
 
 def to_si(values: np.ndarray, quantity: str, unit: str) -> np.ndarray:
-    """`values` (any shape) of a quantity in a unit of `UNITS`, converted to SI units and radians.
+    """Convert values of a quantity to SI units and radians.
 
+    Parameters
+    ----------
+    values : array
+        In `unit`, of any shape.
+    quantity : str
+        A key of `UNITS`, such as "rate".
+    unit : str
+        One of its units.
+
+    Returns
+    -------
+    array
+        The same in SI units; infinite where that overflows.
+
+    Examples
+    --------
     >>> to_si(np.array([1.5]), "time", "min").tolist()
     [90.0]
     """

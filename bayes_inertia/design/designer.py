@@ -163,19 +163,19 @@ def design_plan(
     bayes_inertia.errors.DesignError: limit total time: 5 slews need at least 1570 s, 100 s allowed
     (1470 s too few); allow more time, or fewer slews
     """
-    began, wanted = time.perf_counter(), parse_goal(goal)
+    began, parsed_goal = time.perf_counter(), parse_goal(goal)
     limits = limits or Limits(rate=math.radians(1.0) / (1.0 - Limits().rate_reserve))
     base = base or paper_like_plan()
     base = replace(base, start_attitude=limits.start_attitude or base.start_attitude)
     setup = set_up_design(
-        mission, wanted, limits, base, n_slews, seed=seed, draws=draws, after=after
+        mission, parsed_goal, limits, base, n_slews, seed=seed, draws=draws, after=after
     )
-    x, log_values, least = random_plans(setup.problem, n_slews, candidates, seed)
-    improved, history = improved_plans(setup.problem, x, log_values, least, starts)
-    base = replace(base, name=f"{n_slews} slew{'s' if n_slews > 1 else ''} for {wanted}")
+    x, log_values, least_slacks = random_plans(setup.problem, n_slews, candidates, seed)
+    improved, history = improved_plans(setup.problem, x, log_values, least_slacks, starts)
+    base = replace(base, name=f"{n_slews} slew{'s' if n_slews > 1 else ''} for {parsed_goal}")
     craft = setup.missions[0].spacecraft
     plan = best_plan(setup.problem, improved, base, craft, setup.limits)
-    design = _judged(plan, setup, seed, log_values[least >= 0.0], history)
+    design = _judged(plan, setup, seed, log_values[least_slacks >= 0.0], history)
     return replace(design, seconds=time.perf_counter() - began)
 
 

@@ -45,7 +45,7 @@ def random_plans(
         Design variables.
     log_values : (n,) array
         Logarithm of the goal's number of each; infinite where it is no number.
-    least : (n,) array
+    least_slacks : (n,) array
         The least that each leaves of any limit.
     """
     rng = np.random.default_rng([seed, 7])
@@ -107,7 +107,11 @@ def improved_plan(
 
 
 def improved_plans(
-    problem: PlanProblem, x: np.ndarray, log_values: np.ndarray, least: np.ndarray, starts: int
+    problem: PlanProblem,
+    x: np.ndarray,
+    log_values: np.ndarray,
+    least_slacks: np.ndarray,
+    starts: int,
 ) -> tuple[list[np.ndarray], tuple[tuple[float, ...], ...]]:
     """Plans improved from the best of random ones.
 
@@ -119,7 +123,7 @@ def improved_plans(
         Random plans, as from `random_plans`.
     log_values : (n,) array
         Logarithm of the goal's number of each.
-    least : (n,) array
+    least_slacks : (n,) array
         The least that each leaves of any limit.
     starts : int
         How many of the best are improved.
@@ -131,7 +135,7 @@ def improved_plans(
     histories : tuple of tuple of float
         The smooth goal's number during each descent.
     """
-    order = np.lexsort((log_values, -np.minimum(least, 0.0)))[:starts]  # feasible ones first
+    order = np.lexsort((log_values, -np.minimum(least_slacks, 0.0)))[:starts]  # feasible ones first
     descents = [improved_plan(problem, x[k], _DESCENT_STEPS, 1) for k in order]
     best = [descents[k][0] for k in _ranked(problem, [plan for plan, _ in descents])]
     final = improved_plan(problem, best[0], _DESCENT_STEPS, len(problem.thetas))

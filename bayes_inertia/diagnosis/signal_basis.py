@@ -72,12 +72,12 @@ def knots(fit: LinearisedFit, components: int) -> np.ndarray:
     return np.linspace(time[:, 0], time[:, -1], k, axis=1)
 
 
-def cardinal_splines(at: np.ndarray, time: np.ndarray) -> np.ndarray:
+def cardinal_splines(times: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Evaluate the cubic splines that are one at one knot and zero at the others.
 
     Parameters
     ----------
-    at : (n,) array
+    times : (n,) array
         Times of evaluation [s]; beyond the knots the value at the last one holds.
     time : (k,) array
         Times of the knots [s].
@@ -93,7 +93,7 @@ def cardinal_splines(at: np.ndarray, time: np.ndarray) -> np.ndarray:
     >>> values.round(9).tolist() == np.eye(5)[[0, 2]].tolist()
     True
     """
-    return make_interp_spline(time, np.eye(len(time)), k=3)(np.clip(at, time[0], time[-1]))
+    return make_interp_spline(time, np.eye(len(time)), k=3)(np.clip(times, time[0], time[-1]))
 
 
 def body_torque(fit: LinearisedFit, response: TorqueResponse) -> SignalBasis:
@@ -225,7 +225,9 @@ def _reading(
     """An error of one channel's readings, whitened by `white` (slews, rows, c, c)."""
     width = white.shape[-1]
     time = knots(fit, width)
-    splines = np.stack([cardinal_splines(at, t) for at, t in zip(rows.time, time, strict=True)])
+    splines = np.stack(
+        [cardinal_splines(times, t) for times, t in zip(rows.time, time, strict=True)]
+    )
     readings = scale * np.einsum("snij,snk->snikj", white, splines)
     columns = np.zeros((*fit.residual.shape, time.shape[1] * width))
     columns[:, rows.part] = readings.reshape(len(time), -1, columns.shape[-1])

@@ -10,27 +10,27 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from bayes_inertia.campaign.units import DEGREE
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import read_bytes, text_of, write_atomically
 from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.flight.plan import Plan, PlannedSlew
 
 FORMAT = "bayes-inertia-plan/1"
-_DEGREE = math.pi / 180.0  # [rad]
 # Key in the file -> field and factor to SI; a factor of None marks what is no single number.
 _SLEW = {
     "axis": ("axis_B", None),
-    "angle_deg": ("angle", _DEGREE),
-    "rate_deg_per_s": ("rate", _DEGREE),
-    "acceleration_deg_per_s2": ("acceleration", _DEGREE),
+    "angle_deg": ("angle", DEGREE),
+    "rate_deg_per_s": ("rate", DEGREE),
+    "acceleration_deg_per_s2": ("acceleration", DEGREE),
     "profile": ("profile", None),
     "duration_s": ("duration", 1.0),
 }
 _ORBIT = {
     "radius_km": ("radius", 1e3),
-    "inclination_deg": ("inclination", _DEGREE),
-    "node_deg": ("node", _DEGREE),
-    "argument_deg": ("argument", _DEGREE),
+    "inclination_deg": ("inclination", DEGREE),
+    "node_deg": ("node", DEGREE),
+    "argument_deg": ("argument", DEGREE),
 }
 _PLAN = {
     "name": ("name", None),
@@ -231,7 +231,7 @@ def _number(value: Any, factor: float, where: str) -> float:
             where=where,
             advice="write a number without quotes",
         )
-    return math.radians(value) if factor == _DEGREE else value * factor
+    return math.radians(value) if factor == DEGREE else value * factor
 
 
 def _numbers(value: Any, n: int | None, where: str) -> tuple[float, ...]:
@@ -256,9 +256,9 @@ def _file_value(value: Any, factor: float | None) -> Any:
     """A value in the unit of the file, with the fewest digits that read back as the same number."""
     if factor is None:
         return list(value) if isinstance(value, tuple) else value
-    in_unit = math.degrees(value) if factor == _DEGREE else value / factor
+    in_unit = math.degrees(value) if factor == DEGREE else value / factor
     candidates = [float(f"{in_unit:.{digits}g}") for digits in range(6, 18)]
     exact = [
-        x for x in candidates if (math.radians(x) if factor == _DEGREE else x * factor) == value
+        x for x in candidates if (math.radians(x) if factor == DEGREE else x * factor) == value
     ]
     return (exact or candidates[-1:])[0]

@@ -121,12 +121,12 @@ def finite_starts(
     )
 
 
-def walkers_needed(wanted: int, d: int) -> int:
+def walkers_needed(requested: int, d: int) -> int:
     """Walkers of an ensemble: emcee's moves need twice as many as there are dimensions.
 
     Parameters
     ----------
-    wanted : int
+    requested : int
         How many are wanted.
     d : int
         Dimensions.
@@ -140,4 +140,4 @@ def walkers_needed(wanted: int, d: int) -> int:
     >>> walkers_needed(64, 40)
     80
     """
-    return max(wanted, 2 * d)
+    return max(requested, 2 * d)

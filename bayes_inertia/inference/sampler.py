@@ -137,14 +137,11 @@ class Chains:
         Log density of each, up to a constant.
     diagnostics : Diagnostics
         Whether they can be trusted.
-    proposal_degrees : float
-        Degrees of freedom of the independence move.
     """
 
     samples: np.ndarray
     log_posterior: np.ndarray
     diagnostics: Diagnostics
-    proposal_degrees: float
 
     @property
     def flat(self) -> np.ndarray:
@@ -226,7 +223,7 @@ def sample(
     steps = settings.steps
     while True:
         _advance(samplers, files, steps, settings.threads, progress)
-        chains = _collect(samplers, steps, move, spent, perf_counter() - began)
+        chains = _collect(samplers, steps, spent, perf_counter() - began)
         wanted = steps_wanted(chains.diagnostics, settings)
         if wanted <= steps:
             return chains
@@ -341,7 +338,6 @@ def _advance(
 def _collect(
     samplers: list[emcee.EnsembleSampler],
     steps: int,
-    move: IndependenceMove,
     spent: int,
     seconds: float,
 ) -> Chains:
@@ -365,4 +361,4 @@ def _collect(
         acceptance=acceptance,
         discarded=discard,
     )
-    return Chains(kept, np.moveaxis(lp[:, discard:], 1, 2), diagnostics, move.degrees)
+    return Chains(kept, np.moveaxis(lp[:, discard:], 1, 2), diagnostics)

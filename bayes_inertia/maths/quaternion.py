@@ -17,10 +17,10 @@ from collections.abc import Sequence
 import jax.numpy as jnp
 from jax import Array
 
-Components = Sequence[Array]
+ComponentSequence = Sequence[Array]
 
 
-def cross_components(a: Components, b: Components) -> tuple[Array, Array, Array]:
+def cross_components(a: ComponentSequence, b: ComponentSequence) -> tuple[Array, Array, Array]:
     """a x b of two vectors given as components.
 
     Parameters
@@ -41,7 +41,7 @@ def cross_components(a: Components, b: Components) -> tuple[Array, Array, Array]
     return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
 
 
-def to_body_components(q: Components, v_N: Components) -> tuple[Array, ...]:
+def to_body_components(q: ComponentSequence, v_N: ComponentSequence) -> tuple[Array, ...]:
     """C(q) v_N: an inertial vector in body axes.
 
     Parameters
@@ -66,7 +66,7 @@ def to_body_components(q: Components, v_N: Components) -> tuple[Array, ...]:
     return tuple(v_N[i] - q[3] * twice[i] + inner[i] for i in range(3))
 
 
-def to_inertial_components(q: Components, v_B: Components) -> tuple[Array, ...]:
+def to_inertial_components(q: ComponentSequence, v_B: ComponentSequence) -> tuple[Array, ...]:
     """C(q)^T v_B: a body vector in inertial axes.
 
     Parameters
@@ -89,7 +89,7 @@ def to_inertial_components(q: Components, v_B: Components) -> tuple[Array, ...]:
     return to_body_components((q[0], q[1], q[2], -q[3]), v_B)
 
 
-def rate_of_components(q: Components, rate_B: Components) -> tuple[Array, ...]:
+def rate_of_components(q: ComponentSequence, rate_B: ComponentSequence) -> tuple[Array, ...]:
     """dq/dt for the body rate w (paper eqs 10, 11).
 
     Parameters
@@ -216,29 +216,6 @@ def to_body(q: Array, v_N: Array) -> Array:
     [1.0, 0.0, 0.0]
     """
     return jnp.stack(to_body_components(_split(q), _split(v_N)), axis=-1)
-
-
-def rate_of(q: Array, rate_B: Array) -> Array:
-    """dq/dt (..., 4) [1/s] for the body rate w (..., 3) [rad/s] (paper eqs 10, 11).
-
-    Parameters
-    ----------
-    q : (..., 4) array
-        Attitude, body from inertial.
-    rate_B : (..., 3) array
-        Body rate [rad/s].
-
-    Returns
-    -------
-    (..., 4) array
-        Derivative [1/s].
-
-    Examples
-    --------
-    >>> rate_of(jnp.array([0., 0., 0., 1.]), jnp.array([0.2, 0., 0.])).tolist()
-    [0.1, 0.0, 0.0, -0.0]
-    """
-    return jnp.stack(rate_of_components(_split(q), _split(rate_B)), axis=-1)
 
 
 def exp(rotation_vector: Array) -> Array:

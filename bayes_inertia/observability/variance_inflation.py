@@ -16,7 +16,7 @@ from bayes_inertia.maths.linear_algebra import inverse
 
 
 def inflation_by_group(
-    precision: np.ndarray, groups: Sequence[np.ndarray], wanted: int
+    precision: np.ndarray, groups: Sequence[np.ndarray], count: int
 ) -> np.ndarray:
     """Factors by which not knowing each group multiplies the variance of the first unknowns.
 
@@ -28,12 +28,12 @@ def inflation_by_group(
         Inverse covariance H of all unknowns.
     groups : sequence of arrays of int
         Which unknowns each group holds.
-    wanted : int
+    count : int
         How many of the unknowns, from the first, are asked about.
 
     Returns
     -------
-    (wanted, groups) array
+    (count, groups) array
         Their product over groups is C_ii H_ii for C = H^-1.
 
     Examples
@@ -47,8 +47,8 @@ def inflation_by_group(
     for mask in range(2**n):
         members = [group for k, group in enumerate(groups) if mask >> k & 1]
         uncertain = np.concatenate(members or [np.zeros(0, int)]).astype(int)
-        logs[mask] = _log_variances(precision, uncertain, wanted)
-    log_factors = np.zeros((wanted, n))
+        logs[mask] = _log_variances(precision, uncertain, count)
+    log_factors = np.zeros((count, n))
     for k in range(n):
         for mask in (m for m in range(2**n) if not m >> k & 1):
             size = mask.bit_count()
@@ -57,19 +57,19 @@ def inflation_by_group(
     return np.exp(log_factors)
 
 
-def _log_variances(precision: np.ndarray, uncertain: np.ndarray, wanted: int) -> np.ndarray:
-    """Log variances (wanted,) where only `uncertain` and the unknown itself are not known."""
-    alone = np.diag(precision)[:wanted].copy()
+def _log_variances(precision: np.ndarray, uncertain: np.ndarray, count: int) -> np.ndarray:
+    """Log variances (count,) where only `uncertain` and the unknown itself are not known."""
+    alone = np.diag(precision)[:count].copy()
     if not len(uncertain):
         return -np.log(alone)
     covariance = inverse(precision[np.ix_(uncertain, uncertain)])
-    cross = precision[np.ix_(uncertain, np.arange(wanted))]
-    variance = np.zeros(wanted)
-    outside = ~np.isin(np.arange(wanted), uncertain)
+    cross = precision[np.ix_(uncertain, np.arange(count))]
+    variance = np.zeros(count)
+    outside = ~np.isin(np.arange(count), uncertain)
     variance[outside] = 1.0 / (
         alone[outside] - np.einsum("ki,kl,li->i", cross[:, outside], covariance, cross[:, outside])
     )
     for place, i in enumerate(uncertain):
-        if i < wanted:
+        if i < count:
             variance[i] = covariance[place, place]
     return np.log(variance)

@@ -80,14 +80,14 @@ def following(rows: Array) -> Array:
     return jnp.concatenate([rows[1:], rows[-1:]])
 
 
-def between(fraction: float | Array, ends: tuple[Components, Components]) -> Components:
+def between(fraction: float | Array, step_ends: tuple[Components, Components]) -> Components:
     """Linear interpolation within one step.
 
     Parameters
     ----------
     fraction : float
         Part of the step that has passed, 0 to 1.
-    ends : tuple of two tuples of Array
+    step_ends : tuple of two tuples of Array
         The components at the step's beginning and end.
 
     Returns
@@ -100,7 +100,7 @@ def between(fraction: float | Array, ends: tuple[Components, Components]) -> Com
     >>> between(0.5, ((1.0,), (2.0,)))
     (1.5,)
     """
-    return tuple(a + fraction * (b - a) for a, b in zip(*ends, strict=True))
+    return tuple(a + fraction * (b - a) for a, b in zip(*step_ends, strict=True))
 
 
 def unit(components: Components) -> Components:
@@ -150,9 +150,9 @@ def runge_kutta_4(slope: Callable[[Any, Any], Any], x: Any, step: Array) -> Any:
 
     # The stages are a loop, not written out: with many effects compiling takes minutes otherwise.
     def stage(carry, row):
-        at, share = row
+        fraction, share = row
         k, total = carry
-        k = slope(at, jax.tree.map(lambda a, b: a + at * step * b, x, k))
+        k = slope(fraction, jax.tree.map(lambda a, b: a + fraction * step * b, x, k))
         return (k, jax.tree.map(lambda t, b: t + share * step * b, total, k)), None
 
     still = jax.tree.map(jnp.zeros_like, x)

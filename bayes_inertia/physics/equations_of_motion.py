@@ -206,8 +206,8 @@ def advance(
     0.05
     """
 
-    def slope(at: float, x: SlewState) -> SlewState:
-        return _slope(at, x, row, mass, context, active, drive)
+    def slope(fraction: float, x: SlewState) -> SlewState:
+        return _slope(fraction, x, row, mass, context, active, drive)
 
     later = runge_kutta_4(slope, state, row["step"])
     return later._replace(attitude=unit(later.attitude))
@@ -337,7 +337,7 @@ def internal_momentum(
 
 
 def _slope(
-    at: float,
+    fraction: float,
     x: SlewState,
     row: dict,
     mass: MassProperties,
@@ -345,8 +345,8 @@ def _slope(
     active: ActiveEffects,
     drive: Drive,
 ) -> SlewState:
-    """Time derivative of the state, `at` a fraction of the step after its beginning."""
-    wheel = x.wheel if drive == "commanded" else between(at, row["wheel"])
+    """Time derivative of the state, a `fraction` of the step after its beginning."""
+    wheel = x.wheel if drive == "commanded" else between(fraction, row["wheel"])
     attitude = unit(x.attitude)
     internal = None
     if active.act("internal_momentum"):
@@ -356,7 +356,7 @@ def _slope(
     if not active:
         return SlewState(attitude_rate, _zeros(x.momentum_N), row["torque"][0], ())
     external, wheel_torque, own_rates = _effect_slopes(
-        at, x._replace(attitude=attitude), row, mass, context, active, drive, rate, wheel
+        fraction, x._replace(attitude=attitude), row, mass, context, active, drive, rate, wheel
     )
     momentum_rate = _zeros(x.momentum_N)
     if active.act("body_torque"):
@@ -366,7 +366,7 @@ def _slope(
 
 
 def _effect_slopes(
-    at: float,
+    fraction: float,
     x: SlewState,
     row: dict,
     mass: MassProperties,
@@ -381,8 +381,8 @@ def _effect_slopes(
     relative = (
         momentum - mass.spin_inertia * (rate_B @ mass.axes_B) if drive == "commanded" else momentum
     )
-    field, position = (jnp.stack(between(at, row[key])) for key in ("field", "position"))
-    t = row["time"] + at * row["step"]
+    field, position = (jnp.stack(between(fraction, row[key])) for key in ("field", "position"))
+    t = row["time"] + fraction * row["step"]
     external, wheel_torque, own_rates = jnp.zeros(3), jnp.zeros_like(relative), []
     for (effect, p), effect_states in zip(active, x.effect_states, strict=True):
         state = State(

@@ -135,11 +135,13 @@ def _attitude_path(
         wheel, offset = slew.momentum, tuple(jnp.zeros_like(h) for h in first.wheel)
 
     def step(attitude: Components, row: tuple) -> tuple[Components, Components]:
-        ends, length = row
+        step_ends, length = row
 
-        def slope(at: float, q: Components) -> Components:
-            now = tuple(h + gain for h, gain in zip(offset, between(at, ends), strict=True))
-            rate = rate_components(mass, unit(q), first.momentum_N, now)
+        def slope(fraction: float, q: Components) -> Components:
+            wheel_now = tuple(
+                h + gain for h, gain in zip(offset, between(fraction, step_ends), strict=True)
+            )
+            rate = rate_components(mass, unit(q), first.momentum_N, wheel_now)
             return quaternion.rate_of_components(q, rate)
 
         return unit(runge_kutta_4(slope, attitude, length)), attitude

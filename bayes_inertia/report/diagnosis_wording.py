@@ -285,14 +285,14 @@ def significance(candidate: Mapping[str, Any], threshold: float) -> str:
     return "significant" if candidate["p_value"] < threshold else "not significant"
 
 
-def alike_sentences(content: Mapping[str, Any], most: int = 8) -> list[str]:
+def alike_sentences(content: Mapping[str, Any], max_pairs: int = 8) -> list[str]:
     """Sentences on candidates that this campaign can hardly tell apart.
 
     Parameters
     ----------
     content : mapping
         The content of diagnosis.json.
-    most : int
+    max_pairs : int
         Pairs that are named; the others are counted.
 
     Returns
@@ -311,15 +311,15 @@ def alike_sentences(content: Mapping[str, Any], most: int = 8) -> list[str]:
             f"No two candidates can imitate each other beyond a canonical correlation of {limit:g}."
         ]
     sentences = []
-    for pair in content["alike"][:most]:
+    for pair in content["alike"][:max_pairs]:
         first, second = (plain(name) for name in pair["effects"])
         sentences.append(
             f"{first.capitalize()} and {second} can imitate each other "
             f"(canonical correlation {pair['correlation']:.2f})."
         )
-    if len(content["alike"]) > most:
+    if len(content["alike"]) > max_pairs:
         sentences.append(
-            f"{len(content['alike']) - most} further pairs correlate beyond {limit:g} "
+            f"{len(content['alike']) - max_pairs} further pairs correlate beyond {limit:g} "
             "(see diagnosis.json)."
         )
     return sentences

@@ -48,7 +48,7 @@ def test_the_contracts_matrix_is_v_B_from_v_N():
     )
     slope = np.concatenate([0.5 * (np.cross(eps, RATE) + eta * RATE), [-0.5 * eps @ RATE]])
     np.testing.assert_allclose(
-        quaternion.rate_of(jnp.asarray(ATTITUDE), jnp.asarray(RATE)), slope, atol=1e-15
+        quaternion.rate_of_components(tuple(ATTITUDE), tuple(RATE)), slope, atol=1e-15
     )
 
 

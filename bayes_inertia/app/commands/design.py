@@ -28,7 +28,7 @@ _COLUMNS = (
     "lasts [s]",
 )
 
-Goal = Annotated[
+GoalOption = Annotated[
     str,
     typer.Option(
         help="cross_terms, inertia, scale_factors, correction_slew or separate:effect_a,effect_b."
@@ -68,7 +68,7 @@ AfterCampaign = Annotated[
 def design_command(
     campaign: CampaignFolder,
     out: OutputFolder,
-    goal: Goal = "cross_terms",
+    goal: GoalOption = "cross_terms",
     slews: SlewCount = 5,
     total_time: TotalTime = None,
     max_rate: MaxRate = None,

@@ -25,7 +25,7 @@ _MOST_UPRIGHT_LABELS = 10  # more labels than this are turned
 
 
 @style.styled
-def draw_pairs(posterior: Posterior, most: int = 16) -> Figure:
+def draw_pairs(posterior: Posterior, max_parameters: int = 16) -> Figure:
     """Lower triangle: density and 90 % ellipse of each pair; diagonal: density; upper: correlation.
 
     The dashed orange ellipse is what the slews themselves support (robust covariance).
@@ -35,7 +35,7 @@ def draw_pairs(posterior: Posterior, most: int = 16) -> Figure:
     ----------
     posterior : Posterior
         A finished fit.
-    most : int
+    max_parameters : int
         Parameters at most: those with the strongest correlations.
 
     Returns
@@ -43,7 +43,7 @@ def draw_pairs(posterior: Posterior, most: int = 16) -> Figure:
     Figure
         One axes.
     """
-    index = _chosen(posterior.samples, most)
+    index = _chosen(posterior.samples, max_parameters)
     draws = posterior.samples[:, index]
     names = [posterior.names[i] for i in index]
     robust = None if posterior.trusted else posterior_data.robust_covariance(posterior)
@@ -90,13 +90,13 @@ def _legend(figure: Figure, with_robust: bool) -> None:
     figure.legend(handles=handles, loc="upper right", ncols=3)
 
 
-def _chosen(samples: np.ndarray, most: int) -> list[int]:
+def _chosen(samples: np.ndarray, max_parameters: int) -> list[int]:
     """Indices of the parameters that are shown, in their order."""
     d = samples.shape[1]
-    if d <= most:
+    if d <= max_parameters:
         return list(range(d))
     strength = np.abs(np.corrcoef(samples.T) - np.eye(d)).max(0)
-    return sorted(np.argsort(-strength, kind="stable")[:most].tolist())
+    return sorted(np.argsort(-strength, kind="stable")[:max_parameters].tolist())
 
 
 def _place(z: np.ndarray, cell: int, flip: bool = False) -> np.ndarray:

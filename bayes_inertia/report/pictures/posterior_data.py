@@ -218,14 +218,14 @@ def robust_covariance(posterior: Posterior) -> np.ndarray | None:
     return covariance if np.isfinite(covariance).all() else None
 
 
-def worst_slews(posterior: Posterior, most: int) -> list[int]:
+def worst_slews(posterior: Posterior, max_slews: int) -> list[int]:
     """The slews whose data fit worst.
 
     Parameters
     ----------
     posterior : Posterior
         A finished fit.
-    most : int
+    max_slews : int
         How many at most.
 
     Returns
@@ -236,4 +236,4 @@ def worst_slews(posterior: Posterior, most: int) -> list[int]:
     per_datum = values_of(posterior, "estimate", "slew_chi2").sum(-1) / np.maximum(
         values_of(posterior, "estimate", "slew_n_data").sum(-1), 1
     )
-    return sorted(np.argsort(-per_datum, kind="stable")[:most].tolist())
+    return sorted(np.argsort(-per_datum, kind="stable")[:max_slews].tolist())

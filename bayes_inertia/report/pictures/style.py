@@ -289,14 +289,14 @@ def sigma_guides(axes: Axes, levels: tuple[int, ...] = (1, 2, 3)) -> None:
             axes.axhline(sign * level, color=grey, lw=0.7, ls=(0, (4, 3)), zorder=3)
 
 
-def symmetric_limit(values: np.ndarray, least: float = 4.2) -> float:
+def symmetric_limit(values: np.ndarray, smallest: float = 4.2) -> float:
     """Half height of a residual panel in which every value can be seen.
 
     Parameters
     ----------
     values : array
         Of any shape, in sigmas; NaN are left out.
-    least : float
+    smallest : float
         Half height at least, in sigmas.
 
     Returns
@@ -310,7 +310,7 @@ def symmetric_limit(values: np.ndarray, least: float = 4.2) -> float:
     10.8
     """
     finite = np.abs(values[np.isfinite(values)])
-    return max(least, round(1.08 * float(finite.max()), 6)) if finite.size else least
+    return max(smallest, round(1.08 * float(finite.max()), 6)) if finite.size else smallest
 
 
 def grid(
