@@ -6,7 +6,6 @@ import json
 import os
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -158,9 +157,9 @@ def quick(monkeypatch):
         monkeypatch.setattr(
             module, "compare_plans", lambda *_, **__: (contender("a"), contender("b"))
         )
-    observability = SimpleNamespace(to_json=lambda: {"drive": "commanded"})
     monkeypatch.setattr(observe_folder.optimizer, "estimate", lambda *_, **__: None)
-    monkeypatch.setattr(observe_folder, "observe", lambda *_: observability)
+    monkeypatch.setattr(observe_folder, "observe", lambda *_: None)
+    monkeypatch.setattr(observe_folder, "observability_json", lambda _: {"drive": "commanded"})
     figure = Figure()
     for module, name in (
         (design_folder, "draw_comparison"),

@@ -9,9 +9,6 @@ from support.effects import REST, J, effect_of, state_of
 
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.active_effects import ActiveEffects
-from bayes_inertia.physics.effects import (
-    LIBRARY,
-)
 from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_input import Start, idle_slew
 
@@ -76,11 +73,12 @@ def test_inertia_change_begins_with_its_slew():
     effect = type(effect_of("inertia_change"))(from_slew=2)
     context = idle_slew([0.0, 1.0]).context
     change = np.array([0.1, 0.2, 0.3, 0.01, 0.02, 0.03])
+    in_library = effect_of("inertia_change")
     for chosen, index, slews, active in (
         (effect, 1, 5, False),
         (effect, 2, 5, True),
-        (LIBRARY[-1], 2, 5, False),
-        (LIBRARY[-1], 3, 5, True),
+        (in_library, 2, 5, False),
+        (in_library, 3, 5, True),
     ):
         at = context._replace(index=jnp.asarray(index), slews=jnp.asarray(slews))
         changed = chosen.inertia({"change": jnp.asarray(change)}, at, jnp.asarray(J))
