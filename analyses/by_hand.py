@@ -1,14 +1,13 @@
-"""The baseline of the benchmark: the log posterior that a user would write alone, in NumPy and
-`scipy.integrate.solve_ivp`.
+"""The baseline of the benchmark: the log posterior that a user would write alone.
 
-J and K are sampled; each slew starts from the first readings (nothing is integrated out, which
-spares this baseline 48
-dimensions), the rate bias is taken as zero, wheels follow the commands, J and K have the campaign's
-Gaussian prior.
+In NumPy and `scipy.integrate.solve_ivp`. J and K are sampled. Each slew starts from the first
+readings: nothing is integrated out, which spares this baseline 48 dimensions. The rate bias is
+taken as zero, wheels follow the commands, J and K have the campaign's Gaussian prior.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,10 +69,10 @@ class ByHand:
             np.concatenate(wheels),
             np.tile(J, (len(slews), 1, 1)),
         )
-        found = np.array([self._log_prior(theta) for theta in thetas])
+        densities = np.array([self._log_prior(theta) for theta in thetas])
         for s, slew in enumerate(slews):
             for i in range(n):
-                found[i] -= 0.5 * self._chi2(
+                densities[i] -= 0.5 * self._chi2(
                     slew, paths[s * n + i, : len(slew.time)], wheels[s][i], K[i]
                 )
         physical = (
@@ -82,7 +81,7 @@ class ByHand:
             ]
             > 0.0
         )
-        return np.where(physical, found, -np.inf)
+        return np.where(physical, densities, -np.inf)
 
     def start(self, slew: Slew, K: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Start states (n, 7), attitude and rate, and wheel momenta (n, wheels), from the first
@@ -109,31 +108,12 @@ class ByHand:
         """
         axes, spin = self.campaign.wheel_axes_B, self.campaign.spin_inertias
         time = time - time[0]
-        inverse, n = np.linalg.inv(J), len(start)
+        n = len(start)
         absolute = wheel + spin * (start[:, 4:] @ axes)
         gained = np.cumsum(torque[:, :-1] * np.diff(time)[:, None], axis=1)
         momentum = absolute[:, None] + np.concatenate([np.zeros((n, 1, len(spin))), gained], 1)
-
-        def slope(t: float, flat: np.ndarray) -> np.ndarray:
-            state = flat.reshape(n, 7)
-            k = min(int(np.searchsorted(time, t, side="right")) - 1, len(time) - 1)
-            H = momentum[:, k] + torque[:, k] * (t - time[k])
-            e, eta, w = state[:, :3], state[:, 3:4], state[:, 4:]
-            total = np.einsum("nij,nj->ni", J, w) + H @ axes.T
-            acceleration = np.einsum(
-                "nij,nj->ni", inverse, -torque[:, k] @ axes.T - _cross(w, total)
-            )
-            return np.concatenate(
-                [
-                    0.5 * (_cross(e, w) + eta * w),
-                    -0.5 * (e * w).sum(1, keepdims=True),
-                    acceleration,
-                ],
-                1,
-            ).ravel()
-
-        found = solve_ivp(
-            slope,
+        solution = solve_ivp(
+            _slope(time, torque, momentum, axes, J),
             (0.0, time[-1]),
             start.ravel(),
             method=self.method,
@@ -141,15 +121,15 @@ class ByHand:
             rtol=self.rtol,
             atol=self.atol,
         )
-        path = found.y.T.reshape(len(time), n, 7).transpose(1, 0, 2)
+        path = solution.y.T.reshape(len(time), n, 7).transpose(1, 0, 2)
         return np.concatenate([path, momentum - spin * (path[..., 4:] @ axes)], -1)
 
     def _chi2(self, slew: Slew, path: np.ndarray, wheel: np.ndarray, K: np.ndarray) -> float:
         sensor, tracker = self.campaign.rate_sensor, self.campaign.star_tracker
         rate = (slew.rate - path[:, 4:7] @ sensor.axes.T / K) / np.array(sensor.sigma)
-        seen = np.isfinite(slew.attitude).all(1)
+        fixed = np.isfinite(slew.attitude).all(1)
         turn = (
-            Rotation.from_quat(path[seen, :4]).inv() * Rotation.from_quat(slew.attitude[seen])
+            Rotation.from_quat(path[fixed, :4]).inv() * Rotation.from_quat(slew.attitude[fixed])
         ).as_rotvec()
         along = turn @ np.array(tracker.boresight_B)
         across = (turn**2).sum(1) - along**2
@@ -172,6 +152,31 @@ class ByHand:
             ]
         )
         return -0.5 * float(z @ z)
+
+
+def _slope(
+    time: np.ndarray, torque: np.ndarray, momentum: np.ndarray, axes: np.ndarray, J: np.ndarray
+) -> Callable[[float, np.ndarray], np.ndarray]:
+    """Derivative of all states, flattened: attitude and rate of n flights as one system."""
+    inverse, n = np.linalg.inv(J), len(J)
+
+    def slope(t: float, flat: np.ndarray) -> np.ndarray:
+        state = flat.reshape(n, 7)
+        k = min(int(np.searchsorted(time, t, side="right")) - 1, len(time) - 1)
+        H = momentum[:, k] + torque[:, k] * (t - time[k])
+        e, eta, w = state[:, :3], state[:, 3:4], state[:, 4:]
+        total = np.einsum("nij,nj->ni", J, w) + H @ axes.T
+        acceleration = np.einsum("nij,nj->ni", inverse, -torque[:, k] @ axes.T - _cross(w, total))
+        return np.concatenate(
+            [
+                0.5 * (_cross(e, w) + eta * w),
+                -0.5 * (e * w).sum(1, keepdims=True),
+                acceleration,
+            ],
+            1,
+        ).ravel()
+
+    return slope
 
 
 def _tensor(theta: np.ndarray) -> np.ndarray:

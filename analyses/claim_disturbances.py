@@ -15,6 +15,7 @@ from common import (
     DEG,
     NAMES,
     SIMULATION,
+    Claim,
     Everything,
     Result,
     Table,
@@ -36,6 +37,7 @@ from bayes_inertia.physics.effects import ConstantTorque, MagneticDipole
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.report.pictures import style
 
+NAME = "claim_disturbances"
 TRUTH = SIMULATION.truth
 DIPOLE = 0.1  # [A m^2], each component's sd: a microsatellite without magnetic cleanliness
 EFFECTS = (ConstantTorque(sigma=1e-3), MagneticDipole(sigma=10.0))  # wide priors: the data decide
@@ -148,49 +150,32 @@ def stale_picture(offsets: np.ndarray, found: dict[str, np.ndarray]) -> Figure:
     return figure
 
 
+LOOKS = {
+    "not modelled": (style.VERMILLION, "-"),
+    "constant torque fitted": (style.ORANGE, (0, (5, 2))),
+    "dipole fitted (sd)": (style.BLUE, (0, (1.5, 1.2))),
+}
+
+
 @style.styled
 def dipole_picture(
-    halves: np.ndarray, found: list[dict[str, np.ndarray]], checks: dict[float, np.ndarray]
+    halves: np.ndarray, errors: list[dict[str, np.ndarray]], checks: dict[float, np.ndarray]
 ) -> Figure:
     """rms errors against the campaign's length in half orbits."""
     figure = Figure(figsize=(style.WIDTH, 3.9), layout="constrained")
     panels = figure.subplots(1, 2)
-    looks = {
-        "not modelled": (style.VERMILLION, "-"),
-        "constant torque fitted": (style.ORANGE, (0, (5, 2))),
-        "dipole fitted (sd)": (style.BLUE, (0, (1.5, 1.2))),
-    }
     for ax, index, title in (
         (panels[0], slice(0, 3), "Diagonal elements"),
         (panels[1], slice(3, 6), "Cross terms"),
     ):
-        for kind, (color, dash) in looks.items():
+        for kind, (color, dash) in LOOKS.items():
             values = np.array(
-                [np.sqrt(np.mean(np.square(f[kind][:, index]), axis=1)) for f in found]
+                [np.sqrt(np.mean(np.square(e[kind][:, index]), axis=1)) for e in errors]
             )
             ax.fill_between(halves, values.min(1), values.max(1), color=color, alpha=0.18, lw=0)
-            ax.plot(
-                halves,
-                np.sqrt(np.mean(values**2, axis=1)),
-                color=color,
-                ls=dash,
-                lw=1.8,
-                label=kind,
-            )
-        for at, errors in checks.items():
-            # One draw of each dipole component where the lines have their rms: chi-square scatter
-            # of a handful.
-            value = float(np.sqrt(np.mean(np.square(errors[:, index]))))
-            ax.errorbar(
-                at,
-                value,
-                value / math.sqrt(len(errors)),
-                color=style.INK,
-                marker="o",
-                ms=5,
-                capsize=2,
-                label="not modelled, refitted (±1 sd)" if at == min(checks) else None,
-            )
+            rms = np.sqrt(np.mean(values**2, axis=1))
+            ax.plot(halves, rms, color=color, ls=dash, lw=1.8, label=kind)
+        _draw_checks(ax, {length: e[:, index] for length, e in checks.items()})
         ax.axvline(1.0, color=style.MUTED, lw=0.8, ls=(0, (4, 3)))
         ax.set(
             yscale="log", xlabel="campaign [half orbits]", ylabel="rms error [kg m²]", title=title
@@ -199,99 +184,126 @@ def dipole_picture(
     return figure
 
 
+def _draw_checks(ax, checks: dict[float, np.ndarray]) -> None:
+    """One draw of each dipole component where the lines have their rms: chi-square scatter."""
+    for length, errors in checks.items():
+        value = float(np.sqrt(np.mean(np.square(errors))))
+        ax.errorbar(
+            length,
+            value,
+            value / math.sqrt(len(errors)),
+            color=style.INK,
+            marker="o",
+            ms=5,
+            capsize=2,
+            label="not modelled, refitted (±1 sd)" if length == min(checks) else None,
+        )
+
+
+def bias_claim(rms: dict[str, np.ndarray]) -> Claim:
+    """A stale bias snapshot; rms errors (offsets, 9) by how the bias is treated."""
+    worst = int(np.argmax(rms["trusted"][-1, 3:6])) + 3
+    texts = {}
+    for kind, digits in (("trusted", 2), ("fitted", 3)):
+        last = rms[kind][-1]
+        texts[kind] = (
+            f"{100 * np.max(last[:3] / TRUTH[:3]):.{digits}f} %",
+            f"{1e3 * last[worst]:.2f}e-3",
+            f"{100 * np.max(last[6:]):.{digits}f} %",
+        )
+    trusted, fitted = texts["trusted"], texts["fitted"]
+    return (
+        "a stale bias snapshot spoils the estimate",
+        f"20 deg/h taken as exact: {trusted[0]} in the diagonal, {trusted[1]} kg m² in "
+        f"{NAMES[worst]}, {trusted[2]} in K; "
+        f"fitted along: {fitted[0]}, {fitted[1]}, {fitted[2]}",
+        "yes if it is taken as exact; **no** once the bias is one of the unknowns: "
+        "the readings at rest in every slew are the fresh snapshot",
+    )
+
+
+def dipole_claim(halves: np.ndarray, rms: dict[str, np.ndarray]) -> Claim:
+    """A magnetic dipole; rms errors (pauses, 9) by what is fitted."""
+    size = np.sqrt(np.mean(rms["not modelled"][:, :6] ** 2, axis=1))
+    left = np.sqrt(np.mean(rms["constant torque fitted"][:, :6] ** 2, axis=1)) / size
+    sd = np.sqrt(np.mean(rms["dipole fitted (sd)"][:, :6] ** 2))
+    verdict = "hardly" if size.max() < 2 * size.min() else "in part"
+    instead = (
+        "it cannot even at the shortest" if left[0] > 0.5 else "only while the campaign is short"
+    )
+    return (
+        "magnetic torque (half-orbit period) matters where the campaign takes long",
+        f"a dipole of {DIPOLE} A m² a component, not modelled: "
+        f"rms error of J {1e3 * size.min():.2f}e-3 to {1e3 * size.max():.2f}e-3 kg m² from "
+        f"{halves[0]:.1f} to {halves[-1]:.1f} half orbits; "
+        f"a fitted constant torque leaves {100 * left[0]:.0f} % of it in the shortest campaign "
+        f"and {100 * left[-1]:.0f} % in the longest; the fitted "
+        f"dipole costs sd {1e3 * sd:.2f}e-3 kg m²",
+        f"**{verdict}**: the torque acts during the slews, whose start states are free; the "
+        "waiting between them changes little. "
+        "What waiting does change is whether a constant torque can stand in for it: " + instead,
+    )
+
+
+def dipole_table(halves: np.ndarray, rms: dict[str, np.ndarray]) -> Table:
+    """rms errors of J by the campaign's length."""
+    groups = {"diagonal": slice(0, 3), "cross": slice(3, 6)}
+    rows = [
+        [
+            f"{length:.2f}",
+            *(
+                f"{1e3 * np.sqrt(np.mean(rms[kind][i, part] ** 2)):.3f}"
+                for part in groups.values()
+                for kind in rms
+            ),
+        ]
+        for i, length in enumerate(halves)
+    ]
+    header = ("half orbits", *(f"{part}: {kind}" for part in groups for kind in rms))
+    return Table(f"rms error [10⁻³ kg m²] from a dipole of {DIPOLE} A m² a component", header, rows)
+
+
+FIGURES = (
+    (
+        "claim_stale_bias.png",
+        "Errors when the bias has moved since the snapshot, on all axes (rms over 4 flights; "
+        "bands: the flights)",
+    ),
+    (
+        "claim_magnetic.png",
+        f"Errors from a dipole of {DIPOLE} A m² a component against the campaign's length; "
+        "bands: six places on the orbit to begin; dots: 16 refitted flights",
+    ),
+)
+
+
 def analysis(quick: bool = False):
     """Bias and magnetic dipole."""
-    offsets = (
-        (np.array([0.0, 20.0]) if quick else np.array([0.0, 2.0, 5.0, 10.0, 20.0])) * DEG / 3600.0
-    )
+    drifts = np.array([0.0, 20.0]) if quick else np.array([0.0, 2.0, 5.0, 10.0, 20.0])
+    offsets = drifts * DEG / 3600.0
     bias = stale(offsets, 1 if quick else 4)
-    rms = {k: np.sqrt(np.mean(np.square(v), axis=1)) for k, v in bias.items()}
+    bias_rms = {kind: np.sqrt(np.mean(np.square(e), axis=1)) for kind, e in bias.items()}
     pictures = {"claim_stale_bias.png": stale_picture(offsets, bias)}
-    numbers = {f"Jxx {k}": float(v[-1, 0]) for k, v in rms.items()}
+    numbers = {f"Jxx {kind}": float(rms[-1, 0]) for kind, rms in bias_rms.items()}
     if quick:
-        return Result(
-            "claim_disturbances", "Disturbances", [("", "", "")], (), (), (), numbers
-        ), pictures
+        return Result(NAME, "Disturbances", [("", "", "")], (), (), (), numbers), pictures
     pauses = np.array([5.0, 100.0, 300.0, 600.0, 1000.0, 1600.0, 2600.0])
     arguments = np.linspace(0.0, np.pi, 7)[:6]
-    found = [dipole_errors(p, arguments) for p in pauses]
-    halves = np.array([campaign_time(p) for p in pauses]) / HALF_ORBIT
+    errors = [dipole_errors(pause, arguments) for pause in pauses]
+    halves = np.array([campaign_time(pause) for pause in pauses]) / HALF_ORBIT
     checks = {
         float(halves[k]): refitted(pauses[k], np.linspace(0.0, np.pi, 17)[:16]) for k in (0, 3, 6)
     }
-    pictures["claim_magnetic.png"] = dipole_picture(halves, found, checks)
-    size = {k: np.array([np.sqrt(np.mean(f[k] ** 2, axis=0)) for f in found]) for k in found[0]}
-    free, constant, fitted = (
-        size[k] for k in ("not modelled", "constant torque fitted", "dipole fitted (sd)")
-    )
-    worst = int(np.argmax(rms["trusted"][-1, 3:6])) + 3
-    spread = np.sqrt(np.mean(free[:, :6] ** 2, axis=1))
-    gain = np.sqrt(np.mean(constant[:, :6] ** 2, axis=1)) / spread
-    claims = [
-        (
-            "a stale bias snapshot spoils the estimate",
-            f"20 deg/h taken as exact: {100 * np.max(rms['trusted'][-1, :3] / TRUTH[:3]):.2f} % in "
-            f"the diagonal, {1e3 * rms['trusted'][-1, worst]:.2f}e-3 "
-            f"kg m² in {NAMES[worst]}, "
-            f"{100 * np.max(rms['trusted'][-1, 6:]):.2f} % in K; fitted along: "
-            f"{100 * np.max(rms['fitted'][-1, :3] / TRUTH[:3]):.3f} %, "
-            f"{1e3 * rms['fitted'][-1, worst]:.2f}e-3, {100 * np.max(rms['fitted'][-1, 6:]):.3f} %",
-            "yes if it is taken as exact; **no** once the bias is one of the unknowns: "
-            "the readings at rest in every slew are the fresh snapshot",
-        ),
-        (
-            "magnetic torque (half-orbit period) matters where the campaign takes long",
-            f"a dipole of {DIPOLE} A m² a component, not modelled: "
-            f"rms error of J {1e3 * spread.min():.2f}e-3 to {1e3 * spread.max():.2f}e-3 kg m² from "
-            f"{halves[0]:.1f} to {halves[-1]:.1f} half orbits; "
-            f"a fitted constant torque leaves {100 * gain[0]:.0f} % of it in the shortest campaign "
-            f"and {100 * gain[-1]:.0f} % in the longest; the fitted "
-            f"dipole costs sd {1e3 * np.sqrt(np.mean(fitted[:, :6] ** 2)):.2f}e-3 kg m²",
-            f"**{'hardly' if spread.max() < 2 * spread.min() else 'in part'}**: "
-            "the torque acts during the slews, whose start states are free; the "
-            "waiting between them changes little. "
-            "What waiting does change is whether a constant torque can stand in for it: "
-            + (
-                "it cannot even at the shortest"
-                if gain[0] > 0.5
-                else "only while the campaign is short"
-            ),
-        ),
-    ]
-    rows = [
-        [
-            f"{h:.2f}",
-            *(
-                f"{1e3 * np.sqrt(np.mean(size[k][i, part] ** 2)):.3f}"
-                for part in (slice(0, 3), slice(3, 6))
-                for k in size
-            ),
-        ]
-        for i, h in enumerate(halves)
-    ]
-    header = ("half orbits", *(f"{part}: {k}" for part in ("diagonal", "cross") for k in size))
-    tables = [
-        Table(f"rms error [10⁻³ kg m²] from a dipole of {DIPOLE} A m² a component", header, rows)
-    ]
-    figures = [
-        (
-            "claim_stale_bias.png",
-            "Errors when the bias has moved since the snapshot, on all axes (rms over 4 flights; "
-            "bands: the flights)",
-        ),
-        (
-            "claim_magnetic.png",
-            f"Errors from a dipole of {DIPOLE} A m² a component against the campaign's length; "
-            "bands: six places on the orbit to begin; dots: 16 refitted "
-            "flights",
-        ),
-    ]
+    pictures["claim_magnetic.png"] = dipole_picture(halves, errors, checks)
+    rms = {
+        kind: np.array([np.sqrt(np.mean(e[kind] ** 2, axis=0)) for e in errors]) for kind in LOOKS
+    }
     return Result(
-        "claim_disturbances",
+        NAME,
         "Disturbances: stale bias, magnetic dipole",
-        claims,
-        tables,
-        figures,
+        [bias_claim(bias_rms), dipole_claim(halves, rms)],
+        [dipole_table(halves, rms)],
+        FIGURES,
         (),
         numbers,
     ), pictures

@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
-from common import DEG, NAMES, ROOT, SIMULATION, Result, Table, flown, run, spacecraft_of
+from common import DEG, NAMES, ROOT, SIMULATION, Claim, Result, Table, flown, run, spacecraft_of
 from matplotlib.figure import Figure
 
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
@@ -86,54 +86,33 @@ def gyric_only(both: np.ndarray, without: np.ndarray) -> np.ndarray:
     return 1.0 / np.sqrt(np.maximum(1.0 / both**2 - 1.0 / without**2, 1e-300))
 
 
+_LOOKS = {
+    "both": (style.BLUE, "-", 2.0, "both"),
+    "acceleration": (style.ORANGE, (0, (5, 2)), 1.6, "angular acceleration alone"),
+    "gyric": (style.GREEN, (0, (1.5, 1.2)), 1.8, "gyroscopic part alone (difference)"),
+    "slow": (
+        style.PURPLE,
+        (0, (6, 2, 1.5, 2)),
+        1.4,
+        f"both, ramps of {SLOW:.0f} s instead of {FAST:.0f} s",
+    ),
+}
+
+
 @style.styled
 def picture(
-    rates: np.ndarray, curves: dict[str, np.ndarray], dots: dict[float, np.ndarray]
+    rates: np.ndarray,
+    curves: dict[str, np.ndarray],
+    sds: np.ndarray,
+    errors_by_rate: dict[float, np.ndarray],
 ) -> Figure:
-    """Accuracy of the cross terms against rate."""
+    """Accuracy of the cross terms against rate; right, sds (rates, 9) of all parameters."""
     figure = Figure(figsize=(style.WIDTH, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
-    looks = {
-        "both": (style.BLUE, "-", 2.0, "both"),
-        "acceleration": (style.ORANGE, (0, (5, 2)), 1.6, "angular acceleration alone"),
-        "gyric": (style.GREEN, (0, (1.5, 1.2)), 1.8, "gyroscopic part alone (difference)"),
-        "slow": (
-            style.PURPLE,
-            (0, (6, 2, 1.5, 2)),
-            1.4,
-            f"both, ramps of {SLOW:.0f} s instead of {FAST:.0f} s",
-        ),
-    }
-    for key, values in curves.items():
-        if key in looks:
-            color, dash, width, label = looks[key]
-            shown = np.where(values < 0.2, values, np.nan)
-            left.plot(rates, shown, color=color, ls=dash, lw=width, label=label)
-    for rate, errors in dots.items():
-        n = errors[:, 3:6].size
-        value = rms(errors)
-        # chi-square interval of a root mean square of n errors
-        left.errorbar(
-            rate,
-            value,
-            value * 2 / math.sqrt(2 * n),
-            color=style.INK,
-            marker="o",
-            ms=4.5,
-            capsize=2,
-            label="errors of simulated campaigns (±2 sd)" if rate == min(dots) else None,
-        )
-    went_in = rms(SIMULATION.initial - TRUTH)
-    left.axhline(went_in, color=style.VERMILLION, lw=1.0, ls=(0, (4, 3)))
-    left.text(
-        rates[0],
-        went_in * 0.93,
-        "the paper's initial error",
-        color=style.VERMILLION,
-        fontsize=8,
-        va="top",
-    )
-    left.axvline(1.0, color=style.MUTED, lw=0.8, ls=(0, (4, 3)))
+    for key, (color, dash, width, label) in _LOOKS.items():
+        shown = np.where(curves[key] < 0.2, curves[key], np.nan)
+        left.plot(rates, shown, color=color, ls=dash, lw=width, label=label)
+    _draw_errors(left, rates[0], errors_by_rate)
     left.set(
         xscale="log",
         yscale="log",
@@ -142,10 +121,9 @@ def picture(
         title="Cross terms: both parts get better with rate",
     )
     left.legend(loc="upper right")
-    for i, (name, values) in enumerate(curves["all"].items()):
-        right.plot(
-            rates, values, color=style.color(i % 3), ls=style.DASHES[i // 3], lw=1.4, label=name
-        )
+    for i, name in enumerate(NAMES):
+        color, dash = style.color(i % 3), style.DASHES[i // 3]
+        right.plot(rates, sds[:, i], color=color, ls=dash, lw=1.4, label=name)
     right.set(
         xscale="log",
         yscale="log",
@@ -160,52 +138,75 @@ def picture(
     return figure
 
 
-def analysis(quick: bool = False):
-    """sd against rate, with and without gyroscopic torque."""
-    rates = (
-        np.array([0.05, 1.0])
-        if quick
-        else np.array([0.05, 0.07, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0])
+def _draw_errors(ax, leftmost: float, errors_by_rate: dict[float, np.ndarray]) -> None:
+    """Errors of refitted campaigns with the chi-square interval of their rms; two guides."""
+    for rate, errors in errors_by_rate.items():
+        value = rms(errors)
+        ax.errorbar(
+            rate,
+            value,
+            value * 2 / math.sqrt(2 * errors[:, 3:6].size),
+            color=style.INK,
+            marker="o",
+            ms=4.5,
+            capsize=2,
+            label="errors of simulated campaigns (±2 sd)" if rate == min(errors_by_rate) else None,
+        )
+    initial = rms(SIMULATION.initial - TRUTH)
+    ax.axhline(initial, color=style.VERMILLION, lw=1.0, ls=(0, (4, 3)))
+    label = "the paper's initial error"
+    ax.text(leftmost, initial * 0.93, label, color=style.VERMILLION, fontsize=8, va="top")
+    ax.axvline(1.0, color=style.MUTED, lw=0.8, ls=(0, (4, 3)))
+
+
+def _rate_where(rates: np.ndarray, sds: np.ndarray, wanted: float) -> float:
+    """Rate [deg/s] at which a falling sd reaches the wanted one (logarithmic interpolation)."""
+    return float(np.exp(np.interp(0.0, np.log(wanted / sds), np.log(rates))))
+
+
+def rate_claim(rates: np.ndarray, curves: dict[str, np.ndarray], noise: float) -> Claim:
+    """Whether about 1 deg/s is needed; `noise` is what Table 1 suggests, as a multiple of ours."""
+    both, k = curves["both"], int(np.flatnonzero(rates == 1.0)[0])
+    share = 100 * (both / curves["gyric"]) ** 2
+    needed = _rate_where(rates, both, rms(SIMULATION.initial - TRUTH))
+    # Half of the largest cross term, at that noise.
+    loud = _rate_where(rates, noise * both, 0.5 * np.max(np.abs(TRUTH[3:6])))
+    slope = float(np.polyfit(np.log(rates[-4:]), np.log(both[-4:]), 1)[0])
+    return (
+        "about 1 deg/s is needed for the gyric motion to show the cross terms",
+        f"sd {both[0]:.1e} kg m² at 0.05 deg/s, {both[k]:.1e} at 1 deg/s, {both[-1]:.1e} "
+        "at 2, at our noise: better than the paper's initial cross terms "
+        f"from {needed:.2f} deg/s on. At the noise that Table 1 suggests ({noise:.0f} times) "
+        f"the sd falls below half of the largest cross term at {loud:.1f} deg/s. "
+        f"The gyroscopic part is {share.min():.0f} to {share.max():.0f} % of the "
+        f"information, {share[k]:.0f} % at 1 deg/s",
+        f"**{'yes at the noise of the paper' if 0.5 < loud < 2.0 else 'no'}, but there is no "
+        f"threshold**: the sd falls smoothly (as rate to the power {slope:.1f}), "
+        "and angular acceleration alone, without gyric motion, determines the cross terms to "
+        f"{curves['acceleration'][k]:.1e} kg m² at 1 deg/s",
     )
-    both = np.array([sd_of(r * DEG) for r in rates])
-    without = (
-        both * np.nan
-        if quick
-        else np.array([sd_of(r * DEG, (WithoutGyricTorque(),)) for r in rates])
+
+
+def ramp_claim(at_1: float, slow_at_1: float) -> Claim:
+    """Whether harder ramps help, from the sds at 1 deg/s."""
+    return (
+        "(not in the paper) does it help to ramp harder?",
+        f"ramps of {SLOW:.0f} s instead of {FAST:.0f} s at 1 deg/s: "
+        f"sd {slow_at_1:.1e} instead of {at_1:.1e} kg m², "
+        f"{100 * (slow_at_1 / at_1 - 1):.0f} % more",
+        f"{'little' if slow_at_1 < 1.3 * at_1 else 'yes'}: what counts is the rate",
     )
-    slow = np.array([sd_of(r * DEG, ramp=SLOW) for r in rates])
-    dots = {} if quick else {r: errors_of(r * DEG, 10) for r in (0.05, 0.2, 1.0, 2.0)}
-    of = {
-        key: np.array([rms(row) for row in values])
-        for key, values in (("both", both), ("acceleration", without), ("slow", slow))
-    }
-    of["gyric"] = gyric_only(of["both"], of["acceleration"])
-    curves = of | {"all": {name: both[:, i] for i, name in enumerate(NAMES)}}
-    at_one, at_slow = of["both"][rates == 1.0][0], of["both"][0]
-    slopes = {
-        k: float(np.polyfit(np.log(rates[-4:]), np.log(v[-4:]), 1)[0])
-        for k, v in of.items()
-        if np.isfinite(v).all()
-    }
-    numbers = {"sd_at_0.05": float(at_slow), "sd_at_1": float(at_one)}
-    if quick:
-        return Result("claim_rate", "Slew rate", [("", "", "")], (), (), (), numbers), {}
-    share = (of["both"] / of["gyric"]) ** 2
-    needed = float(
-        np.exp(np.interp(0.0, np.log(rms(SIMULATION.initial - TRUTH) / of["both"]), np.log(rates)))
-    )
-    rows = [
-        [
-            f"{r:g}",
-            *(
-                f"{of[k][i]:.1e}" if of[k][i] < 1.0 else "none"
-                for k in ("both", "acceleration", "gyric", "slow")
-            ),
-            f"{100 * share[i]:.0f} %",
-        ]
-        for i, r in enumerate(rates)
-    ]
-    table = Table(
+
+
+def rate_table(rates: np.ndarray, curves: dict[str, np.ndarray]) -> Table:
+    """sds by rate."""
+    share = (curves["both"] / curves["gyric"]) ** 2
+    rows = []
+    for i, rate in enumerate(rates):
+        sds = [curves[key][i] for key in ("both", "acceleration", "gyric", "slow")]
+        cells = [f"{sd:.1e}" if sd < 1.0 else "none" for sd in sds]
+        rows.append([f"{rate:g}", *cells, f"{100 * share[i]:.0f} %"])
+    return Table(
         "sd of a product of inertia [kg m²] (rms of three) from five slews at our noise",
         (
             "rate [deg/s]",
@@ -217,51 +218,27 @@ def analysis(quick: bool = False):
         ),
         rows,
     )
+
+
+FIGURES = (
+    (
+        "claim_rate.png",
+        "Accuracy of the cross terms against slew rate; "
+        f"equal telemetry ({DURATION:.0f} s a slew), coast {COAST:.0f} s, ramps {FAST:.0f} s; "
+        "lines from the information matrix, dots from refitted campaigns",
+    ),
+)
+
+
+def rate_notes(
+    rates: np.ndarray, sds: np.ndarray, errors_by_rate: dict[float, np.ndarray]
+) -> list[str]:
+    """How the parts were separated, and whether refitted campaigns agree with the curve."""
     worst = max(
-        abs(rms(e) / np.interp(r, rates, of["both"]) - 1.0) * math.sqrt(2 * e[:, 3:6].size)
-        for r, e in dots.items()
+        abs(rms(e) / np.interp(rate, rates, sds) - 1.0) * math.sqrt(2 * e[:, 3:6].size)
+        for rate, e in errors_by_rate.items()
     )
-    at = int(np.flatnonzero(rates == 1.0)[0])
-    noise = json.loads(
-        (ROOT / "analyses" / "results" / "paper_tables.json").read_text(encoding="utf-8")
-    )["numbers"]["multiplier"]
-    half = 0.5 * np.max(np.abs(TRUTH[3:6]))
-    loud = float(np.exp(np.interp(0.0, np.log(half / (noise * of["both"])), np.log(rates))))
-    claims = [
-        (
-            "about 1 deg/s is needed for the gyric motion to show the cross terms",
-            f"sd {at_slow:.1e} kg m² at 0.05 deg/s, {at_one:.1e} at 1 deg/s, {of['both'][-1]:.1e} "
-            "at 2, at our noise: better than the paper's initial "
-            "cross terms "
-            f"from {needed:.2f} deg/s on. At the noise that Table 1 suggests ({noise:.0f} times) "
-            "the sd falls below half of the largest cross term at "
-            f"{loud:.1f} deg/s. "
-            f"The gyroscopic part is {100 * share.min():.0f} to {100 * share.max():.0f} % of the "
-            f"information, {100 * share[at]:.0f} % at 1 deg/s",
-            f"**{'yes at the noise of the paper' if 0.5 < loud < 2.0 else 'no'}, but there is no "
-            "threshold**: the sd falls smoothly (as rate to the power "
-            f"{slopes['both']:.1f}), "
-            "and angular acceleration alone, without gyric motion, determines the cross terms to "
-            f"{of['acceleration'][at]:.1e} kg m² at 1 deg/s",
-        ),
-        (
-            "(not in the paper) does it help to ramp harder?",
-            f"ramps of {SLOW:.0f} s instead of {FAST:.0f} s at 1 deg/s: "
-            f"sd {of['slow'][at]:.1e} instead of {at_one:.1e} kg m², "
-            f"{100 * (of['slow'][at] / at_one - 1):.0f} % more",
-            f"{'little' if of['slow'][at] < 1.3 * at_one else 'yes'}: what counts is the rate",
-        ),
-    ]
-    figures = [
-        (
-            "claim_rate.png",
-            "Accuracy of the cross terms against slew rate; "
-            f"equal telemetry ({DURATION:.0f} s a slew), coast {COAST:.0f} s, ramps {FAST:.0f} s; "
-            "lines "
-            "from the information matrix, dots from refitted campaigns",
-        )
-    ]
-    notes = [
+    return [
         "The part of angular acceleration is measured in a world without the term w × (J w + G H): "
         "a torque that cancels it acts in the simulator and in "
         "the model, "
@@ -275,9 +252,44 @@ def analysis(quick: bool = False):
         "Larger rates turn the "
         "spacecraft further (2 deg/s: 240 deg), as equal telemetry demands.",
     ]
+
+
+def rate_curves(rates: np.ndarray, sds: np.ndarray, quick: bool) -> dict[str, np.ndarray]:
+    """rms sd (rates,) of the products of inertia: both parts, either alone, slow ramps."""
+    without = sds * np.nan
+    if not quick:
+        without = np.array([sd_of(r * DEG, (WithoutGyricTorque(),)) for r in rates])
+    slow = np.array([sd_of(r * DEG, ramp=SLOW) for r in rates])
+    curves = {
+        key: np.array([rms(row) for row in values])
+        for key, values in (("both", sds), ("acceleration", without), ("slow", slow))
+    }
+    return curves | {"gyric": gyric_only(curves["both"], curves["acceleration"])}
+
+
+def analysis(quick: bool = False):
+    """sd against rate, with and without gyroscopic torque."""
+    rates = np.array([0.05, 0.07, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.4, 2.0])
+    rates = np.array([0.05, 1.0]) if quick else rates
+    sds = np.array([sd_of(r * DEG) for r in rates])
+    curves = rate_curves(rates, sds, quick)
+    both = curves["both"]
+    at_1 = float(both[rates == 1.0][0])
+    numbers = {"sd_at_0.05": float(both[0]), "sd_at_1": at_1}
+    if quick:
+        return Result("claim_rate", "Slew rate", [("", "", "")], (), (), (), numbers), {}
+    errors_by_rate = {r: errors_of(r * DEG, 10) for r in (0.05, 0.2, 1.0, 2.0)}
+    tables_result = (ROOT / "analyses" / "results" / "paper_tables.json").read_text("utf-8")
+    noise = json.loads(tables_result)["numbers"]["multiplier"]
     return Result(
-        "claim_rate", "Cross terms and slew rate", claims, [table], figures, notes, numbers
-    ), {"claim_rate.png": picture(rates, curves, dots)}
+        "claim_rate",
+        "Cross terms and slew rate",
+        [rate_claim(rates, curves, noise), ramp_claim(at_1, curves["slow"][rates == 1.0][0])],
+        [rate_table(rates, curves)],
+        FIGURES,
+        rate_notes(rates, both, errors_by_rate),
+        numbers,
+    ), {"claim_rate.png": picture(rates, curves, sds, errors_by_rate)}
 
 
 if __name__ == "__main__":

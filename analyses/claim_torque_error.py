@@ -14,6 +14,7 @@ from common import (
     DEG,
     NAMES,
     SIMULATION,
+    Claim,
     Result,
     Table,
     controller_of,
@@ -35,6 +36,7 @@ from bayes_inertia.physics.effects import WheelCommandLag, WheelTorqueGain
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.report.pictures import style
 
+NAME = "claim_torque_error"
 TRUTH = SIMULATION.truth
 AT_REST = replace(paper_like_plan(), wheel_momentum=())
 GAIN, LAG = WheelTorqueGain(), WheelCommandLag(sigma=0.1)
@@ -187,42 +189,28 @@ def gain_picture(gains: np.ndarray, found: dict[str, np.ndarray]) -> Figure:
     """Error of Jxx against the torque error of wheel x."""
     figure = Figure(figsize=(style.WIDTH, 3.7), layout="constrained")
     left, right = figure.subplots(1, 2)
+    percent = 100 * gains
     for kind, errors in found.items():
         color, marker = _LOOKS[kind]
+        look = {"color": color, "marker": marker, "ms": 5, "lw": 1.2, "capsize": 2, "label": kind}
         for ax, i in ((left, 0), (right, 6)):
             values = 100.0 * errors[..., i]
             spread = 2 * values.std(1, ddof=1) if values.shape[1] > 1 else np.zeros(len(gains))
-            ax.errorbar(
-                100 * gains,
-                values.mean(1),
-                spread,
-                color=color,
-                marker=marker,
-                ms=5,
-                lw=1.2,
-                capsize=2,
-                label=kind,
-            )
-    slope = 100 * gains
+            ax.errorbar(percent, values.mean(1), spread, **look)
+    inverse = 100 * (1 / (1 + gains) - 1)
     left.plot(
-        slope,
-        100 * (1 / (1 + gains) - 1),
+        percent,
+        inverse,
         color=style.INK,
         lw=0.9,
         ls=(0, (4, 3)),
         label="J / (1 + torque error)",
     )
-    left.set(
-        xlabel="torque error of wheel x [%]",
-        ylabel="error of Jxx [%]",
-        title="Inertia about the wheel's axis",
-    )
-    right.set(
-        xlabel="torque error of wheel x [%]",
-        ylabel="error of K1 [%]",
-        title="Scale factor about the same axis",
-    )
-    for ax in (left, right):
+    for ax, label, title in (
+        (left, "error of Jxx [%]", "Inertia about the wheel's axis"),
+        (right, "error of K1 [%]", "Scale factor about the same axis"),
+    ):
+        ax.set(xlabel="torque error of wheel x [%]", ylabel=label, title=title)
         ax.axhline(0.0, color=style.MUTED, lw=0.6, zorder=0)
     left.legend(loc="best", fontsize=8)
     return figure
@@ -259,74 +247,61 @@ def lag_picture(lags: np.ndarray, found: dict[str, np.ndarray]) -> Figure:
     return figure
 
 
-def analysis(quick: bool = False):
-    """Gain, lag, backup wheel."""
-    gains = np.array([0.0, 0.03]) if quick else np.array([-0.05, -0.025, 0.0, 0.025, 0.05])
-    errors = gain_errors(gains, 1 if quick else 3, quick)
-    small = np.abs(gains) < 0.04  # a tangent, not a chord
-    slope = {
-        k: float(np.polyfit(gains[small], v[small, :, 0].mean(1), 1)[0]) for k, v in errors.items()
-    }
-    numbers = {f"slope {k}": s for k, s in slope.items()}
-    pictures = {"claim_torque_gain.png": gain_picture(gains, errors)}
-    if quick:
-        return Result(
-            "claim_torque_error", "Torque errors", [("", "", "")], (), (), (), numbers
-        ), pictures
-    lags = np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.4])
-    lagged = lag_errors(lags, 3)
-    pictures["claim_torque_lag.png"] = lag_picture(lags, lagged)
-    rows = backup(0.03, 12)
-    rms = {
-        k: np.sqrt(np.mean(np.square(lagged[k]), axis=1))
-        for k in ("not modelled", "known", "fitted")
-    }
-    at = int(np.flatnonzero(lags == 0.1)[0])
-    ratio = np.sqrt(np.mean(rms["known"][1:, :6] ** 2) / np.mean(rms["known"][0, :6] ** 2))
+def gain_claim(slope: dict[str, float]) -> Claim:
+    """A torque error of a wheel; errors of Jxx for each per cent, by how the telemetry is used."""
     at_rest = slope["no tachometers, wheels start at rest"]
-    claims = [
-        (
-            "a torque error of a wheel becomes the same error of the inertia about its axis",
-            "wheels at rest before the campaign, no tachometers: "
-            f"{slope['no tachometers, wheels start at rest']:+.2f} % for each per cent; with 30 to "
-            "70e-3 N m s stored "
-            f"in them {slope['without tachometers']:+.2f} %; "
-            f"with tachometers fitted {slope['with tachometers']:+.2f} %; "
-            f"tachometers as input {slope['tachometers as input']:+.3f} %; "
-            f"gain fitted along {slope['gain fitted']:+.3f} %",
-            f"**{'yes' if abs(at_rest + 1.0) < 0.1 else 'nearly'}** for wheels at rest "
-            "(with the sign turned round: "
-            "J is too small "
-            "where the torque is too large). Stored momentum brings in the gyric torque of other "
-            "slews. Tachometers as mere further data do not cure it; "
-            "as the input, or with the gain fitted, they do",
-        ),
-        (
-            "a command lag that is not modelled spoils the estimate; known, it does not",
-            "0.1 s not modelled: "
-            f"up to {100 * np.max(rms['not modelled'][at, :3] / TRUTH[:3]):.2f} % in the diagonal, "
-            f"{1e3 * np.max(rms['not modelled'][at, 3:6]):.2f}e-3 kg m² in the cross terms, "
-            f"reduced χ² {lagged['chi2'][at].mean():.1f}; "
-            f"known: {100 * np.max(rms['known'][at, :3] / TRUTH[:3]):.3f} %, "
-            f"{1e3 * np.max(rms['known'][at, 3:6]):.2f}e-3 kg m² ({ratio:.1f} times the "
-            "error without lag)",
-            "yes; and it need not be known beforehand, fitted it costs nothing visible",
-        ),
-        (
-            "after a switch to a backup wheel an estimate that absorbed a torque error is wrong",
-            f'largest tracking error in a 30 deg slew {rows[1][2]}" with the old wheel, '
-            f'{rows[2][2]}" with the backup, {rows[3][2]}" with the true J; '
-            f'final error {rows[1][3]}", {rows[2][3]}", {rows[3][3]}"',
-            "yes during the slew, **no** at its end: "
-            "feedback removes the torque error, the correction slew does not know which wheel was "
-            "used",
-        ),
-    ]
-    tables = [
+    return (
+        "a torque error of a wheel becomes the same error of the inertia about its axis",
+        "wheels at rest before the campaign, no tachometers: "
+        f"{at_rest:+.2f} % for each per cent; with 30 to "
+        "70e-3 N m s stored "
+        f"in them {slope['without tachometers']:+.2f} %; "
+        f"with tachometers fitted {slope['with tachometers']:+.2f} %; "
+        f"tachometers as input {slope['tachometers as input']:+.3f} %; "
+        f"gain fitted along {slope['gain fitted']:+.3f} %",
+        f"**{'yes' if abs(at_rest + 1.0) < 0.1 else 'nearly'}** for wheels at rest "
+        "(with the sign turned round: J is too small where the torque is too large). "
+        "Stored momentum brings in the gyric torque of other slews. "
+        "Tachometers as mere further data do not cure it; "
+        "as the input, or with the gain fitted, they do",
+    )
+
+
+def lag_claim(rms: dict[str, np.ndarray], chi2: np.ndarray, k: int) -> Claim:
+    """A command lag, number k of those flown; rms errors (lags, 9), reduced chi^2 (lags, seeds)."""
+    ratio = np.sqrt(np.mean(rms["known"][1:, :6] ** 2) / np.mean(rms["known"][0, :6] ** 2))
+    missed, known = rms["not modelled"][k], rms["known"][k]
+    return (
+        "a command lag that is not modelled spoils the estimate; known, it does not",
+        "0.1 s not modelled: "
+        f"up to {100 * np.max(missed[:3] / TRUTH[:3]):.2f} % in the diagonal, "
+        f"{1e3 * np.max(missed[3:6]):.2f}e-3 kg m² in the cross terms, "
+        f"reduced χ² {chi2[k].mean():.1f}; "
+        f"known: {100 * np.max(known[:3] / TRUTH[:3]):.3f} %, "
+        f"{1e3 * np.max(known[3:6]):.2f}e-3 kg m² ({ratio:.1f} times the error without lag)",
+        "yes; and it need not be known beforehand, fitted it costs nothing visible",
+    )
+
+
+def backup_claim(rows: list[list[str]]) -> Claim:
+    """A switch to the backup wheel, from the rows of `backup`."""
+    return (
+        "after a switch to a backup wheel an estimate that absorbed a torque error is wrong",
+        f'largest tracking error in a 30 deg slew {rows[1][2]}" with the old wheel, '
+        f'{rows[2][2]}" with the backup, {rows[3][2]}" with the true J; '
+        f'final error {rows[1][3]}", {rows[2][3]}", {rows[3][3]}"',
+        "yes during the slew, **no** at its end: "
+        "feedback removes the torque error, the correction slew does not know which wheel was used",
+    )
+
+
+def tables(rms: dict[str, np.ndarray], k: int, rows: list[list[str]]) -> list[Table]:
+    """Errors with lag number k, and the slews with either wheel."""
+    return [
         Table(
             "Error of each parameter with 0.1 s lag (rms over flights; J in kg m²)",
             ("", "not modelled", "known", "fitted"),
-            [[n, *(f"{rms[k][at, i]:.2e}" for k in rms)] for i, n in enumerate(NAMES)],
+            [[n, *(f"{rms[kind][k, i]:.2e}" for kind in rms)] for i, n in enumerate(NAMES)],
         ),
         Table(
             "A 30 degree slew about x; wheel x delivers 3 % too much, its backup what it should "
@@ -340,33 +315,59 @@ def analysis(quick: bool = False):
             rows,
         ),
     ]
-    figures = [
-        (
-            "claim_torque_gain.png",
-            "Error of J and K about the axis of a wheel that delivers more or less than commanded "
-            "(mean and ±2 sd over 3 flights)",
-        ),
-        (
-            "claim_torque_lag.png",
-            "A first-order lag of all wheel commands: errors (rms over 3 flights; bands: "
-            "the flights) and misfit",
-        ),
-    ]
-    notes = [
-        "Without tachometers the wheels' momentum is known only from the slews, and a fit that "
-        "must imitate a torque error larger than about 3 % "
-        "finds it cheaper to change the momenta, K and J together: "
-        "at -5 % the error of Jxx jumps to about three times the torque error. "
-        "The slopes are taken "
-        "within 3 %.",
-    ]
+
+
+FIGURES = [
+    (
+        "claim_torque_gain.png",
+        "Error of J and K about the axis of a wheel that delivers more or less than commanded "
+        "(mean and ±2 sd over 3 flights)",
+    ),
+    (
+        "claim_torque_lag.png",
+        "A first-order lag of all wheel commands: errors (rms over 3 flights; bands: "
+        "the flights) and misfit",
+    ),
+]
+NOTES = [
+    "Without tachometers the wheels' momentum is known only from the slews, and a fit that "
+    "must imitate a torque error larger than about 3 % "
+    "finds it cheaper to change the momenta, K and J together: "
+    "at -5 % the error of Jxx jumps to about three times the torque error. "
+    "The slopes are taken "
+    "within 3 %.",
+]
+
+
+def analysis(quick: bool = False):
+    """Gain, lag, backup wheel."""
+    gains = np.array([0.0, 0.03]) if quick else np.array([-0.05, -0.025, 0.0, 0.025, 0.05])
+    errors = gain_errors(gains, 1 if quick else 3, quick)
+    small = np.abs(gains) < 0.04  # a tangent, not a chord
+    slope = {
+        kind: float(np.polyfit(gains[small], e[small, :, 0].mean(1), 1)[0])
+        for kind, e in errors.items()
+    }
+    numbers = {f"slope {kind}": value for kind, value in slope.items()}
+    pictures = {"claim_torque_gain.png": gain_picture(gains, errors)}
+    if quick:
+        return Result(NAME, "Torque errors", [("", "", "")], (), (), (), numbers), pictures
+    lags = np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.4])
+    lagged = lag_errors(lags, 3)
+    pictures["claim_torque_lag.png"] = lag_picture(lags, lagged)
+    rows = backup(0.03, 12)
+    rms = {
+        kind: np.sqrt(np.mean(np.square(lagged[kind]), axis=1))
+        for kind in ("not modelled", "known", "fitted")
+    }
+    k = int(np.flatnonzero(lags == 0.1)[0])
     return Result(
-        "claim_torque_error",
+        NAME,
         "Torque errors: gain, lag, backup wheel",
-        claims,
-        tables,
-        figures,
-        notes,
+        [gain_claim(slope), lag_claim(rms, lagged["chi2"], k), backup_claim(rows)],
+        tables(rms, k, rows),
+        FIGURES,
+        NOTES,
         numbers,
     ), pictures
 

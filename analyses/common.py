@@ -240,6 +240,9 @@ class Everything:
         )[: len(free)]
 
 
+Claim = tuple[str, str, str]  # the paper, here, agree?
+
+
 @dataclass(frozen=True)
 class Table:
     """A table as printed: cells are text."""
@@ -261,7 +264,7 @@ class Result:
 
     name: str
     title: str
-    claims: Sequence[tuple[str, str, str]]
+    claims: Sequence[Claim]
     tables: Sequence[Table] = ()
     figures: Sequence[tuple[str, str]] = ()
     notes: Sequence[str] = ()

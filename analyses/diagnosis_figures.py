@@ -95,15 +95,15 @@ def promised(rows: pd.DataFrame) -> list[str]:
         for tachometers in (True, False)
     ]
     for build in (clean_lines, strong_lines, weaker_lines, pair_lines):
-        for where, some in both:
-            lines += build(some, where)
+        for where, part in both:
+            lines += build(part, where)
     sets = [len(group) for _, r in rows.iterrows() for group in r["ambiguous_with"]]
     lines.append(
         "| sets reported as ambiguous, in all campaigns: "
         f"of more than three | none | {sum(n > 3 for n in sets)} of {len(sets)} |"
     )
-    for where, some in both:
-        lines += outside_lines(some, where)
+    for where, part in both:
+        lines += outside_lines(part, where)
     return lines
 
 
@@ -193,10 +193,10 @@ def outside_lines(rows: pd.DataFrame, where: str) -> list[str]:
         f"unknown | at least 90 % | {share(unknown.sum(), len(outside))} |"
     ]
     for name in OUTSIDE:
-        some = unknown[outside["label"] == name]
+        verdicts = unknown[outside["label"] == name]
         lines.append(
             f"| ... {name.removeprefix('outside_').replace('_', ' ')} | | "
-            f"{share(some.sum(), len(some))} |"
+            f"{share(verdicts.sum(), len(verdicts))} |"
         )
     return lines
 
@@ -206,51 +206,33 @@ def confusion(rows: pd.DataFrame) -> Figure:
     """Share of campaigns by hidden effect (row) and by what was named (column)."""
     single = rows[(rows["kind"] == "single") & (rows["power"] == PROMISED)]
     columns = [*NAMES, *ENDS]
-    figure = Figure(figsize=(style.WIDTH, 7.6))
-    axes = figure.add_axes([0.2, 0.06, 0.76, 0.66])
     table = np.zeros((len(NAMES), len(columns)))
     counts = single["label"].value_counts()
     for _, row in single.iterrows():
         table[NAMES.index(row["label"]), columns.index(outcome(row))] += 1.0 / counts[row["label"]]
+    figure = Figure(figsize=(style.WIDTH, 7.6))
+    axes = figure.add_axes((0.2, 0.06, 0.76, 0.66))
     axes.imshow(table, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
     for i, j in zip(*np.nonzero(table), strict=True):
-        axes.text(
-            j,
-            i,
-            f"{100 * table[i, j]:.0f}",
-            ha="center",
-            va="center",
-            color="white" if table[i, j] > 0.55 else style.INK,
-            fontsize=8,
-        )
+        color = "white" if table[i, j] > 0.55 else style.INK
+        text = f"{100 * table[i, j]:.0f}"
+        axes.text(j, i, text, ha="center", va="center", color=color, fontsize=8)
     axes.axvline(len(NAMES) - 0.5, color=style.MUTED, lw=1.0)
-    axes.set_xticks(
-        range(len(columns)),
-        [c.replace("_", " ") for c in columns],
-        rotation=55,
-        ha="left",
-        rotation_mode="anchor",
-    )
+    labels = [name.replace("_", " ") for name in columns]
+    axes.set_xticks(range(len(columns)), labels, rotation=55, ha="left", rotation_mode="anchor")
     axes.xaxis.tick_top()
-    axes.set_yticks(
-        range(len(NAMES)), [f"{n.replace('_', ' ')} ({counts.get(n, 0)})" for n in NAMES]
-    )
+    labels = [f"{name.replace('_', ' ')} ({counts.get(name, 0)})" for name in NAMES]
+    axes.set_yticks(range(len(NAMES)), labels)
     axes.tick_params(length=0)
     for spine in axes.spines.values():
         spine.set_visible(False)
-    figure.text(
-        0.02,
-        0.965,
-        "What is named, where an ideal test would find the hidden effect in 99 % of campaigns",
-        fontsize=11,
-    )
-    figure.text(
-        0.02,
-        0.94,
+    title = "What is named, where an ideal test would find the hidden effect in 99 % of campaigns"
+    figure.text(0.02, 0.965, title, fontsize=11)
+    subtitle = (
         "per cent of campaigns; row: the hidden effect (campaigns); column: "
-        "the name given, with and without tachometers together",
-        color=style.MUTED,
+        "the name given, with and without tachometers together"
     )
+    figure.text(0.02, 0.94, subtitle, color=style.MUTED)
     return figure
 
 
@@ -259,7 +241,7 @@ def power(rows: pd.DataFrame) -> Figure:
     """Found (named, or in the set) against the power of the ideal test, by effect and in all."""
     single = judged(rows[rows["kind"] == "single"])
     figure = Figure(figsize=(style.WIDTH, 4.4))
-    axes = figure.add_axes([0.08, 0.13, 0.46, 0.75])
+    axes = figure.add_axes((0.08, 0.13, 0.46, 0.75))
     grid = np.linspace(0.0, 1.0, 3)
     axes.plot(grid, grid, color=style.MUTED, lw=0.8, ls=(0, (4, 3)), label="ideal test")
     for k, (tachometers, group) in enumerate(single.groupby("tachometers", sort=False)):
@@ -291,7 +273,7 @@ def power(rows: pd.DataFrame) -> Figure:
     )
     axes.set_title("Truth named or in the reported set, with 95 % intervals")
     axes.legend(loc="upper left")
-    _by_effect(figure.add_axes([0.74, 0.13, 0.24, 0.75]), single)
+    _by_effect(figure.add_axes((0.74, 0.13, 0.24, 0.75)), single)
     return figure
 
 
@@ -323,6 +305,7 @@ def _by_effect(axes, single: pd.DataFrame) -> None:
 
 
 def main() -> None:
+    """Draw both figures, write the page."""
     rows = read()
     confusion(rows).savefig(FIGURES / "diagnosis_confusion.png", dpi=130)
     power(rows).savefig(FIGURES / "diagnosis_power.png", dpi=130)

@@ -13,15 +13,13 @@ from common import (
     NAMES,
     SIMULATED_SLEW,
     SIMULATION,
+    Claim,
     PaperTable,
     Result,
     Table,
 )
 
 from bayes_inertia.inference.laplace import Estimate
-
-Claim = tuple[str, str, str]  # the paper, here, agree?
-
 
 _FLIGHT_HEADER = (
     "parameter",

@@ -5,6 +5,10 @@
 # Printed text has typographic signs on purpose.
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
 import numpy as np
 from common import ARCSEC, DEG, FLIGHT, controller_of, prior_of, spacecraft_of
 from scipy.optimize import brentq
@@ -13,6 +17,7 @@ from bayes_inertia.errors import EffectError
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_flight import fly
+from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import (
     RateBiasDrift,
     RateSensorDelay,
@@ -34,28 +39,59 @@ def _left(plan: Plan, theta, effects=(), values=None) -> float:
         return np.nan
 
 
-def _size(left, guess: float, wanted: float, most: float) -> float | None:
-    """Size at which `left(size)` is `wanted`, None if it is not reached up to `most`."""
+def _size(left, guess: float, wanted: float, largest: float) -> float | None:
+    """Size at which `left(size)` is `wanted`, None if it is not reached up to `largest`."""
     high = guess
-    while high < most and np.isfinite(x := left(high)) and x < wanted:
+    while high < largest and np.isfinite(x := left(high)) and x < wanted:
         high *= 2.0
-    high = min(high, most)
-    return (
-        float(brentq(lambda x: left(x) - wanted, 0.0, high, rtol=1e-4))
-        if np.isfinite(x := left(high)) and x >= wanted
-        else None
-    )
+    high = min(high, largest)
+    x = left(high)
+    if not (np.isfinite(x) and x >= wanted):
+        return None
+    return float(brentq(lambda x: left(x) - wanted, 0.0, high, rtol=1e-4))
 
 
-def single_effects(plan: Plan, wanted: float, quick: bool) -> list[list[str]]:
-    """Rows (effect, size, remark) for a slew about x that leaves `wanted` [arcsec]."""
-    truth = FLIGHT.new
-    motion = plan.slews[0].motion_time
+@dataclass(frozen=True)
+class Case:
+    """One parameter of an effect, changed along a direction from its null.
+
+    `guess` and `largest` are sizes: where the search begins and ends. `shown` prints a size.
+    """
+
+    effect: Effect
+    parameter: str
+    along: np.ndarray | float
+    guess: float
+    largest: float
+    name: str
+    shown: Callable[[float], str]
+    remark: str
+
+    def left(self, plan: Plan, size: float) -> float:
+        """Correction slew [arcsec] with the effect of this size."""
+        null = 1.0 if self.parameter == "gain" else 0.0
+        value = null + size * np.asarray(self.along)
+        return _left(plan, FLIGHT.new, (self.effect,), {self.effect.name: {self.parameter: value}})
+
+    def row(self, plan: Plan, wanted: float) -> list[str]:
+        """Effect, size, remark."""
+        size = _size(partial(self.left, plan), self.guess, wanted, self.largest)
+        if size is not None:
+            return [self.name, self.shown(size), self.remark]
+        reached = np.nanmax([0.0, *(self.left(plan, part * self.largest) for part in (0.25, 0.5))])
+        none = f"none up to {self.shown(self.largest)}"
+        return [self.name, none, f'{self.remark} (largest found {reached:.0f}")']
+
+
+def _sensor_cases(motion: float) -> list[Case]:
+    """Of rate sensor and star tracker; `motion` is the time of the slew [s].
+
+    The drift is counted from the campaign's middle: only what happens after the snapshot at rest
+    matters.
+    """
     x, y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
-    # The drift is counted from the campaign's middle: only what happens after the snapshot at rest
-    # matters.
-    cases = [
-        (
+    return [
+        Case(
             RateSensorMisalignment(),
             "angle",
             y,
@@ -65,7 +101,7 @@ def single_effects(plan: Plan, wanted: float, quick: bool) -> list[list[str]]:
             lambda v: f"{v / DEG:.2f} deg",
             "across the slew axis; 2 sin(angle/2) of it is left",
         ),
-        (
+        Case(
             StarTrackerMisalignment(),
             "angle",
             y,
@@ -75,7 +111,7 @@ def single_effects(plan: Plan, wanted: float, quick: bool) -> list[list[str]]:
             lambda v: f"{v / DEG:.2f} deg",
             "the same geometry",
         ),
-        (
+        Case(
             RateBiasDrift(),
             "drift",
             x,
@@ -85,7 +121,13 @@ def single_effects(plan: Plan, wanted: float, quick: bool) -> list[list[str]]:
             lambda v: f"{v:.1e} rad/s² ({v * motion / DEG * 3600:.1f} deg/h over the motion)",
             "acts from the bias snapshot on",
         ),
-        (
+    ]
+
+
+def _actuator_cases() -> list[Case]:
+    """Of what the feedback loop sees or does."""
+    return [
+        Case(
             WheelCommandLag(),
             "tau",
             1.0,
@@ -95,17 +137,17 @@ def single_effects(plan: Plan, wanted: float, quick: bool) -> list[list[str]]:
             lambda v: f"{v:.2f} s",
             "feedback removes what the lag does; it is gone at rest",
         ),
-        (
+        Case(
             WheelTorqueGain(),
             "gain",
-            x,
+            np.array([1.0, 0.0, 0.0]),
             0.05,
             1.0,
             "torque gain of wheel x",
             lambda v: f"{100 * v:.0f} %",
             "feedback removes it; no final error",
         ),
-        (
+        Case(
             RateSensorDelay(),
             "tau",
             1.0,
@@ -116,43 +158,30 @@ def single_effects(plan: Plan, wanted: float, quick: bool) -> list[list[str]]:
             "the integral of a delayed rate is late, not wrong",
         ),
     ]
-    if quick:
-        cases = cases[:1]
-    K = np.array([0.0] * 6 + [1.0, 0.0, 0.0])
-    size = _size(lambda k: _left(plan, truth + k * K), 1e-3, wanted, 0.1)
+
+
+def single_effects(plan: Plan, wanted: float, quick: bool) -> list[list[str]]:
+    """Rows (effect, size, remark) for a slew about x that leaves `wanted` [arcsec]."""
+    K1 = np.array([0.0] * 6 + [1.0, 0.0, 0.0])
+    size = _size(lambda k: _left(plan, FLIGHT.new + k * K1), 1e-3, wanted, 0.1)
+    if size is None:
+        raise ValueError(f"no error of K1 up to 0.1 leaves {wanted} arcsec")
+    duration = plan.durations[0] - plan.rest_before
     rows = [
         [
             "scale factor K1",
             f"{100 * size:.2f} %",
             "error = angle times K error, along the slew axis",
-        ]
-    ]
-    duration = plan.durations[0] - plan.rest_before
-    rows.append(
+        ],
         [
             "rate bias since a stale snapshot",
             f"{wanted * ARCSEC / duration:.1e} rad/s ({wanted / duration:.0f} deg/h)",
             f"{duration:.0f} s from the snapshot to the last fix; "
             "seconds of arc a second are degrees an hour",
-        ]
-    )
-    for effect, key, along, guess, most, name, shown, remark in cases:
-
-        def left(v, effect=effect, key=key, along=along):
-            null = 1.0 if key == "gain" else 0.0
-            return _left(plan, truth, (effect,), {effect.name: {key: null + v * np.asarray(along)}})
-
-        size = _size(left, guess, wanted, most)
-        reached = (
-            np.nan
-            if size is not None
-            else np.nanmax([0.0, *(left(v) for v in (0.25 * most, 0.5 * most))])
-        )
-        says = shown(size) if size is not None else f"none up to {shown(most)}"
-        rows.append(
-            [name, says, remark if size is not None else f'{remark} (largest found {reached:.0f}")']
-        )
-    return rows
+        ],
+    ]
+    cases = [*_sensor_cases(plan.slews[0].motion_time), *_actuator_cases()]
+    return rows + [case.row(plan, wanted) for case in (cases[:1] if quick else cases)]
 
 
 __all__ = ["single_effects"]

@@ -48,29 +48,35 @@ def posterior(draws: np.ndarray, paper: PaperTable, wls: np.ndarray) -> Figure:
 
 
 @style.styled
-def noise(multipliers: np.ndarray, found: dict) -> Figure:
+def noise(multipliers: np.ndarray, likelihood: dict) -> Figure:
     """Likelihood over the noise multiplier, and the nine errors in sds at its mode."""
     figure = Figure(figsize=(style.WIDTH, 3.4), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.0, 1.15))
-    inside = (multipliers >= found["low"]) & (multipliers <= found["high"])
-    left.fill_between(
+    _draw_likelihood(left, multipliers, likelihood)
+    _draw_errors(right, likelihood)
+    return figure
+
+
+def _draw_likelihood(ax, multipliers: np.ndarray, likelihood: dict) -> None:
+    inside = (multipliers >= likelihood["low"]) & (multipliers <= likelihood["high"])
+    ax.fill_between(
         multipliers,
-        found["density"],
+        likelihood["density"],
         where=inside,
         color=style.BLUE,
         alpha=0.25,
         lw=0,
         label="90 % interval",
     )
-    left.plot(multipliers, found["density"], color=style.BLUE, lw=1.6)
-    left.axvline(
-        found["best"],
+    ax.plot(multipliers, likelihood["density"], color=style.BLUE, lw=1.6)
+    ax.axvline(
+        likelihood["best"],
         color=style.INK,
         lw=1.0,
         ls=(0, (4, 2)),
-        label=f"most likely: {found['best']:.0f}",
+        label=f"most likely: {likelihood['best']:.0f}",
     )
-    left.set(
+    ax.set(
         xscale="log",
         xlabel="noise of all sensors, as a multiple of ours",
         yticks=[],
@@ -78,26 +84,28 @@ def noise(multipliers: np.ndarray, found: dict) -> Figure:
         ylim=(0, 1.1),
         title="Likelihood of the paper's nine errors",
     )
-    left.set_xticks([20, 50, 100, 200, 400], ["20", "50", "100", "200", "400"], minor=False)
-    left.minorticks_off()
-    left.spines["left"].set_visible(False)
-    left.legend(loc="upper right")
-    style.sigma_guides(right, (1, 2))
-    right.bar(
+    ax.set_xticks([20, 50, 100, 200, 400], ["20", "50", "100", "200", "400"], minor=False)
+    ax.minorticks_off()
+    ax.spines["left"].set_visible(False)
+    ax.legend(loc="upper right")
+
+
+def _draw_errors(ax, likelihood: dict) -> None:
+    style.sigma_guides(ax, (1, 2))
+    ax.bar(
         range(9),
-        found["z"],
+        likelihood["z"],
         color=[style.BLUE] * 3 + [style.VERMILLION] * 3 + [style.GREEN] * 3,
         width=0.6,
         zorder=2,
     )
-    right.set(
+    ax.set(
         xticks=range(9),
         xticklabels=NAMES,
         ylabel="paper's error [sd]",
         ylim=(-2.6, 2.6),
-        title=f"Where the nine errors lie at {found['best']:.0f} times our noise",
+        title=f"Where the nine errors lie at {likelihood['best']:.0f} times our noise",
     )
-    return figure
 
 
 @style.styled
