@@ -109,8 +109,9 @@ def picture(
     """Accuracy of the cross terms against rate; right, sds (rates, 9) of all parameters."""
     figure = Figure(figsize=(style.WIDTH, 4.2), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.5, 1.0))
-    for key, (color, dash, width, label) in _LOOKS.items():
-        shown = np.where(curves[key] < 0.2, curves[key], np.nan)
+    for key, values in curves.items():
+        color, dash, width, label = _LOOKS[key]
+        shown = np.where(values < 0.2, values, np.nan)
         left.plot(rates, shown, color=color, ls=dash, lw=width, label=label)
     _draw_errors(left, rates[0], errors_by_rate)
     left.set(
