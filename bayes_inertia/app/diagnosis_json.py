@@ -21,6 +21,7 @@ from bayes_inertia.diagnosis.residual_scan import Disagreement
 from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.signal_wording import describe
 from bayes_inertia.diagnosis.unexplained import UnexplainedSignal
+from bayes_inertia.maths.values import json_ready
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY
 
@@ -62,7 +63,7 @@ def to_json(investigation: Investigation) -> dict[str, Any]:
         "fitted": fitted_rows(diagnosis),
         "pictures": pictures_json(investigation),
     }
-    return _plain(content)
+    return json_ready(content)
 
 
 def _search(diagnosis: Diagnosis) -> dict[str, Any]:
@@ -206,18 +207,3 @@ def _unknown(unknown: UnexplainedSignal) -> dict[str, Any]:
             for m in unknown.matches
         ],
     }
-
-
-def _plain(value: Any) -> Any:
-    """The same with Python's own numbers, and None for what is not finite."""
-    if isinstance(value, dict):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    if isinstance(value, bool | np.bool_):
-        return bool(value)
-    if isinstance(value, int | np.integer):
-        return int(value)
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
-    return value

@@ -205,11 +205,11 @@ def read_mat(path: Path, names: Sequence[str], group: str = "") -> Table:
         raise _unreadable(label, "a MAT file", error) from error
     groups: dict[str, Mapping[str, Any]] = {}
 
-    def visit(node: Mapping[str, Any], at: str, depth: int) -> None:
-        groups[at] = {name: value for name, value in node.items() if not name.startswith("__")}
-        for name, value in groups[at].items():
+    def visit(node: Mapping[str, Any], place: str, depth: int) -> None:
+        groups[place] = {name: value for name, value in node.items() if not name.startswith("__")}
+        for name, value in groups[place].items():
             if isinstance(value, dict) and depth < _MAX_GROUP_DEPTH:
-                visit(value, f"{at}/{name}", depth + 1)
+                visit(value, f"{place}/{name}", depth + 1)
 
     visit(content, "", 0)
     chosen = groups[_choose(groups, names, group, label)]
@@ -219,15 +219,15 @@ def read_mat(path: Path, names: Sequence[str], group: str = "") -> Table:
 _ADVICE = "store each column as a vector of plain numbers"
 
 
-def _choose(groups: Mapping[str, Any], names: Sequence[str], wanted: str, label: str) -> str:
-    """The group that holds all columns: the only one, or the one called `wanted`."""
+def _choose(groups: Mapping[str, Any], names: Sequence[str], requested: str, label: str) -> str:
+    """The group that holds all columns: the only one, or the one called `requested`."""
     full = [path for path, members in groups.items() if set(names) <= set(members)]
     if not full:
         best = max(groups, key=lambda path: len(set(names) & set(groups[path])))
         check_columns_present(names, list(groups[best]), f"{label}, group {best or '/'}")
     if len(full) == 1:
         return full[0]
-    named = [path for path in full if path.rsplit("/", 1)[-1] == wanted]
+    named = [path for path in full if path.rsplit("/", 1)[-1] == requested]
     if len(named) != 1:
         listed = ", ".join(path or "/" for path in full)
         raise CampaignError(

@@ -100,7 +100,7 @@ def correction_forecast(
         return None
     rng = np.random.default_rng([seed, 7])
     thetas = [_draws(estimate, rng, draws) for estimate in (base, final)]
-    effects = _fitted_effects(final)
+    effects = _fully_fitted_effects(final)
     mission, cases = _mission_and_cases(base, final, effects, thetas, seed)
     orbit = Orbit() if any(effect.needs for effect in effects) else None
     plan = replace(plan_after(final), orbit=orbit)
@@ -121,7 +121,7 @@ def _can_slew(campaign: Campaign) -> bool:
     return bool(np.linalg.matrix_rank(campaign.wheel_axes_B, tol=1e-6) == 3)
 
 
-def _fitted_effects(estimate: Estimate) -> tuple[Effect, ...]:
+def _fully_fitted_effects(estimate: Estimate) -> tuple[Effect, ...]:
     """The effects of which all parameters were fitted."""
     space = estimate.model.space
     held = {i for i in range(space.size) if i not in estimate.free}

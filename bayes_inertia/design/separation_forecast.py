@@ -89,7 +89,8 @@ def forecast_separation(estimate: Estimate, a: Effect, b: Effect) -> SeparationF
     EffectError
         If an effect has no parameters in this campaign.
     """
-    campaign, fitted = estimate.model.campaign, _fitted_effects(estimate) - {a.name, b.name}
+    campaign = estimate.model.campaign
+    fitted = _names_of_fitted_effects(estimate) - {a.name, b.name}
     kept = tuple(effect for effect in estimate.model.effects if effect.name in fitted)
     model = Model(campaign, (*kept, a, b), estimate.model.structure.drive)
     for effect in (a, b):
@@ -125,7 +126,7 @@ def forecast_separation(estimate: Estimate, a: Effect, b: Effect) -> SeparationF
     return SeparationForecast(Forecast(layout, arrays), theta, (first, second))
 
 
-def _fitted_effects(estimate: Estimate) -> set[str]:
+def _names_of_fitted_effects(estimate: Estimate) -> set[str]:
     """Names of the effects of which at least one parameter was fitted."""
     names = estimate.model.space.names
     return {names[i].partition(".")[0] for i in estimate.free if i >= 9}

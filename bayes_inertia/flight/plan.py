@@ -18,20 +18,15 @@ import numpy as np
 from jax import Array
 from scipy.spatial.transform import Rotation
 
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.campaign.checks import require
 from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.maths.values import Vector
 
 Profile = Literal["trapezoid", "smooth"]
 
 
-def _require(condition: bool, key: str, what: str, advice: str) -> None:
-    if not condition:
-        raise CampaignError(what, where=f"key {key}", advice=advice)
-
-
 def _require_positive(value: float, key: str) -> None:
-    _require(
+    require(
         bool(np.isfinite(value)) and value > 0.0,
         key,
         f"{value!r} is not positive",
@@ -84,7 +79,7 @@ class PlannedSlew:
             _require_positive(getattr(self, key), f"slews.{key}")
         if self.duration is not None:
             _require_positive(self.duration, "slews.duration")
-        _require(
+        require(
             self.profile in get_args(Profile),
             "slews.profile",
             f"{self.profile!r} is unknown",
@@ -105,7 +100,7 @@ def _unit_axis(axis_B: Vector) -> tuple[float, ...]:
     is_direction = (
         axis.shape == (3,) and bool(np.all(np.isfinite(axis))) and bool(np.linalg.norm(axis) > 0.0)
     )
-    _require(
+    require(
         is_direction,
         "slews.axis",
         f"{axis_B!r} is no direction",
@@ -242,11 +237,11 @@ class Plan:
     def __post_init__(self) -> None:
         object.__setattr__(self, "slews", tuple(self.slews))
         object.__setattr__(self, "wheel_momentum", tuple(float(h) for h in self.wheel_momentum))
-        _require(len(self.slews) > 0, "slews", "the plan has no slew", "add at least one [[slews]]")
+        require(len(self.slews) > 0, "slews", "the plan has no slew", "add at least one [[slews]]")
         self._check_times()
         attitude = np.asarray(self.start_attitude, dtype=float)
         norm = float(np.linalg.norm(attitude)) if attitude.shape == (4,) else math.nan
-        _require(
+        require(
             abs(norm - 1.0) < 1e-3,
             "start_attitude",
             "no unit quaternion",
@@ -262,16 +257,16 @@ class Plan:
         for key in ("first_fix", "pause"):
             value = getattr(self, key)
             is_time = bool(np.isfinite(value)) and value >= 0.0
-            _require(is_time, key, f"{value!r} is negative", "give seconds")
+            require(is_time, key, f"{value!r} is negative", "give seconds")
         for key in ("rest_before", "fix_spacing"):
             periods = getattr(self, key) / self.telemetry_period
-            _require(
+            require(
                 abs(periods - round(periods)) < 1e-6,
                 key,
                 f"{getattr(self, key)!r} s is no multiple of telemetry_period",
                 "choose one that is",
             )
-        _require(
+        require(
             self.first_fix < self.rest_before,
             "first_fix",
             "the first fix comes after the rest",
@@ -289,7 +284,7 @@ class Plan:
         if slew.duration is None:
             return needed
         asked = round(slew.duration / self.telemetry_period) * self.telemetry_period
-        _require(
+        require(
             asked >= needed - 1e-9,
             "slews.duration",
             f"{slew.duration:.6g} s is too short",

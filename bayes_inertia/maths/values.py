@@ -3,7 +3,8 @@
 A plain frozen dataclass compares its fields with `==`, and numpy then raises "the truth value of an
 array is ambiguous". It also keeps the very array it is given: what the caller changes later changes
 inside the object. `attrs` mends both field by field (`cmp_using`, `converter`); here one decorator
-does it for all fields, so that no field can be forgotten.
+does it for all fields, so that no field can be forgotten. `json_ready` turns values into what a
+JSON file holds.
 """
 
 from __future__ import annotations
@@ -191,3 +192,34 @@ def _hashable(value: Any) -> Any:
     if isinstance(value, float) and math.isnan(value):
         return "nan"
     return hash(value)
+
+
+def json_ready(value: Any) -> Any:
+    """A value with Python's own types, and None for what is not finite.
+
+    Parameters
+    ----------
+    value : object
+        Numbers, texts, or dicts, lists, tuples and arrays of such.
+
+    Returns
+    -------
+    object
+        What the `json` module writes without NaN.
+
+    Examples
+    --------
+    >>> json_ready({"sd": np.array([1.5, np.inf]), "rank": np.int64(2)})
+    {'sd': [1.5, None], 'rank': 2}
+    """
+    if isinstance(value, dict):
+        return {str(key): json_ready(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | np.ndarray):
+        return [json_ready(item) for item in value]
+    if isinstance(value, bool | np.bool_):
+        return bool(value)
+    if isinstance(value, int | np.integer):
+        return int(value)
+    if isinstance(value, float | np.floating):
+        return float(value) if math.isfinite(value) else None
+    return value

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 
 from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.maths.values import json_ready
 from bayes_inertia.observability.result import (
     Observability,
     ParameterObservability,
@@ -84,7 +84,7 @@ def observability_json(observability: Observability) -> dict[str, Any]:
         "windows": {slew: edges for slew, (edges, _) in windows.items()},
         "controller": _CONTROLLER_NOTE,
     }
-    return _plain(content)
+    return json_ready(content)
 
 
 def _parameter(
@@ -120,16 +120,3 @@ def _by_slew_and_channel(slews: tuple[str, ...], numbers: np.ndarray) -> dict[st
         slew: dict(zip(CHANNELS, row, strict=True))
         for slew, row in zip(slews, numbers, strict=True)
     }
-
-
-def _plain(value: Any) -> Any:
-    """The same with Python's own types, and None for what is not finite."""
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple | np.ndarray):
-        return [_plain(item) for item in value]
-    if isinstance(value, bool | np.bool_):
-        return bool(value)
-    if isinstance(value, float | np.floating):
-        return float(value) if math.isfinite(value) else None
-    return value
