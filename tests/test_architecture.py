@@ -302,7 +302,7 @@ def test_every_module_and_public_name_says_what_it_is_for(path):
 
 @every_module
 def test_no_file_is_long(path):
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= MAX_LINES
+    assert len(path.read_text(encoding="utf-8").splitlines()) < MAX_LINES
 
 
 def long_functions(tree: ast.Module) -> list[str]:

@@ -1,9 +1,8 @@
 """A fit, linearised: everything that follows from the residuals and their derivatives at one point.
 
 Around the optimum the data are r = J x + (what is asked about) + e with unit noise e and Gaussian
-priors on x. With H = J^T J + prior the residuals of a perfect model have the covariance 1 - J
-H^-1 J^T: fitting has taken its share. What a test, a scan or a torque history may claim must be
-measured against that.
+priors on x. With H = J^T J + prior the residuals of a perfect model have the covariance
+1 - J H^-1 J^T: fitting has taken its share. What a test claims is measured against that.
 
 Two forms of the same linear model are kept. The blocks (normal equations by slew and channel) are
 cheap and serve where slews or channels are weighed. The rows (residuals with their derivatives)

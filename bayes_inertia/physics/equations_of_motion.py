@@ -3,8 +3,7 @@
 The state is the attitude and the TOTAL momentum in inertial axes M_N, not the body rate: without
 external torque M_N is constant to rounding, and the rate follows from
 `J w = C(q) M_N - G H` (commanded drive, H' = u) or `J_locked w = C(q) M_N - G h` (measured drive,
-h the tachometer momentum). This is the integral of Ferguson's eq 6. Vectors are tuples of
-components, which compiled code handles faster than short arrays.
+h the tachometer momentum): the integral of Ferguson's eq 6. Vectors are tuples of components.
 """
 
 from __future__ import annotations
