@@ -166,8 +166,9 @@ def counts(tree: Tree) -> dict[str, str]:
     lines = [line for source in tree.sources.values() for line in source.splitlines()]
     edges = tree.imports()
     modules = list(tree.sources)
-    wings = {wing_of(m) for m in modules if "." in m}
-    between = {(wing_of(a), wing_of(b)) for a, b in edges} if len(wings) > 4 else set()
+    folders = {wing_of(m) for m in modules if "." in m}
+    wings = folders if len(folders) > 4 else set()
+    between = {(wing_of(a), wing_of(b)) for a, b in edges}
     between = {(a, b) for a, b in between if a != b and b in wings and a in wings}
     functions = [
         (length, f"{m}.{name}")
@@ -179,8 +180,8 @@ def counts(tree: Tree) -> dict[str, str]:
     longest_file = max((len(s.splitlines()), m) for m, s in tree.sources.items())
     return {
         "files": str(len(modules)),
-        "files in the top folder": str(sum("." not in m for m in modules)),
-        "wings": str(len(wings)) if len(wings) > 4 else "none",
+        "files in the top folder": str(sum("." not in m and m not in folders for m in modules)),
+        "wings": str(len(wings)) if wings else "none",
         "imports between modules": str(len(edges)),
         "import floors": str(1 + max(floors(edges, modules).values())),
         "arrows between wings": str(len(between)) if between else "-",

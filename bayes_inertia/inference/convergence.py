@@ -8,7 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 from emcee.autocorr import integrated_time
 
-from bayes_inertia.inference.gates import AUTOCORRELATION_TIMES, ESS_AT_LEAST, NESTED_RHAT_BELOW
+from bayes_inertia.inference.gate_limits import (
+    AUTOCORRELATION_TIMES,
+    ESS_AT_LEAST,
+    NESTED_RHAT_BELOW,
+)
 
 
 @dataclass(frozen=True)

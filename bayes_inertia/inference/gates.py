@@ -2,52 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from bayes_inertia.inference.convergence import Diagnostics
 from bayes_inertia.inference.fit_context import FitContext
-
-if TYPE_CHECKING:
-    from bayes_inertia.inference.convergence import Diagnostics
-    from bayes_inertia.inference.laplace import Estimate
-
-# Nested R-hat of converged ensembles is below this (Margossian et al. 2024).
-NESTED_RHAT_BELOW = 1.01
-# Effective samples, bulk and tail, of the worst parameter.
-ESS_AT_LEAST = 400.0
-# Draws of every walker, in autocorrelation times.
-AUTOCORRELATION_TIMES = 20.0
-# p-value of residuals below which the model does not explain them. False alarms on perfect data:
-# three channels, two tests each, in all about six per mille.
-REJECT_BELOW = 1e-3
-# The data have told something of a parameter once they have halved the prior variance: no gate,
-# but said beside it.
-OBSERVABLE_ABOVE = 0.5
+from bayes_inertia.inference.gate_limits import (
+    AUTOCORRELATION_TIMES,
+    ESS_AT_LEAST,
+    NESTED_RHAT_BELOW,
+)
+from bayes_inertia.inference.laplace import Estimate
 
 _UNKNOWN_NOTE = (
     "the diagnosis found that something is missing which no candidate explains: "
     "it may shift J and K by more than any sd"
 )
-
-
-def criteria() -> dict[str, float]:
-    """The limits, as they are kept with every result.
-
-    Returns
-    -------
-    dict of float
-
-    Examples
-    --------
-    >>> criteria()["nested_rhat_below"]
-    1.01
-    """
-    return {
-        "nested_rhat_below": NESTED_RHAT_BELOW,
-        "effective_samples": ESS_AT_LEAST,
-        "autocorrelation_times": AUTOCORRELATION_TIMES,
-        "rejected_below": REJECT_BELOW,
-        "observable_above": OBSERVABLE_ABOVE,
-    }
 
 
 def check_gates(

@@ -18,7 +18,7 @@ import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import write_atomically
-from bayes_inertia.inference.gates import OBSERVABLE_ABOVE
+from bayes_inertia.inference.gate_limits import OBSERVABLE_ABOVE
 from bayes_inertia.maths.values import array_dataclass
 
 if TYPE_CHECKING:

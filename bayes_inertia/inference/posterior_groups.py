@@ -13,7 +13,8 @@ import numpy as np
 
 from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.inference.fit_context import FitContext
-from bayes_inertia.inference.gates import check_gates, criteria
+from bayes_inertia.inference.gate_limits import criteria
+from bayes_inertia.inference.gates import check_gates
 from bayes_inertia.inference.laplace import Estimate, principal_sd
 from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.posterior import FORMAT, Posterior

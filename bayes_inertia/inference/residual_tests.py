@@ -16,7 +16,7 @@ from emcee.autocorr import integrated_time
 from scipy import stats
 
 from bayes_inertia.campaign.channel_names import CHANNELS
-from bayes_inertia.inference.gates import REJECT_BELOW
+from bayes_inertia.inference.gate_limits import REJECT_BELOW
 
 # Lags [rows] over which correlation is tested.
 _LAGS = 10

@@ -29,7 +29,7 @@ from bayes_inertia.inference.convergence import (
     autocorrelation_time,
     diagnose_chains,
 )
-from bayes_inertia.inference.gates import AUTOCORRELATION_TIMES
+from bayes_inertia.inference.gate_limits import AUTOCORRELATION_TIMES
 from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.marginal_posterior import LogDensity, log_density_of
 from bayes_inertia.inference.moves import IndependenceMove

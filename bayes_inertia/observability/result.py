@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from bayes_inertia.inference.gates import OBSERVABLE_ABOVE
+from bayes_inertia.inference.gate_limits import OBSERVABLE_ABOVE
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.observability.degeneracy import Degeneracy
 
