@@ -26,6 +26,7 @@ class Point:
 
     Examples
     --------
+    >>> import numpy as np
     >>> Point(np.zeros(9), np.zeros(3), np.zeros((2, 9))).n_local
     9
     """
