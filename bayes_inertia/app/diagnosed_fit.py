@@ -126,9 +126,11 @@ def diagnose_and_fit(
 
     Examples
     --------
-    >>> result = diagnose_and_fit(campaign)  # doctest: +SKIP
-    >>> result.diagnosis.verdict, result.posterior.summary()["effects"]  # doctest: +SKIP
-    ('named', ['wheel_command_lag'])
+    It takes a minute or so, so this is no doctest::
+
+        result = diagnose_and_fit(campaign)
+        result.diagnosis.verdict, result.posterior.summary()["effects"]
+        # ('named', ['wheel_command_lag'])
     """
     settings = settings or DIAGNOSED_SETTINGS
     if seed is not None:

@@ -68,9 +68,11 @@ def fit(
 
     Examples
     --------
-    >>> posterior = fit(read_campaign("my_campaign"), seed=1)           # doctest: +SKIP
-    >>> posterior.summary()["parameters"]["Jxy"]["sd"]                  # doctest: +SKIP
-    0.00021
+    It takes a minute or so, so this is no doctest::
+
+        posterior = fit(read_campaign("my_campaign"), seed=1)
+        posterior.summary()["parameters"]["Jxy"]["sd"]
+        # 0.00021
     """
     began = perf_counter()
     # ArviZ takes seconds to import; it can do so while the compiler, which needs no interpreter
