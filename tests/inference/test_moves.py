@@ -133,6 +133,7 @@ MOVES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("move", MOVES)
 def test_every_move_samples_its_target_exactly_in_nine_dimensions(move, target):
@@ -173,6 +174,7 @@ CONTROLS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("move", CONTROLS)
 def test_the_harness_notices_moves_that_sample_another_density(move):
     name, make, steps = CONTROLS[move]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy import stats
 from support.chains import D
 
@@ -27,6 +28,7 @@ def _p_values(draws: np.ndarray, reference: np.ndarray) -> np.ndarray:
     )
 
 
+@pytest.mark.slow
 def test_without_motion_the_posterior_is_the_prior_physical_edge_included(flying, setup_type):
     """A quarter of this prior's tensors break the triangle inequality: its edge is sampled, not
     only its middle.
@@ -58,6 +60,7 @@ def test_without_motion_the_posterior_is_the_prior_physical_edge_included(flying
     assert _p_values(draws, model.space.draw(rng, 20_000)).min() < 1e-4
 
 
+@pytest.mark.slow
 def test_what_one_slew_cannot_see_stays_as_the_prior_has_it(flying, setup_type):
     setup = setup_type(
         turns=((0.8, 0.0, 0.0),), rows=64, start_rate=(0.0, 0.0, 0.0), start_momentum=0.0

@@ -140,6 +140,7 @@ def _kill(campaign: Path, run: Path) -> None:
         process.stdout.close()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs SIGKILL")
 def test_a_killed_fit_resumes_to_the_bits_of_one_that_was_not_killed(flown, tmp_path):
     campaign, whole, killed = tmp_path / "campaign", tmp_path / "whole", tmp_path / "killed"
