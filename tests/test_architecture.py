@@ -25,6 +25,8 @@ ARROWS = {
     "files": ("errors",),
     "maths": OPEN_TO_ALL,
     "campaign": ("maths", *OPEN_TO_ALL),
+    "importing": (*BELOW_PHYSICS, *OPEN_TO_ALL),
+    "conventions": (*BELOW_PHYSICS, *OPEN_TO_ALL),
     "physics": (*BELOW_PHYSICS, *OPEN_TO_ALL),
     "flight": ("physics", *BELOW_PHYSICS, *OPEN_TO_ALL),
     "inference": ("physics", *BELOW_PHYSICS, *OPEN_TO_ALL),
@@ -32,7 +34,7 @@ ARROWS = {
     "diagnosis": ("inference", "physics", *BELOW_PHYSICS, *OPEN_TO_ALL),
     "design": (*BELOW_DESIGN, *OPEN_TO_ALL),
     "report": (*MIDDLE, "inference", "physics", *BELOW_PHYSICS, *OPEN_TO_ALL),
-    "app": ("report", *MIDDLE, *BELOW_DESIGN, *OPEN_TO_ALL),
+    "app": ("report", *MIDDLE, "importing", "conventions", *BELOW_DESIGN, *OPEN_TO_ALL),
 }
 
 
@@ -362,9 +364,9 @@ def test_the_check_of_functions_can_fail():
 WINGS = [wing for wing in ARROWS if (ROOT / wing).is_dir()]
 
 
-def test_there_are_ten_wings_and_nothing_else():
+def test_the_wings_are_those_of_the_arrows_and_nothing_else():
     files = {path.stem for path in ROOT.iterdir() if path.suffix == ".py"}
-    assert len(WINGS) == 10
+    assert set(ARROWS) == {*WINGS, *OPEN_TO_ALL}
     assert files == {"__init__", *OPEN_TO_ALL}
 
 

@@ -20,7 +20,7 @@ _MAX_GROUP_DEPTH = 4  # of groups inside groups; a group may contain itself
 
 
 def read_parquet(path: Path, names: Sequence[str]) -> Table:
-    """The columns of a Parquet file; null becomes NaN. It needs pyarrow.
+    """The columns of a Parquet file; null becomes NaN.
 
     Parameters
     ----------
@@ -37,17 +37,11 @@ def read_parquet(path: Path, names: Sequence[str]) -> Table:
     Raises
     ------
     CampaignError
-        If pyarrow is absent, the file is damaged, or a column is absent or holds no numbers.
+        If the file is damaged, or a column is absent or holds no numbers.
     """
+    from pyarrow import parquet
+
     label = str(path)
-    try:
-        from pyarrow import parquet
-    except ImportError as error:
-        raise CampaignError(
-            "reading Parquet needs pyarrow",
-            where=label,
-            advice="install bayes-inertia[parquet], or export the table as CSV",
-        ) from error
     try:
         with parquet.ParquetFile(path) as file:
             available = list(file.schema_arrow.names)
