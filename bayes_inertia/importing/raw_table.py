@@ -1,0 +1,261 @@
+"""What every reader of raw logs returns: named columns that keep what the file itself says.
+
+A column of a raw log has no meaning yet: a mapping gives it one. So a column keeps its numbers or
+texts as they lie in the file, with the unit that the file states (a row of units, an attribute of
+netCDF or HDF5) and, where a format defines them, the conventions of its attitudes (CCSDS AEM).
+`raw_files.read_raw` makes such tables, `time_stamps.times_to_seconds` and `unit_factors.to_si_with`
+take the columns on from here.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.maths.values import array_dataclass
+
+EMPTY_CELLS = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "--", "#n/a"})
+"""Cells of a text file, in small letters, that hold no reading."""
+
+
+@array_dataclass
+class RawColumn:
+    """One column as it lies in the file.
+
+    Parameters
+    ----------
+    values : (rows,) array
+        Floats (NaN for no reading), integers, or texts where not every cell is a number.
+    unit : str, optional
+        The unit that the file itself states; "" where it states none.
+    single : bool, optional
+        Whether the file stores 32-bit floats.
+    exact : (rows,) array of str, optional
+        The cells of a text file with more digits than a 64-bit float holds.
+    """
+
+    values: np.ndarray
+    unit: str = ""
+    single: bool = False
+    exact: np.ndarray | None = None
+
+    @property
+    def is_text(self) -> bool:
+        """Whether some cell is no number."""
+        return self.values.dtype.kind not in "iuf"
+
+
+@dataclass(frozen=True)
+class StatedAttitude:
+    """What the file says of its attitudes, so that no mapping need say it.
+
+    Parameters
+    ----------
+    names : tuple of str
+        The columns: a quaternion or three angles, in the order of the file.
+    scalar : {"first", "last", ""}
+        Where the scalar of a quaternion stands; "" for angles.
+    from_frame, to_frame : str
+        v_to = C v_from with the rotation that the columns describe, such as "EME2000" and
+        "SC_BODY_1".
+    sequence : str
+        Axes of Euler angles in the order of the rotations, such as "ZYX"; "" for a quaternion.
+    angle_unit : str
+        Unit of the angles; "" for a quaternion.
+    """
+
+    names: tuple[str, ...]
+    scalar: Literal["first", "last", ""]
+    from_frame: str
+    to_frame: str
+    sequence: str = ""
+    angle_unit: str = ""
+
+
+@array_dataclass
+class RawTable:
+    """The columns of one table of one file.
+
+    Parameters
+    ----------
+    label : str
+        The file (and its table), as messages name it.
+    columns : dict of str to RawColumn
+        All of one length.
+    lines : (rows,) array of int, optional
+        Line numbers as a text editor shows them; None for files without lines.
+    time_names : tuple of str, optional
+        Columns that hold the time, where the format says so.
+    time_kind : str, optional
+        Their kind as `time_stamps.times_to_seconds` names it, where the format says so.
+    attitude : StatedAttitude, optional
+        What the format says of its attitudes.
+    notes : tuple of str, optional
+        What a user should know of the file, such as too few decimals.
+
+    Examples
+    --------
+    >>> table = RawTable("a.csv", {"t": RawColumn(np.zeros(2))}, np.array([2, 4]))
+    >>> table.place(1, "t")
+    'a.csv, line 4, column t'
+    """
+
+    label: str
+    columns: dict[str, RawColumn]
+    lines: np.ndarray | None = None
+    time_names: tuple[str, ...] = ()
+    time_kind: str = ""
+    attitude: StatedAttitude | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return max((column.values.size for column in self.columns.values()), default=0)
+
+    def place(self, row: int, name: str) -> str:
+        """Where a cell is, for a message.
+
+        Parameters
+        ----------
+        row : int
+            The row, counted from 0.
+        name : str
+            The column.
+
+        Returns
+        -------
+        str
+            File, line (or row from 1) and column.
+        """
+        line = f"row {row + 1}" if self.lines is None else f"line {int(self.lines[row])}"
+        return f"{self.label}, {line}, column {name}"
+
+    def column(self, name: str) -> RawColumn:
+        """A column by name, or an error that names the nearest.
+
+        Parameters
+        ----------
+        name : str
+            The column.
+
+        Returns
+        -------
+        RawColumn
+            As it lies in the file.
+
+        Raises
+        ------
+        CampaignError
+            If there is none of this name.
+        """
+        if name in self.columns:
+            return self.columns[name]
+        near = difflib.get_close_matches(name, self.columns, 1)
+        listed = ", ".join(list(self.columns)[:60]) + (", ..." if len(self.columns) > 60 else "")
+        raise CampaignError(
+            f"no column {name!r}",
+            where=self.label,
+            advice=(f"did you mean {near[0]!r}? " if near else "")
+            + f"The table has: {listed or 'no column'}",
+        )
+
+    def numbers(self, name: str) -> np.ndarray:
+        """A column as floats; a cell without a reading is NaN.
+
+        Parameters
+        ----------
+        name : str
+            The column.
+
+        Returns
+        -------
+        (rows,) array
+            In the file's own unit.
+
+        Raises
+        ------
+        CampaignError
+            If the column is absent, or a cell is no finite number; the error names the line.
+        """
+        column = self.column(name)
+        if column.is_text:
+            row, cell = _first_text(column.values)
+            raise CampaignError(
+                f"{cell!r} is not a number",
+                where=self.place(row, name),
+                advice="write a number, or leave the cell empty; texts that mean no reading are "
+                + ", ".join(sorted(repr(cell) for cell in EMPTY_CELLS if cell)),
+            )
+        values = column.values.astype(float)
+        infinite = np.isinf(values)
+        if infinite.any():
+            raise CampaignError(
+                "an infinite value",
+                where=self.place(int(np.argmax(infinite)), name),
+                advice="leave the cell empty, or remove the row",
+            )
+        return values
+
+    def stack(self, names: Sequence[str]) -> np.ndarray:
+        """Columns of numbers side by side.
+
+        Parameters
+        ----------
+        names : sequence of str
+            The columns.
+
+        Returns
+        -------
+        (rows, len(names)) array
+            In the file's own units.
+        """
+        return np.stack([self.numbers(name) for name in names], axis=1)
+
+
+def _first_text(values: np.ndarray) -> tuple[int, str]:
+    """Row and text of the first cell that is no number."""
+    for row, cell in enumerate(values.tolist()):
+        if math.isnan(number_of(cell)) and cell.strip().lower() not in EMPTY_CELLS:
+            return row, cell if len(cell) <= 40 else cell[:37] + "..."
+    return 0, str(values[0])
+
+
+def number_of(cell: str, decimal: str = ".") -> float:
+    """The number in a cell of text; NaN where it is none.
+
+    Parameters
+    ----------
+    cell : str
+        The text.
+    decimal : {".", ","}, optional
+        The decimal sign.
+
+    Returns
+    -------
+    float
+        The number.
+
+    Examples
+    --------
+    >>> number_of("1,5e-3", ","), number_of("1_000"), number_of("1.5D+02")
+    (0.0015, nan, 150.0)
+    """
+    # Python reads 1_000 as a number; in telemetry it is a damaged cell.
+    if "_" in cell:
+        return math.nan
+    text = cell.replace(",", ".") if decimal == "," else cell
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    try:  # Fortran's double exponent.
+        return float(text.replace("D", "E").replace("d", "e"))
+    except ValueError:
+        return math.nan
