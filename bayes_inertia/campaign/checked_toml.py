@@ -1,0 +1,319 @@
+"""From the text of a TOML file to its checked content, with errors that name the key.
+
+The form of the file is a pydantic model. Descriptions of its fields are what messages advise.
+"""
+
+from __future__ import annotations
+
+import difflib
+import re
+import reprlib
+import tomllib
+from dataclasses import dataclass
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
+
+from bayes_inertia.errors import CampaignError
+
+
+def parse_toml[Form: BaseModel](text: str, label: str, form: type[Form]) -> Form:
+    """The content of a TOML file, every key checked.
+
+    Parameters
+    ----------
+    text : str
+        The content of the file.
+    label : str
+        The file, as messages name it.
+    form : type of pydantic model
+        The form of the file. A table that has one of several forms is a union of them, told apart
+        by one key (a pydantic discriminator).
+
+    Returns
+    -------
+    pydantic model
+        What the file says, an instance of `form`.
+
+    Raises
+    ------
+    CampaignError
+        If it is no TOML (naming the line), or a key is unknown, missing, or of a wrong type or
+        value (naming the key).
+
+    Examples
+    --------
+    >>> class Form(BaseModel):
+    ...     size: float
+    >>> parse_toml("size = 'x'", "a.toml", Form)
+    Traceback (most recent call last):
+    bayes_inertia.errors.CampaignError: a.toml, key size: 'x' is not accepted; ...
+    """
+    return checked_document(toml_document(text, label), label, form)
+
+
+def toml_document(text: str, label: str) -> dict[str, Any]:
+    """The content of a TOML file, its keys not yet checked.
+
+    Parameters
+    ----------
+    text : str
+        The content of the file.
+    label : str
+        The file, as messages name it.
+
+    Returns
+    -------
+    dict
+        The content.
+
+    Raises
+    ------
+    CampaignError
+        If it is no TOML; the error names the line.
+
+    Examples
+    --------
+    >>> toml_document("a = 1", "a.toml")
+    {'a': 1}
+    """
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise _syntax_error(error, text, label) from error
+
+
+def checked_document[Form: BaseModel](
+    document: dict[str, Any], label: str, form: type[Form]
+) -> Form:
+    """The content of a TOML file in its form.
+
+    Parameters
+    ----------
+    document : dict
+        The content.
+    label : str
+        The file, as messages name it.
+    form : type of pydantic model
+        As for `parse_toml`.
+
+    Returns
+    -------
+    pydantic model
+        The content as an instance of `form`.
+
+    Raises
+    ------
+    CampaignError
+        If a key is unknown, missing, or of a wrong type or value; the error names it.
+
+    Examples
+    --------
+    >>> class Form(BaseModel):
+    ...     size: float
+    >>> checked_document({"size": 2.0}, "a.toml", Form).size
+    2.0
+    """
+    try:
+        return form.model_validate(document)
+    except ValidationError as error:
+        problems: list[Any] = list(error.errors(include_url=False))
+        problem = min(problems, key=_urgency)
+        raise _Wording(form, document).error(problem, label) from None
+
+
+def _syntax_error(error: Exception, text: str, label: str) -> CampaignError:
+    place = re.search(r"\(at (?:line (\d+), column \d+|end of document)\)", str(error))
+    line = place[1] if place and place[1] else len(text.splitlines()) or 1
+    where = f"{label}, line {line}" if place else label
+    what = re.sub(r"\s*\(at .*\)$", "", str(error))
+    if not isinstance(error, tomllib.TOMLDecodeError):
+        what = "a number has too many digits, or lists are nested too deeply"
+    return CampaignError(
+        f"not valid TOML: {what[:1].lower()}{what[1:]}",
+        where=where,
+        advice="text needs quotes, keys no repetition, lists commas",
+    )
+
+
+def _urgency(problem: dict) -> tuple:
+    # Another format explains every other problem, and a misspelt key explains a missing one.
+    return problem["loc"] != ("format",), problem["type"] != "extra_forbidden", len(problem["loc"])
+
+
+_ADVICE_ON_SENSE = {
+    "frame": "rotate the vectors into the inertial frame before they are stored",
+    "relative_to": "subtract the body's own rate about the wheel axis first: "
+    "momentum is spin inertia times speed RELATIVE to the body",
+    "format": "this version of the package reads no other format",
+}
+
+
+def _wrong_type(kind: str, key: str, value: Any, message: str) -> tuple[str, str]:
+    shown = reprlib.repr(value)
+    brackets = (
+        'write a list in brackets, such as ["t_s"]'
+        if key == "names"
+        else "write numbers without quotes, in brackets where there are several"
+    )
+    brackets = f"write [[{key}]]" if key in ("wheels", "slews", "streams") else brackets
+    length = message.replace("List", "the list").replace(" after validation", "")
+    known = {
+        "float_type": (f"{shown} is not a number", "write a number without quotes, such as 0.04"),
+        "finite_number": (f"{shown} is not finite", "write a finite number"),
+        "string_type": (f"{shown} is not text", 'write text in quotes, such as "slew 1"'),
+        "bool_type": (f"{shown} is neither true nor false", "write true or false, without quotes"),
+        "list_type": (f"{shown} is not a list", brackets),
+        "too_short": (f"{shown} has too few elements", length),
+        "too_long": (f"{shown} has too many elements", length),
+        "model_type": (
+            f"{shown} is not a table of keys",
+            f"write [{key}] and its keys below, or {key} = {{ ... }}",
+        ),
+    }
+    return known.get(kind, (f"{shown} is not accepted", message))
+
+
+@dataclass(frozen=True)
+class _Wording:
+    """What is said about a problem of a document that should have a form."""
+
+    form: type[BaseModel]
+    document: dict[str, Any]
+
+    def error(self, problem: dict, label: str) -> CampaignError:
+        """The error that names the key of a problem that pydantic reports."""
+        kind, loc, value = problem["type"], problem["loc"], problem["input"]
+        if kind in ("union_tag_not_found", "union_tag_invalid"):
+            # What tells the forms apart is a key like any other.
+            key = problem["ctx"]["discriminator"].strip("'")
+            loc, value = (*loc, key), problem["ctx"].get("tag")
+            kind = "missing" if kind == "union_tag_not_found" else "literal_error"
+        key = str(loc[-1])
+        if kind == "extra_forbidden":
+            what, advice = "unknown key", self._nearest_key(key, loc)
+        elif kind == "missing":
+            what, advice = self._missing(key, loc)
+        elif kind == "literal_error":
+            choices = ", ".join(f'"{c}"' for c in self._choices(loc))
+            what, advice = (
+                f"{reprlib.repr(value)} is not one of {choices}",
+                _ADVICE_ON_SENSE.get(key, "write one of these exactly"),
+            )
+        else:
+            what, advice = _wrong_type(kind, key, value, problem["msg"])
+        return CampaignError(what, where=f"{label}, key {self._path(loc)}", advice=advice)
+
+    def _missing(self, key: str, loc: tuple) -> tuple[str, str]:
+        choices = self._choices(loc)
+        if choices:
+            never = "" if key == "format" else ": units and senses are never guessed"
+            return "missing key", f"add {key} = {' or '.join(f'"{c}"' for c in choices)}{never}"
+        field = self._fields(loc)[key]
+        return "missing key", f"add {field.description}"
+
+    def _forms_at(self, loc: tuple) -> list[type[BaseModel]]:
+        """The forms that the table at a place may have; none if no table stands there."""
+        forms: list[type[BaseModel]] = [self.form]
+        for part in loc:
+            if isinstance(part, int):
+                continue
+            chosen = [form for form in forms if _is_tag(part, form)]
+            if len(forms) > 1 and chosen:
+                forms = chosen
+                continue
+            known = {} if not forms else forms[0].model_fields
+            forms = _inner_forms(known[part].annotation) if part in known else []
+        return forms
+
+    def _fields(self, loc: tuple) -> dict[str, FieldInfo]:
+        """The keys of the table that holds the key at a place."""
+        forms = self._forms_at(loc[:-1])
+        return forms[0].model_fields if forms else {}
+
+    def _choices(self, loc: tuple) -> tuple[str, ...]:
+        key = str(loc[-1])
+        annotations = [
+            form.model_fields[key].annotation
+            for form in self._forms_at(loc[:-1])
+            if key in form.model_fields
+        ]
+        listed = (choice for annotation in annotations for choice in _literals(annotation))
+        return tuple(dict.fromkeys(listed))
+
+    def _nearest_key(self, key: str, loc: tuple) -> str:
+        known = list(self._fields(loc))
+        lower = key.lower().replace("-", "_")
+        words = sorted(lower.split("_"))
+        near = [
+            name for name in known if sorted(name.split("_")) == words
+        ] or difflib.get_close_matches(lower, known, 1, 0.5)
+        if near:
+            return f'did you mean "{near[0]}"?'
+        elsewhere = [
+            part
+            for part, field in self.form.model_fields.items()
+            if any(lower in form.model_fields for form in _inner_forms(field.annotation))
+        ]
+        hint = f"it belongs to [{elsewhere[0]}]; " if elsewhere else ""
+        return f"{hint}known here: {', '.join(known)}"
+
+    def _path(self, loc: tuple) -> str:
+        path, node = "", self.document
+        for k, part in enumerate(loc):
+            if isinstance(part, str):
+                if len(self._forms_at(loc[:k])) > 1 and part != loc[-1]:
+                    continue  # a tag: the path names the table by it already
+                path += f".{part}" if path else part
+                node = node.get(part) if isinstance(node, dict) else None
+                continue
+            total = len(node) if isinstance(node, list) else 0
+            node = node[part] if part < total else None
+            label = table_label(node)
+            path += f".{label}" if label else f"[{part + 1} of {total}]"
+        return path
+
+
+def table_label(table: Any) -> str:
+    """What messages call a table that is one of several: its name, or what it holds.
+
+    Parameters
+    ----------
+    table : Any
+        A value of a document.
+
+    Returns
+    -------
+    str
+        The label; empty if the table has none.
+
+    Examples
+    --------
+    >>> table_label({"name": "wheel_x", "axis": []})
+    'wheel_x'
+    """
+    if not isinstance(table, dict):
+        return ""
+    label = table.get("name", table.get("holds"))
+    return label if isinstance(label, str) else ""
+
+
+def _is_tag(part: str, form: type[BaseModel]) -> bool:
+    """Whether a word is what tells a form from others."""
+    return any(part in get_args(field.annotation) for field in form.model_fields.values())
+
+
+def _literals(annotation: Any) -> list[str]:
+    """The words that a key accepts."""
+    words: list[str] = []
+    for inner in get_args(annotation):
+        words += [inner] if isinstance(inner, str) else _literals(inner)
+    return words
+
+
+def _inner_forms(annotation: Any) -> list[type[BaseModel]]:
+    """The forms of tables that an annotation allows."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [form for inner in get_args(annotation) for form in _inner_forms(inner)]
