@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayes_inertia.campaign.checks import require
+from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
 from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.campaign.slew import Slew
@@ -37,6 +38,8 @@ class Campaign:
         The star tracker; None if no slew has an attitude.
     slews : sequence of Slew
         At least one, all with rates.
+    dirt : sequence of Dirt, optional
+        Faults of the telemetry that the reader treated, in the order of the slews.
 
     Raises
     ------
@@ -57,9 +60,11 @@ class Campaign:
     rate_sensor: RateSensor
     star_tracker: StarTracker | None
     slews: tuple[Slew, ...]
+    dirt: tuple[Dirt, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "wheels", tuple(self.wheels))
+        object.__setattr__(self, "dirt", tuple(self.dirt))
         object.__setattr__(self, "slews", tuple(self.slews))
         advice = "list at least one [[slews]] table"
         require(len(self.slews) > 0, "slews", "the campaign has no slew", advice)
@@ -138,7 +143,9 @@ class Campaign:
         Campaign
             The campaign with these slews, in this order.
         """
-        return replace(self, slews=tuple(self.slews[i] for i in indices))
+        slews = tuple(self.slews[i] for i in indices)
+        kept = {"", *(slew.name for slew in slews)}
+        return replace(self, slews=slews, dirt=tuple(d for d in self.dirt if d.slew in kept))
 
     def valid_readings(self, slew: Slew) -> np.ndarray:
         """Which readings of the rate sensor count: numbers inside its range.

@@ -6,22 +6,39 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from bayes_inertia.campaign.schema import AttitudeColumns, ColumnsPart, TimeColumn
+from bayes_inertia.campaign.schema import (
+    AttitudeColumns,
+    ColumnsPart,
+    MagneticFieldColumns,
+    MomentumColumns,
+    PositionColumns,
+    RateColumns,
+    SpeedColumns,
+    TimeColumn,
+    TorqueColumns,
+)
 from bayes_inertia.campaign.slew import bad_quaternion
+from bayes_inertia.campaign.streams import Stream
 from bayes_inertia.campaign.table import Table
 from bayes_inertia.campaign.units import to_si
 from bayes_inertia.errors import CampaignError
 
-_ENVIRONMENT = {
+# Entry of [columns] -> field of `Slew`.
+_CHANNELS = {
+    "rate": "rate",
+    "wheel_torque": "wheel_torque",
+    "wheel_momentum": "wheel_momentum",
+    "wheel_speed": "wheel_momentum",
+    "attitude": "attitude",
     "magnetic_field": "magnetic_field_N",
     "position": "position_N",
 }
 
 
-def slew_from_table(
-    table: Table, columns: ColumnsPart, spin_inertias: np.ndarray
-) -> dict[str, np.ndarray | None]:
-    """The channels of a slew, in SI units, with the package's signs and senses.
+def stream_from_table(
+    table: Table, columns: ColumnsPart, stream: Stream, spin_inertias: np.ndarray
+) -> dict[str, np.ndarray]:
+    """The channels of a stream, in SI units, with the package's signs and senses.
 
     A star tracker or an environment whose columns are all empty is left out.
 
@@ -31,13 +48,15 @@ def slew_from_table(
         The telemetry, in the file's own units.
     columns : ColumnsPart
         What each column means.
+    stream : Stream
+        Which entries of `columns` to take from the table, and their clock.
     spin_inertias : (wheels,) array
         Spin inertia of each wheel [kg m^2], to turn wheel speed into momentum.
 
     Returns
     -------
-    dict of str to array or None
-        Channels (rows, width), named as `Slew` names them.
+    dict of str to array
+        Channels (rows, width), named as `Slew` names them, and their true "time" (rows,) [s].
 
     Raises
     ------
@@ -45,35 +64,56 @@ def slew_from_table(
         If a cell is empty that must not be, times do not increase, or a quaternion is bad; the
         error names the line.
     """
-    given = columns.given()
-    channels: dict[str, np.ndarray | None] = {"time": _time(table, columns.time)}
-    _refuse_empty_columns(table, columns.rate.names)
-    channels["rate"] = to_si(table.stack(columns.rate.names), "rate", columns.rate.unit)
-    for key in ("wheel_torque", "wheel_momentum", "wheel_speed"):
-        if key in given:
-            _refuse_empty_cells(
-                table,
-                given[key].names,
-                "the simulator needs every wheel at every row: "
-                "repair the row, or leave the columns out of [columns]",
-            )
-            values = to_si(table.stack(given[key].names), key, given[key].unit)
-            if key == "wheel_torque" and given[key].acts_on == "body":
-                values = 0.0 - values  # not -values, which makes zeros negative
-            channels["wheel_momentum" if key == "wheel_speed" else key] = (
-                values * spin_inertias if key == "wheel_speed" else values
-            )
-    if columns.attitude is not None:
-        channels["attitude"] = _attitude(table, columns.attitude)
-    for key, channel in _ENVIRONMENT.items():
-        if key in given and not _all_empty(table, given[key].names):
-            _refuse_empty_cells(
-                table,
-                given[key].names,
-                "fill every row, or leave the columns of this slew entirely empty",
-            )
-            channels[channel] = to_si(table.stack(given[key].names), key, given[key].unit)
+    time = _time(table, stream.time, rows=2 if "rate" in stream.keys else 0)
+    # Adding nothing would make a zero of -0.0.
+    channels = {"time": time + stream.offset_s if stream.offset_s else time}
+    readers = {
+        "rate": _rate,
+        "wheel_torque": _torque,
+        "wheel_momentum": _momentum,
+        "wheel_speed": _momentum,
+        "attitude": _attitude,
+    }
+    for key in stream.keys:
+        entry = getattr(columns, key)
+        reader = readers.get(key)
+        values = reader(table, entry) if reader else _environment(table, entry, key)
+        if values is not None:
+            speed = key == "wheel_speed"
+            channels[_CHANNELS[key]] = values * spin_inertias if speed else values
     return channels
+
+
+def _rate(table: Table, entry: RateColumns) -> np.ndarray:
+    _refuse_empty_columns(table, entry.names)
+    return to_si(table.stack(entry.names), "rate", entry.unit)
+
+
+def _torque(table: Table, entry: TorqueColumns) -> np.ndarray:
+    _refuse_half_empty_rows(
+        table,
+        entry.names,
+        "the simulator needs every wheel at every row: "
+        "repair the row, or leave the columns out of [columns]",
+    )
+    values = to_si(table.stack(entry.names), "wheel_torque", entry.unit)
+    # 0 - values, because -values would make zeros negative.
+    return 0.0 - values if entry.acts_on == "body" else values
+
+
+def _momentum(table: Table, entry: MomentumColumns | SpeedColumns) -> np.ndarray:
+    _refuse_empty_columns(table, entry.names)
+    speed = isinstance(entry, SpeedColumns)
+    return to_si(table.stack(entry.names), "wheel_speed" if speed else "wheel_momentum", entry.unit)
+
+
+def _environment(
+    table: Table, entry: MagneticFieldColumns | PositionColumns, key: str
+) -> np.ndarray | None:
+    if _all_empty(table, entry.names):
+        return None
+    _refuse_half_empty_rows(table, entry.names, "fill all three cells, or leave all three empty")
+    return to_si(table.stack(entry.names), key, entry.unit)
 
 
 def _all_empty(table: Table, names: Sequence[str]) -> bool:
@@ -90,9 +130,14 @@ def _refuse_empty_columns(table: Table, names: Sequence[str]) -> None:
             )
 
 
-def _refuse_empty_cells(table: Table, names: Sequence[str], advice: str) -> None:
+def _refuse_half_empty_rows(table: Table, names: Sequence[str], advice: str) -> None:
+    """Refuse columns that are empty everywhere, and rows of which some cells are given."""
     _refuse_empty_columns(table, names)
     empty = np.isnan(table.stack(names))
+    _refuse_empty_cells(table, names, empty & ~empty.all(axis=1, keepdims=True), advice)
+
+
+def _refuse_empty_cells(table: Table, names: Sequence[str], empty: np.ndarray, advice: str) -> None:
     if empty.any():
         row = int(np.argmax(empty.any(axis=1)))
         raise CampaignError(
@@ -102,14 +147,18 @@ def _refuse_empty_cells(table: Table, names: Sequence[str], advice: str) -> None
         )
 
 
-def _time(table: Table, column: TimeColumn) -> np.ndarray:
+def _time(table: Table, column: TimeColumn, rows: int) -> np.ndarray:
     name = column.names[0]
     raw = table.columns[name]
-    if len(raw) < 2:
+    if len(raw) < rows:
         raise CampaignError(
             f"{len(raw)} row(s) of telemetry", where=table.label, advice="a slew needs at least two"
         )
-    _refuse_empty_cells(table, [name], "every row needs its time: remove or repair the row")
+    if len(raw) < 2:
+        return to_si(raw, "time", column.unit)
+    _refuse_empty_columns(table, [name])
+    advice = "every row needs its time: remove or repair the row"
+    _refuse_empty_cells(table, [name], np.isnan(raw)[:, None], advice)
     with np.errstate(over="ignore"):
         step = np.diff(raw)
     bad = step <= 0.0

@@ -11,13 +11,16 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.channels import slew_from_table
+from bayes_inertia.campaign.channels import stream_from_table
+from bayes_inertia.campaign.commands import held_commands
 from bayes_inertia.campaign.csv_table import read_table
 from bayes_inertia.campaign.description import parse_description
 from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
 from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.campaign.schema import CampaignPart, SlewPart
 from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.campaign.streams import streams_of, union
+from bayes_inertia.campaign.table import Table
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import (
     description_path,
@@ -60,10 +63,7 @@ def read_campaign(path: str | Path) -> Campaign:
         hardware = _hardware(parsed)
     except CampaignError as error:
         raise error.inside(str(description)) from None
-    channels = [
-        _channels(part, table, parsed, hardware["wheels"])
-        for part, table in zip(parsed.slews, tables, strict=True)
-    ]
+    channels = [_channels(part, tables, parsed, hardware["wheels"]) for part in parsed.slews]
     try:
         slews = tuple(
             _slew(part, values) for part, values in zip(parsed.slews, channels, strict=True)
@@ -143,23 +143,28 @@ def _files(path: str | Path) -> list[tuple[str, bytes]]:
     description = description_path(path)
     content = read_bytes(description)
     parsed = parse_description(text_of(content, str(description)), str(description))
-    tables = zip(parsed.slews, _table_paths(parsed, description), strict=True)
-    return [("campaign.toml", content), *((part.file, read_bytes(table)) for part, table in tables)]
+    tables = _table_paths(parsed, description)
+    files = [file for part in parsed.slews for file in part.tables()]
+    return [("campaign.toml", content), *((file, read_bytes(tables[file])) for file in files)]
 
 
-def _table_paths(parsed: CampaignPart, description: Path) -> list[Path]:
-    paths: list[Path] = []
+def _table_paths(parsed: CampaignPart, description: Path) -> dict[str, Path]:
+    """Where each table lies, by its name in the description."""
+    paths: dict[str, Path] = {}
+    owners: dict[Path, str] = {}
     for part in parsed.slews:
-        where = f"{description}, key slews.{part.name}.file"
-        path = table_path(description.parent, part.file, where)
-        # Only formats with groups can hold several slews in one file.
-        if path in paths and path.suffix.lower() in (".csv", ".parquet"):
-            raise CampaignError(
-                f"{reprlib.repr(part.file)} is the table of two slews",
-                where=where,
-                advice="give each slew its own table",
-            )
-        paths.append(path)
+        for file in part.tables():
+            key = "file" if part.files is None else "files"
+            where = f"{description}, key slews.{part.name}.{key}"
+            paths[file] = path = table_path(description.parent, file, where)
+            # Only formats with groups can hold several slews in one file.
+            single = path.suffix.lower() in (".csv", ".parquet")
+            if single and owners.setdefault(path, part.name) != part.name:
+                raise CampaignError(
+                    f"{reprlib.repr(file)} is the table of two slews",
+                    where=where,
+                    advice="give each slew its own table",
+                )
     return paths
 
 
@@ -190,16 +195,30 @@ def _hardware(parsed: CampaignPart) -> dict[str, Any]:
 
 
 def _channels(
-    part: SlewPart, path: Path, parsed: CampaignPart, wheels: tuple[Wheel, ...]
-) -> dict[str, np.ndarray | None]:
-    names = [name for entry in parsed.columns.given().values() for name in entry.names]
-    table = read_table(path, names, group=part.name)
-    return slew_from_table(
-        table, parsed.columns, np.array([wheel.spin_inertia for wheel in wheels])
-    )
+    part: SlewPart, paths: dict[str, Path], parsed: CampaignPart, wheels: tuple[Wheel, ...]
+) -> dict[str, Any]:
+    """Start and channels of a slew on one list of times, with a torque in every row."""
+    streams = streams_of(part, parsed.columns)
+    names: dict[str, dict[str, None]] = {}
+    for stream in streams:
+        entries = [stream.time, *(getattr(parsed.columns, key) for key in stream.keys)]
+        columns = names.setdefault(stream.file, {})
+        columns |= dict.fromkeys(name for entry in entries for name in entry.names)
+    tables: dict[str, Table] = {
+        file: read_table(paths[file], list(columns), group=part.name)
+        for file, columns in names.items()
+    }
+    spin_inertias = np.array([wheel.spin_inertia for wheel in wheels])
+    readings = [
+        stream_from_table(tables[stream.file], parsed.columns, stream, spin_inertias)
+        for stream in streams
+    ]
+    joined = union(readings, f"slews.{part.name}")
+    held = held_commands(joined)
+    return {**held, "start": part.start + float(held["time"][0] - joined["time"][0])}
 
 
 def _slew(part: SlewPart, channels: dict[str, Any]) -> Slew:
     angle = None if part.angle_deg is None else math.radians(part.angle_deg)
     axis: Any = None if part.axis is None else tuple(part.axis)
-    return Slew(name=part.name, start=part.start, axis_B=axis, angle=angle, **channels)
+    return Slew(name=part.name, axis_B=axis, angle=angle, **channels)

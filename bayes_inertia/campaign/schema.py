@@ -101,13 +101,24 @@ class StarTrackerPart(_Part):
 
 
 class TimeColumn(_Part):
-    """`time` of `[columns]`."""
+    """`time` of `[columns]`, and of an entry that has its own."""
 
     names: Names1 = Field(description='names = ["..."], one column')
     unit: TimeUnit
+    offset_s: float = 0.0
 
 
-class TorqueColumns(_Part):
+class _Stream(_Part):
+    """What every entry of `[columns]` may have: its own clock.
+
+    The true time of a reading is its stamp plus `offset_s` [s], of the entry and of its time.
+    """
+
+    offset_s: float = 0.0
+    time: TimeColumn | None = None
+
+
+class TorqueColumns(_Stream):
     """`wheel_torque` of `[columns]`: one column a wheel."""
 
     names: Names = Field(description='names = ["...", ...], one column a wheel')
@@ -115,7 +126,7 @@ class TorqueColumns(_Part):
     acts_on: Literal["wheel", "body"]
 
 
-class MomentumColumns(_Part):
+class MomentumColumns(_Stream):
     """`wheel_momentum` of `[columns]`: one column a wheel."""
 
     names: Names = Field(description='names = ["...", ...], one column a wheel')
@@ -123,7 +134,7 @@ class MomentumColumns(_Part):
     relative_to: Literal["body"]
 
 
-class SpeedColumns(_Part):
+class SpeedColumns(_Stream):
     """`wheel_speed` of `[columns]`: one column a wheel."""
 
     names: Names = Field(description='names = ["...", ...], one column a wheel')
@@ -131,14 +142,14 @@ class SpeedColumns(_Part):
     relative_to: Literal["body"]
 
 
-class RateColumns(_Part):
+class RateColumns(_Stream):
     """`rate` of `[columns]`: one column a sensor axis."""
 
     names: Names3 = Field(description='names = ["...", "...", "..."], one column a sensor axis')
     unit: RateUnit
 
 
-class AttitudeColumns(_Part):
+class AttitudeColumns(_Stream):
     """`attitude` of `[columns]`: a quaternion, with the place of its scalar and its sense."""
 
     names: Names4 = Field(
@@ -148,7 +159,7 @@ class AttitudeColumns(_Part):
     maps: Literal["inertial_to_body", "body_to_inertial"]
 
 
-class MagneticFieldColumns(_Part):
+class MagneticFieldColumns(_Stream):
     """`magnetic_field` of `[columns]`."""
 
     names: Names3 = Field(description='names = ["...", "...", "..."], along the inertial axes')
@@ -156,7 +167,7 @@ class MagneticFieldColumns(_Part):
     frame: Literal["inertial"]
 
 
-class PositionColumns(_Part):
+class PositionColumns(_Stream):
     """`position` of `[columns]`."""
 
     names: Names3 = Field(description='names = ["...", "...", "..."], along the inertial axes')
@@ -187,14 +198,38 @@ class ColumnsPart(_Part):
         }
 
 
+class FilesPart(_Part):
+    """`files` of one of `[[slews]]`: the table of each entry of `[columns]`."""
+
+    rate: str = Field(description='rate = the table of the rates, such as "slew_01_rate.csv"')
+    wheel_torque: str | None = None
+    wheel_momentum: str | None = None
+    wheel_speed: str | None = None
+    attitude: str | None = None
+    magnetic_field: str | None = None
+    position: str | None = None
+
+
 class SlewPart(_Part):
-    """One `[[slews]]`."""
+    """One `[[slews]]`; either `file` or `files` is given."""
 
     name: str = Field(description='name = "..."')
-    file: str = Field(description='file = the table of the slew, such as "slew_01.csv"')
+    file: str | None = Field(
+        default=None, description='file = the table of the slew, such as "slew_01.csv"'
+    )
+    files: FilesPart | None = None
     start: float = Field(description="start = the time of the first row in the campaign [s]")
     axis: Vector3 | None = None
     angle_deg: float | None = None
+
+    def file_of(self, key: str) -> str | None:
+        """The table that holds an entry of `[columns]`; None if this slew has none."""
+        return self.file if self.files is None else getattr(self.files, key)
+
+    def tables(self) -> list[str]:
+        """The tables of the slew, each once, in the order of `[columns]`."""
+        files = [self.file_of(key) for key in FilesPart.model_fields]
+        return list(dict.fromkeys(file for file in files if file is not None))
 
 
 class CampaignPart(_Part):

@@ -107,6 +107,14 @@ class Slew:
         """Time from the first to the last row [s]."""
         return float(self.time[-1] - self.time[0])
 
+    @property
+    def rate_steps(self) -> np.ndarray:
+        """Spacings (m,) of the rows that hold a rate [s]; of all rows if hardly any does."""
+        rated = np.ones(len(self.time), dtype=bool)
+        if self.rate is not None:
+            rated = np.isfinite(self.rate).any(axis=1)
+        return np.diff(self.time[rated] if rated.sum() > 1 else self.time)
+
     def complete_rates(self, valid: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
         """Rows at which the rates about all three axes are known, and the rates there.
 

@@ -38,9 +38,10 @@ _CHANNELS = {
 def write_campaign(campaign: Campaign, folder: str | Path) -> Path:
     """Write a campaign as a folder that reads back as the same numbers.
 
-    The folder gets `campaign.toml` and one `slew_NN.csv` a slew. All digits are kept and NaN
-    becomes an empty cell; angles of slews are kept to 15 digits. The description comes last: an
-    interrupted write leaves no campaign, and writing again completes it.
+    The folder gets `campaign.toml` and one `slew_NN.csv` a slew, also where the telemetry was read
+    from several streams. All digits are kept and NaN becomes an empty cell; angles of slews are
+    kept to 15 digits. The description comes last: an interrupted write leaves no campaign, and
+    writing again completes it.
 
     Parameters
     ----------
@@ -57,9 +58,9 @@ def write_campaign(campaign: Campaign, folder: str | Path) -> Path:
     Raises
     ------
     OutputError
-        If a file of another content is in the way, or the system refuses; if some slews but not
-        all have wheel telemetry (`[columns]` hold for all slews); if wheel or environment telemetry
-        has gaps (which cannot be read back).
+        If a file of another content is in the way, or the system refuses; if a rate axis or a
+        wheel has no number in a slew, or a vector of the environment lacks one (which cannot be
+        read back).
     """
     folder = Path(folder)
     content = {name: text.encode("utf-8") for name, text in _render(campaign).items()}
@@ -101,34 +102,16 @@ def _columns(campaign: Campaign) -> dict[str, list[str]]:
     """The channels that the campaign has, with the names of their columns."""
     columns: dict[str, list[str]] = {}
     for channel, (_, _, names) in _CHANNELS.items():
-        having = [_has(slew, channel) for slew in campaign.slews]
+        having = [slew for slew in campaign.slews if _has(slew, channel)]
         per_wheel = isinstance(names, str)
         if (
-            not any(having)
+            not having
             or (per_wheel and not campaign.wheels)
             or (channel == "attitude" and campaign.star_tracker is None)
         ):
             continue
-        if per_wheel and not all(having):
-            lacking = campaign.slews[having.index(False)].name
-            raise OutputError(
-                f"no {channel}, which other slews have",
-                where=f"slew {lacking}",
-                advice="write the slews with and without it as two campaigns",
-            )
-        for slew in campaign.slews:
-            values = getattr(slew, channel)
-            if (
-                channel not in ("rate", "attitude")
-                and values is not None
-                and np.isnan(values).any()
-            ):
-                row = int(np.argmax(np.isnan(values).any(axis=1)))
-                raise OutputError(
-                    f"{channel} has a gap in row {row + 1}",
-                    where=f"slew {slew.name}",
-                    advice="fill it, or leave the channel out",
-                )
+        for slew in having:
+            _refuse_what_reading_refuses(slew, channel)
         if isinstance(names, str):
             columns[channel] = [names.format(i + 1) for i in range(len(campaign.wheels))]
         else:
@@ -137,11 +120,41 @@ def _columns(campaign: Campaign) -> dict[str, list[str]]:
 
 
 def _has(slew: Slew, channel: str) -> bool:
+    """Whether a slew has a channel; fixes and environment without a number count as absent."""
     values = getattr(slew, channel)
-    return values is not None and not (channel == "attitude" and np.isnan(values).all())
+    may_be_empty = channel == "attitude" or channel.endswith("_N")
+    return values is not None and not (may_be_empty and np.isnan(values).all())
+
+
+def _refuse_what_reading_refuses(slew: Slew, channel: str) -> None:
+    """Raise `OutputError` for gaps in a channel that cannot be read back."""
+    empty = np.isnan(getattr(slew, channel))
+    if channel in ("rate", "wheel_momentum") and empty.all(axis=0).any():
+        raise OutputError(
+            f"{channel} has no number in column {int(np.argmax(empty.all(axis=0))) + 1}",
+            where=f"slew {slew.name}",
+            advice="leave the channel or the slew out",
+        )
+    if channel.endswith("_N") and (empty.any(axis=1) != empty.all(axis=1)).any():
+        row = int(np.argmax(empty.any(axis=1) != empty.all(axis=1)))
+        raise OutputError(
+            f"{channel} has a gap in row {row + 1}",
+            where=f"slew {slew.name}",
+            advice="fill it, or leave the row of the channel empty",
+        )
+
+
+def _columns_of(slew: Slew, columns: dict[str, list[str]]) -> dict[str, list[str]]:
+    """The columns of a slew's table; what belongs to the wheels only where the slew has it."""
+    return {
+        channel: names
+        for channel, names in columns.items()
+        if _has(slew, channel) or not channel.startswith("wheel")
+    }
 
 
 def _csv(slew: Slew, columns: dict[str, list[str]]) -> str:
+    columns = _columns_of(slew, columns)
     parts = [slew.time[:, None]]
     for channel, names in columns.items():
         values = getattr(slew, channel)
@@ -184,9 +197,9 @@ def _toml(campaign: Campaign, columns: dict[str, list[str]], files: list[str]) -
             sigma_cross=tracker.sigma_cross,
             sigma_roll=tracker.sigma_roll,
         )
-    document["columns"] = _columns_toml(columns, tomlkit)
+    document["columns"] = _columns_toml(columns)
     document["slews"] = _tables(
-        _slew_table(slew, file) for slew, file in zip(campaign.slews, files, strict=True)
+        _slew_table(slew, file, columns) for slew, file in zip(campaign.slews, files, strict=True)
     )
     return tomlkit.dumps(document)
 
@@ -217,26 +230,40 @@ def _wheel_table(wheel: Wheel) -> Any:
     return _table(**{"axis" if key == "axis_B" else key: value for key, value in entries})
 
 
-def _slew_table(slew: Slew, file: str) -> Any:
-    return _table(
+def _slew_table(slew: Slew, file: str, columns: dict[str, list[str]]) -> Any:
+    part = _table(
         name=slew.name,
         file=file,
         start=slew.start,
         axis=slew.axis_B,
         angle_deg=_degrees(slew.angle),
     )
+    own = _columns_of(slew, columns)
+    if len(own) < len(columns):
+        del part["file"]
+        part["files"] = _inline({_CHANNELS[channel][0]: file for channel in own})
+    return part
 
 
-def _columns_toml(columns: dict[str, list[str]], tomlkit: Any) -> Any:
+def _inline(entries: dict[str, Any]) -> Any:
+    """An inline table of TOML."""
+    import tomlkit
+
+    table = tomlkit.inline_table()
+    table.update(entries)
+    return table
+
+
+def _columns_toml(columns: dict[str, list[str]]) -> Any:
+    import tomlkit
+
     part = tomlkit.table()
     for key, entries in [("time", {"names": ["t_s"], "unit": "s"})] + [
         (key, {"names": columns[channel], **sense})
         for channel, (key, sense, _) in _CHANNELS.items()
         if channel in columns
     ]:
-        entry = tomlkit.inline_table()
-        entry.update(entries)
-        part[key] = entry
+        part[key] = _inline(entries)
     return part
 
 

@@ -70,7 +70,7 @@ def following_plan(campaign: Campaign, wheel_momentum: np.ndarray | None = None)
     """
     last = campaign.slews[-1]
     # Without the rounding of times read from a file, so that alike campaigns share compiled code.
-    period = float(f"{np.median(np.concatenate([np.diff(s.time) for s in campaign.slews])):.9g}")
+    period = float(f"{np.median(np.concatenate([s.rate_steps for s in campaign.slews])):.9g}")
     attitude = (0.0, 0.0, 0.0, 1.0)
     if last.attitude is not None and last.fixes.any():
         attitude = tuple(last.attitude[last.fixes][-1].tolist())

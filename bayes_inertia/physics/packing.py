@@ -286,11 +286,13 @@ def _pack_telemetry(campaign, slew, sample, n_grid, n_rows, n_fixes, modes, n) -
         slew.wheel_momentum if slew.wheel_momentum is not None else np.full((rows, wheels), np.nan)
     )
     sensed = np.array([w.momentum_sigma is not None for w in campaign.wheels], dtype=bool)
+    # Only rows with a reading tell of the noise; a slew without any has no modes to speak of.
+    read = max(1, int(np.isfinite(measured).any(axis=1).sum()))
     fraction = (np.arange(n) + 0.5) / n
     shapes = (
         np.cos(np.pi * np.arange(modes) * fraction[:, None])
         * np.where(np.arange(modes) == 0, 1.0, np.sqrt(2.0))
-        / np.sqrt(rows)
+        / np.sqrt(read)
     )
     return Telemetry(
         sample=np.concatenate([sample, np.full(spare, n - 1)]),

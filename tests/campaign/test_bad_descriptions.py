@@ -65,7 +65,7 @@ BAD_TOML = [
     (
         "key like no other",
         [("start = 100", "start = 100\nzzzzzz = 1")],
-        ["key slews.second.zzzzzz", "known here: name, file, start, axis, angle_deg"],
+        ["key slews.second.zzzzzz", "known here: name, file, files, start, axis, angle_deg"],
     ),
     ("no time unit", [(', unit = "s"', "")], ["key columns.time.unit", '"ms"', "never guessed"]),
     (

@@ -62,11 +62,13 @@ def test_never_overwrites_another_campaign(tmp_path):
 def test_refuses_what_could_not_be_read_back(tmp_path):
     campaign = read_campaign(make(tmp_path / "in"))
     first, second = campaign.slews
-    gap = first.wheel_momentum.copy()
+    silent = first.wheel_momentum.copy()
+    silent[:, 1] = np.nan
+    gap = first.magnetic_field_N.copy()
     gap[2, 1] = np.nan
     for slew, named in [
-        (replace(first, wheel_torque=None), "no wheel_torque"),
-        (replace(first, wheel_momentum=gap), "gap in row 3"),
+        (replace(first, wheel_momentum=silent), "no number in column 2"),
+        (replace(first, magnetic_field_N=gap), "gap in row 3"),
     ]:
         with pytest.raises(OutputError) as caught:
             write_campaign(replace(campaign, slews=(slew, second)), tmp_path / "out")
@@ -92,6 +94,12 @@ def arrays(draw, rows: int, columns: int, gaps: bool):
             )
         )
     )
+
+
+def with_gaps(draw, values):
+    """Some rows after the first are empty."""
+    empty = np.array([False, *(draw(st.booleans()) for _ in values[1:])])
+    return np.where(empty[:, None], np.nan, values)
 
 
 @st.composite
@@ -125,12 +133,12 @@ def campaigns(draw) -> Campaign:
                 rate=rate,
                 attitude=fixes if tracker and draw(st.booleans()) else None,
                 wheel_torque=arrays(draw, rows, len(wheels), gaps=False)
-                if torque and wheels
+                if torque and wheels and draw(st.booleans())
                 else None,
-                wheel_momentum=arrays(draw, rows, len(wheels), gaps=False)
-                if momentum and wheels
+                wheel_momentum=with_gaps(draw, arrays(draw, rows, len(wheels), gaps=False))
+                if momentum and wheels and draw(st.booleans())
                 else None,
-                magnetic_field_N=arrays(draw, rows, 3, gaps=False)
+                magnetic_field_N=with_gaps(draw, arrays(draw, rows, 3, gaps=False))
                 if field and draw(st.booleans())
                 else None,
                 axis_B=draw(st.none() | st.just(unit(draw, 3))),

@@ -68,7 +68,7 @@ def _slew_cells(slew: Slew) -> tuple[str, ...]:
     return (
         slew.name,
         str(len(slew.time)),
-        f"{np.median(np.diff(slew.time)):.4g}",
+        f"{np.median(slew.rate_steps):.4g}",
         f"{slew.duration:.4g}",
         peak,
         str(int(slew.fixes.sum())),
