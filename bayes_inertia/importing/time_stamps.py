@@ -1,0 +1,327 @@
+"""Time stamps of any clock on one continuous scale: integer nanoseconds of TAI.
+
+A gyro stamped in UTC, wheels in GPS seconds and a star tracker in an AEM then line up. 64-bit
+floats of seconds since 1958 have steps of 2.4e-7 s; integer nanoseconds lose nothing. UTC has leap
+seconds; their table is that of astropy, read from its own data without a network.
+
+Stamps in plain seconds (or ms, us, ns, min, h) come from a clock with a zero of its own: such a
+clock can be lined up with another only where both are of that kind, or by a stated offset.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from decimal import Decimal, InvalidOperation
+from types import MappingProxyType
+
+import numpy as np
+
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.importing.leap_seconds import SECOND, utc_to_tai
+from bayes_inertia.importing.raw_table import RawTable
+from bayes_inertia.importing.time_texts import text_to_ns
+from bayes_inertia.maths.values import array_dataclass
+
+_DAY = 86400 * SECOND  # [ns]
+# Zero of each clock, in TAI nanoseconds since 1958-01-01T00:00:00 TAI.
+_TAI_1970 = 4383 * _DAY
+_GPS_1980 = 8040 * _DAY + 19 * SECOND
+_MJD_1958 = 36204
+_JD_1958 = 2436204.5
+_TT_MINUS_TAI = 32_184_000_000  # [ns]
+
+FREE_CLOCKS: Mapping[str, int] = MappingProxyType(
+    {"ns": 1, "us": 1000, "ms": 10**6, "s": SECOND, "min": 60 * SECOND, "h": 3600 * SECOND}
+)
+"""Kinds of stamps from a clock's own zero, and their nanoseconds."""
+
+_NUMBERS: Mapping[str, tuple[int, int, bool]] = MappingProxyType(
+    {  # Nanoseconds a unit, zero of the clock, whether leap seconds are to be added.
+        "gps_s": (SECOND, _GPS_1980, False),
+        "gps_ms": (10**6, _GPS_1980, False),
+        "gps_ns": (1, _GPS_1980, False),
+        "tai_s": (SECOND, 0, False),
+        "unix_s": (SECOND, _TAI_1970, True),
+        "unix_ms": (10**6, _TAI_1970, True),
+        "unix_us": (1000, _TAI_1970, True),
+        "unix_ns": (1, _TAI_1970, True),
+    }
+)
+_DAYS: Mapping[str, tuple[float, int, bool]] = MappingProxyType(
+    {  # Day of 1958-01-01, what TAI is ahead by [ns], whether leap seconds are to be added.
+        "mjd_utc": (_MJD_1958, 0, True),
+        "mjd_tai": (_MJD_1958, 0, False),
+        "mjd_tt": (_MJD_1958, -_TT_MINUS_TAI, False),
+        "jd_utc": (_JD_1958, 0, True),
+        "jd_tai": (_JD_1958, 0, False),
+        "jd_tt": (_JD_1958, -_TT_MINUS_TAI, False),
+    }
+)
+_TEXTS: Mapping[str, int | None] = MappingProxyType(
+    {  # What is to be added to the text's clock [ns]; None: leap seconds.
+        "utc": None,
+        "tai": 0,
+        "gps": 19 * SECOND,
+        "tt": -_TT_MINUS_TAI,
+    }
+)
+TIME_KINDS = (*FREE_CLOCKS, *_TEXTS, *_NUMBERS, "gps_week", *_DAYS)
+"""Kinds of time stamps that `times_to_seconds` reads."""
+
+_COARSEST = 0.05  # Of the step between stamps: the most that their rounding may be.
+_FIRST_NS = 5113 * _DAY  # 1972-01-01: before, UTC had no whole leap seconds.
+_LAST_NS = 51865 * _DAY  # 2100-01-01
+
+
+@array_dataclass
+class TimeStamps:
+    """The times of one stream.
+
+    Parameters
+    ----------
+    ns : (rows,) array of int
+        Nanoseconds since 1958-01-01T00:00:00 TAI where `absolute`, else since the clock's own
+        zero; 0 where a stamp is missing.
+    missing : (rows,) array of bool
+        Rows without a stamp.
+    absolute : bool
+        Whether other absolute clocks share the scale.
+    resolution_s : float
+        The step in which the file can write a stamp [s].
+
+    Examples
+    --------
+    >>> stamps = TimeStamps(np.array([10, 250_000_010]), np.array([False, False]), False, 1e-9)
+    >>> stamps.seconds_since(stamps.first_ns).tolist()
+    [0.0, 0.25]
+    """
+
+    ns: np.ndarray
+    missing: np.ndarray
+    absolute: bool
+    resolution_s: float
+
+    @property
+    def first_ns(self) -> int:
+        """The earliest stamp [ns]; 0 where there is none."""
+        present = self.ns[~self.missing]
+        return int(present.min()) if present.size else 0
+
+    def seconds_since(self, epoch_ns: int) -> np.ndarray:
+        """Seconds since an epoch on the same scale.
+
+        Parameters
+        ----------
+        epoch_ns : int
+            The epoch [ns].
+
+        Returns
+        -------
+        (rows,) array
+            Seconds; NaN where a stamp is missing.
+        """
+        return np.where(self.missing, math.nan, (self.ns - epoch_ns) / SECOND)
+
+
+def times_to_seconds(
+    table: RawTable, names: Sequence[str], kind: str, *, gps_rollovers: int = 0
+) -> TimeStamps:
+    """The stamps of a table on the common scale.
+
+    Parameters
+    ----------
+    table : RawTable
+        The table.
+    names : sequence of str
+        The column of the stamps; for "gps_week" week and seconds of the week.
+    kind : str
+        One of `TIME_KINDS`: "s", "ms", "us", "ns", "min", "h" (a clock's own zero); "utc", "tai",
+        "gps", "tt" (texts, calendar or day of year); "gps_s", "gps_week", "tai_s" (since 1958),
+        "unix_s" to "unix_ns"; "mjd_utc", "jd_utc" and these with tai and tt.
+    gps_rollovers : int, optional
+        For weeks that are cut to ten bits: how often they began anew, such as 2 from 2019-04-07.
+
+    Returns
+    -------
+    TimeStamps
+        One for each row.
+
+    Raises
+    ------
+    CampaignError
+        If a stamp is none of this kind, or stamps are too coarse for their own steps.
+
+    Examples
+    --------
+    >>> from bayes_inertia.importing.raw_table import RawColumn
+    >>> week = RawTable("w.csv", {"w": RawColumn(np.array([2086])), "s": RawColumn(np.array([18]))})
+    >>> text = RawTable("t.csv", {"t": RawColumn(np.array(["2019-12-29T00:00:00Z"]))})
+    >>> gps = times_to_seconds(week, ["w", "s"], "gps_week")
+    >>> gps.ns - times_to_seconds(text, ["t"], "utc").ns
+    array([0])
+    """
+    _check_kind(table, names, kind)
+    if kind in _TEXTS:
+        ns, missing = _from_texts(table, names[0], kind)
+        resolution = 1.0 / SECOND
+    elif kind == "gps_week":
+        ns, missing, resolution = _from_weeks(table, names, gps_rollovers)
+    elif kind in _DAYS:
+        zero, ahead, leaps = _DAYS[kind]
+        ns, missing, resolution = _exact_ns(table, names[0], _DAY, zero)
+        ns = (utc_to_tai(ns) if leaps else ns) + ahead
+    else:
+        unit, start, leaps = _NUMBERS.get(kind, (FREE_CLOCKS.get(kind, 1), 0, False))
+        ns, missing, resolution = _exact_ns(table, names[0], unit)
+        ns = ns + start
+        ns = utc_to_tai(ns) if leaps else ns
+    absolute = kind not in FREE_CLOCKS
+    stamps = TimeStamps(np.where(missing, 0, ns), missing, absolute, resolution)
+    _check_years(table, names, kind, stamps)
+    _check_steps(table, names, stamps)
+    return stamps
+
+
+def _check_kind(table: RawTable, names: Sequence[str], kind: str) -> None:
+    if kind not in TIME_KINDS:
+        raise CampaignError(
+            f"{kind!r} is no kind of time stamp",
+            where=table.label,
+            advice=f"write one of {', '.join(TIME_KINDS)}",
+        )
+    wanted = 2 if kind == "gps_week" else 1
+    if len(names) != wanted:
+        two = "two columns, the week and the seconds of the week"
+        raise CampaignError(
+            f"{len(names)} columns are named for stamps of the kind {kind!r}",
+            where=table.label,
+            advice=f"name {two if wanted == 2 else 'one column'}",
+        )
+
+
+def _from_texts(table: RawTable, name: str, kind: str) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps written as dates, on the TAI scale."""
+    column = table.column(name)
+    if not column.is_text:
+        if column.values.dtype.kind == "f" and np.isnan(column.values).all():
+            return np.zeros(table.rows, dtype=np.int64), np.ones(table.rows, dtype=bool)
+        raise CampaignError(
+            f"holds numbers, not the dates that {kind!r} means",
+            where=f"{table.label}, column {name}",
+            advice=f"state another kind of stamp: one of {', '.join(TIME_KINDS)}",
+        )
+    ns = np.zeros(table.rows, dtype=np.int64)
+    leap = np.zeros(table.rows, dtype=bool)
+    missing = np.zeros(table.rows, dtype=bool)
+    for row, cell in enumerate(column.values.tolist()):
+        read = text_to_ns(cell, utc=kind == "utc", place=lambda row=row: table.place(row, name))
+        if read is None:
+            missing[row] = True
+        else:
+            ns[row], leap[row] = read
+    ahead = _TEXTS[kind]
+    if ahead is not None:
+        return ns + ahead, missing
+    # The second 23:59:60 is written as 23:59:59 with a mark: it still counts the old offset.
+    return utc_to_tai(ns) + leap * SECOND, missing
+
+
+def _from_weeks(
+    table: RawTable, names: Sequence[str], rollovers: int
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Stamps of GPS week and seconds of the week."""
+    week = table.numbers(names[0])
+    seconds, missing, resolution = _exact_ns(table, names[1], SECOND)
+    missing = missing | np.isnan(week)
+    week = np.where(missing, 0.0, week)
+    wrong = (week != np.floor(week)) | (week < 0) | (week > 99999)
+    wrong |= (seconds < 0) | (seconds >= 7 * _DAY + SECOND)
+    wrong &= ~missing
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise CampaignError(
+            f"week {week[row]:g} with {seconds[row] / SECOND:g} s is no GPS time",
+            where=table.place(row, names[0]),
+            advice="name the column of whole weeks first, then that of the seconds of the week "
+            "(0 to 604800)",
+        )
+    weeks = week.astype(np.int64) + 1024 * rollovers
+    return weeks * (7 * _DAY) + seconds + _GPS_1980, missing, resolution
+
+
+def _exact_ns(
+    table: RawTable, name: str, unit: int, zero: float = 0.0
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """A column of numbers in whole nanoseconds, the rows without one, and its resolution [s]."""
+    column = table.column(name)
+    values = table.numbers(name)
+    missing = np.isnan(values)
+    size = float(np.max(np.abs(np.where(missing, 0.0, values)), initial=0.0))
+    if size * unit >= 2.0**62 + zero * unit:
+        row = int(np.argmax(np.abs(np.where(missing, 0.0, values))))
+        raise CampaignError(
+            f"{values[row]:g} is no time of this kind",
+            where=table.place(row, name),
+            advice="state the kind and unit that the column has",
+        )
+    if column.exact is not None:
+        return _decimal_ns(table, name, unit, zero), missing, max(unit * 1e-18, 1e-9)
+    if column.values.dtype.kind in "iu":
+        ns = (column.values.astype(np.int64) - math.floor(zero)) * unit
+        return ns - round((zero % 1.0) * unit), missing, 1e-9
+    spacing = np.spacing(np.float32(size)) if column.single else np.spacing(size)
+    # Whole units and the rest apart: each is exact, the sum of floats would not be.
+    numbers = np.where(missing, 0.0, values)
+    whole = np.floor(numbers)
+    rest = numbers - whole - zero % 1.0
+    ns = (whole.astype(np.int64) - math.floor(zero)) * unit
+    return ns + np.rint(rest * unit).astype(np.int64), missing, float(spacing) * unit / SECOND
+
+
+def _decimal_ns(table: RawTable, name: str, unit: int, zero: float) -> np.ndarray:
+    """Cells with more digits than a float holds, in whole nanoseconds."""
+    column = table.column(name)
+    assert column.exact is not None
+    start = Decimal(zero)
+    ns = np.zeros(column.exact.size, dtype=np.int64)
+    for row, cell in enumerate(column.exact.tolist()):
+        try:
+            number = Decimal(cell.strip().replace(",", "."))
+        except InvalidOperation:
+            number = Decimal(str(column.values[row]))
+        if number.is_finite():
+            ns[row] = int(((number - start) * unit).to_integral_value())
+    return ns
+
+
+def _check_years(table: RawTable, names: Sequence[str], kind: str, stamps: TimeStamps) -> None:
+    if not stamps.absolute:
+        return
+    wrong = ((stamps.ns < _FIRST_NS) | (stamps.ns >= _LAST_NS)) & ~stamps.missing
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        year = 1958 + stamps.ns[row] / (365.25 * _DAY)
+        raise CampaignError(
+            f"as {kind!r} the stamp lies in the year {year:.0f}",
+            where=table.place(row, names[0]),
+            advice="state the kind and unit that the column has; stamps from 1972 to 2099 are read",
+        )
+
+
+def _check_steps(table: RawTable, names: Sequence[str], stamps: TimeStamps) -> None:
+    """Refuse stamps that are rounded so coarsely that their steps are lost."""
+    present = np.sort(stamps.ns[~stamps.missing])
+    if present.size < 3:
+        return
+    step = float(present[-1] - present[0]) / SECOND / (present.size - 1)
+    single = table.column(names[-1]).single
+    if stamps.resolution_s > _COARSEST * step and (step > 0.0 or single):
+        bits = "32-bit floats" if single else "this kind of number"
+        raise CampaignError(
+            f"{bits} can write these stamps only every {stamps.resolution_s:.2g} s, "
+            f"but rows follow each other every {step:.2g} s",
+            where=f"{table.label}, column {names[-1]}",
+            advice="export the times as 64-bit floats, integers or text, or as seconds from the "
+            "first row",
+        )

@@ -1,0 +1,208 @@
+"""Units of raw logs: spelled as the field spells them, read by pint, turned into SI and radians.
+
+An angle counts as a dimension of its own, so that a rate in hertz or in 1/s, which could mean turns
+or radians, is refused. The spellings that pint does not know (mNm, Nms, N.m, deg/sec, RPM, s-1)
+are rewritten before it reads them. The units of a campaign folder are fewer and stand in
+`campaign.units`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from functools import cache
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from bayes_inertia.errors import CampaignError
+
+QUANTITIES: Mapping[str, tuple[str, str]] = MappingProxyType(
+    {
+        "time": ("s", "s, ms, us, ns, min or h"),
+        "angle": ("rad", "rad, deg, arcmin or arcsec"),
+        "rate": ("rad/s", "rad/s, mrad/s, deg/s, deg/h, arcsec/s or rpm"),
+        "wheel_speed": ("rad/s", "rad/s, deg/s, rpm or rev/s"),
+        "wheel_torque": ("N*m", "N m, mN m or uN m"),
+        "wheel_momentum": ("N*m*s", "N m s, mN m s, uN m s or kg m^2/s"),
+        "spin_inertia": ("kg*m**2", "kg m^2, g m^2 or kg cm^2"),
+        "magnetic_field": ("tesla", "T, mT, uT, nT or G"),
+        "position": ("m", "m or km"),
+    }
+)
+"""For each quantity its SI unit (with radians) and the units that an error suggests."""
+
+_ONE = frozenset({"1", "-", "", "none", "unitless", "dimensionless"})
+
+# Whole words that pint reads otherwise or not at all, in small letters.
+_WORDS: Mapping[str, str] = MappingProxyType(
+    {
+        "dps": "deg/s",
+        "rps": "revolution/s",
+        "rev": "revolution",
+        "revs": "revolution",
+        "rpm": "revolution/minute",
+        "deg": "deg",
+        "degs": "deg",
+        "degree": "deg",
+        "degrees": "deg",
+        "rad": "rad",
+        "rads": "rad",
+        "radian": "rad",
+        "radians": "rad",
+        "sec": "s",
+        "secs": "s",
+        "second": "s",
+        "seconds": "s",
+        "asec": "arcsec",
+        "arcsec": "arcsec",
+        "amin": "arcmin",
+        "gauss": "(1e-4*tesla)",
+        "tesla": "tesla",
+    }
+)
+# Exact spellings, capitals and all: pint's gauss has the dimensions of the Gaussian system.
+_EXACT: Mapping[str, str] = MappingProxyType({"G": "(1e-4*tesla)", "mG": "(1e-7*tesla)"})
+_NEWTON_METRE = re.compile(r"([munkcµμ]?)N(m)(s?)")
+
+
+@cache
+def _registry() -> Any:
+    """Pint's units, with the angle as a dimension; built once, as that takes 0.3 s."""
+    import pint
+
+    registry = pint.UnitRegistry(on_redefinition="ignore")
+    registry.define("radian = [angle] = rad")
+    return registry
+
+
+def _word(text: str) -> str:
+    """One word of a unit in pint's spelling."""
+    if text in _EXACT:
+        return _EXACT[text]
+    joined = _NEWTON_METRE.fullmatch(text)
+    if joined:
+        return f"{joined[1]}N*m" + ("*s" if joined[3] else "")
+    return _WORDS.get(text.lower(), text)
+
+
+def spelled_for_pint(unit: str) -> str:
+    """A unit as the field writes it, in the spelling that pint reads.
+
+    Parameters
+    ----------
+    unit : str
+        Such as "mNm", "N.m.s", "deg s-1" or "[RPM]".
+
+    Returns
+    -------
+    str
+        Such as "mN*m".
+
+    Examples
+    --------
+    >>> [spelled_for_pint(unit) for unit in ("mNm", "N.m.s", "[deg s-1]", "kg m2/s")]
+    ['mN*m', 'N*m*s', 'deg*s**-1', 'kg*m**2/s']
+    """
+    text = unit.strip()
+    if text[:1] + text[-1:] in ("[]", "()", "<>"):
+        text = text[1:-1].strip()
+    text = re.sub("[²³]", lambda match: "^2" if match[0] == "²" else "^3", text)
+    text = re.sub("[\u00b7\u22c5\u2022]", "*", text.replace("\u2212", "-").replace("°", "deg"))
+    text = re.sub(r"(?<=[A-Za-z])[.\-_](?=[A-Za-z])", "*", text)  # N.m, N-m, N_m
+    text = text.replace("**", "^")
+    text = re.sub(r"([A-Za-z])\^?\(?(-?\d+)\)?", r"\1^\2", text)  # m2, s-1, s^(-1)
+    text = re.sub(r"\s*([*/^])\s*", r"\1", text)
+    text = re.sub(r"\s+", "*", text)
+    text = re.sub(r"[A-Za-zµμ]+", lambda match: _word(match[0]), text)
+    return text.replace("^", "**")
+
+
+@cache
+def unit_factor(quantity: str, unit: str) -> float:
+    """The factor from a unit to the SI unit of a quantity, with radians.
+
+    Parameters
+    ----------
+    quantity : str
+        A key of `QUANTITIES`.
+    unit : str
+        As the field spells it.
+
+    Returns
+    -------
+    float
+        SI units in one such unit.
+
+    Raises
+    ------
+    CampaignError
+        If the unit is unknown, or one of another quantity.
+
+    Examples
+    --------
+    >>> unit_factor("wheel_torque", "mNm"), unit_factor("time", "ms")
+    (0.001, 0.001)
+    >>> unit_factor("rate", "Hz")
+    Traceback (most recent call last):
+    bayes_inertia.errors.CampaignError: unit 'Hz': is no unit of a rate; write rad/s, mrad/s, ...
+    """
+    import pint
+
+    si, accepted = QUANTITIES[quantity]
+    where, advice = f"unit {unit!r}", f"write {accepted}"
+    if unit.strip().lower() in _ONE:
+        raise CampaignError("no unit is given", where=where, advice=advice)
+    registry = _registry()
+    try:
+        value = registry.Quantity(1.0, registry.parse_expression(spelled_for_pint(unit)))
+        factor = float(value.to(si).magnitude)
+    except pint.DimensionalityError as error:
+        what = f"is no unit of a {quantity.replace('_', ' ')}"
+        raise CampaignError(what, where=where, advice=advice) from error
+    except Exception as error:  # Pint's parser raises whatever it stumbles over.
+        raise CampaignError("is not a known unit", where=where, advice=advice) from error
+    if not np.isfinite(factor) or factor <= 0.0:
+        raise CampaignError("has no scale", where=where, advice=advice)
+    return factor
+
+
+def to_si_with(
+    values: np.ndarray, unit: str, quantity: str, *, scale: float = 1.0, offset: float = 0.0
+) -> np.ndarray:
+    """Values of a raw column in SI units and radians.
+
+    Parameters
+    ----------
+    values : array
+        In `unit`, or counts.
+    unit : str
+        As the field spells it; of counts the unit of scale and offset.
+    quantity : str
+        A key of `QUANTITIES`.
+    scale, offset : float, optional
+        For counts: value = scale * count + offset, both in `unit`.
+
+    Returns
+    -------
+    array
+        In SI units and radians.
+
+    Raises
+    ------
+    CampaignError
+        If the unit is unknown, or one of another quantity.
+
+    Examples
+    --------
+    >>> to_si_with(np.array([100.0]), "mN m", "wheel_torque", scale=0.1, offset=-5.0).tolist()
+    [0.005]
+    """
+    factor = unit_factor(quantity, unit)
+    read = np.asarray(values, dtype=float)
+    if scale != 1.0 or offset != 0.0:
+        read = scale * read + offset
+    # An overflow becomes infinite, which the campaign refuses by name.
+    with np.errstate(over="ignore"):
+        return read * factor
