@@ -21,7 +21,7 @@ import bayes_inertia as bi
 # Adding a name is a decision; removing one breaks notebooks.
 PUBLIC = set(
     """
-    Campaign InertiaPrior RateSensor Slew StarTracker Wheel read_campaign write_campaign
+    Campaign Dirt InertiaPrior RateSensor Slew StarTracker Wheel read_campaign write_campaign
     CheckedEffect Drive Effect LIBRARY LogNormal Model Normal Parameter ParameterSpace
     SlewContext State Trajectory check_effect scalar vector
     Controller Flight Mission Orbit Plan PlannedSlew Spacecraft fly most_like_prior

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayes_inertia.campaign.checks import require, require_positive
-from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.tensor_elements import COLUMNS_OF_ELEMENTS, ROWS_OF_ELEMENTS
 from bayes_inertia.maths.values import array_dataclass
 
 
@@ -50,7 +50,7 @@ class InertiaPrior:
     @property
     def elements(self) -> np.ndarray:
         """Prior means (6,) of the elements Jxx, Jyy, Jzz, Jxy, Jxz, Jyz [kg m^2]."""
-        return np.array(inertia_tensor.elements(self.tensor))
+        return self.tensor[ROWS_OF_ELEMENTS, COLUMNS_OF_ELEMENTS]
 
     @property
     def sd(self) -> np.ndarray:
@@ -75,7 +75,7 @@ def _require_physical(tensor: np.ndarray) -> None:
     )
     moments = np.linalg.eigvalsh(tensor)
     require(
-        bool(inertia_tensor.is_physical(np.asarray(inertia_tensor.elements(tensor)))),
+        bool(np.all(0.5 * moments.sum() > moments)),  # second moments of mass are positive
         key,
         f"no body has principal moments {', '.join(f'{m:.6g}' for m in moments)} kg m^2",
         "each must be positive and at most the sum of the other two: "

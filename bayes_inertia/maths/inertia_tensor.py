@@ -12,10 +12,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from bayes_inertia.maths import jax_settings as jax_settings
+from bayes_inertia.maths.tensor_elements import COLUMNS_OF_ELEMENTS, ROWS_OF_ELEMENTS
+from bayes_inertia.maths.tensor_elements import ELEMENTS as ELEMENTS
 from bayes_inertia.maths.values import AnyArray
-
-ELEMENTS = ("Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz")
-_ROWS, _COLUMNS = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)
 
 
 def tensor(elements: Array) -> Array:
@@ -59,7 +59,7 @@ def elements(tensor_B: AnyArray) -> Array:
     >>> elements(tensor(jnp.arange(6.))).tolist()
     [0.0, 1.0, 2.0, 3.0, 4.0, 5.0]
     """
-    return tensor_B[..., _ROWS, _COLUMNS]
+    return tensor_B[..., ROWS_OF_ELEMENTS, COLUMNS_OF_ELEMENTS]
 
 
 def second_moments(tensor_B: Array) -> Array:

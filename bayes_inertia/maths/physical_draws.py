@@ -9,6 +9,7 @@ import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths import jax_settings as jax_settings
 
 _is_physical = jax.jit(inertia_tensor.is_physical)
 

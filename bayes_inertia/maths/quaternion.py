@@ -17,6 +17,8 @@ from collections.abc import Sequence
 import jax.numpy as jnp
 from jax import Array
 
+from bayes_inertia.maths import jax_settings as jax_settings
+
 ComponentSequence = Sequence[Array]
 
 

@@ -10,11 +10,11 @@ JSON file holds.
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any, dataclass_transform
 
-import jax
 import numpy as np
 
 # Three numbers along body axes, as plain floats: such a field can be hashed and compared.
@@ -128,7 +128,7 @@ def _frozen_array(given: np.ndarray) -> np.ndarray:
     owner: Any = given
     while isinstance(owner, np.ndarray) and not owner.flags.writeable:
         owner = owner.base
-    if owner is None or isinstance(owner, jax.Array):
+    if owner is None or _is_jax_array(owner):
         return given
     copy = given.copy(order="K")
     copy.flags.writeable = False
@@ -170,7 +170,13 @@ def equal(first: Any, second: Any) -> bool:
 
 
 def _is_array(value: Any) -> bool:
-    return isinstance(value, np.ndarray | jax.Array)
+    return isinstance(value, np.ndarray) or _is_jax_array(value)
+
+
+def _is_jax_array(value: Any) -> bool:
+    # Whoever holds an array of JAX has imported it; this module must not, because it takes long.
+    jax = sys.modules.get("jax")
+    return jax is not None and isinstance(value, jax.Array)
 
 
 def _equal_arrays(first: Any, second: Any) -> bool:

@@ -4,3 +4,5 @@ Enters: a `Campaign`, effects, and parameter values. Leaves: predicted telemetry
 and the effect library with its contract (`effect`, `effects`, `check_effect`). Nothing here knows
 of statistics, plans or reports.
 """
+
+from bayes_inertia.maths import jax_settings as jax_settings

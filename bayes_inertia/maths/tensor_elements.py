@@ -1,0 +1,10 @@
+"""The elements of an inertia tensor: their names, their order, and where they stand in it.
+
+It imports no JAX, so that a campaign is read without it.
+"""
+
+from __future__ import annotations
+
+ELEMENTS = ("Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz")
+ROWS_OF_ELEMENTS = (0, 1, 2, 0, 0, 1)
+COLUMNS_OF_ELEMENTS = (0, 1, 2, 1, 2, 2)

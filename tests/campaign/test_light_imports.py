@@ -1,0 +1,71 @@
+"""What reading a campaign imports: the small commands must answer at once."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import bayes_inertia
+
+EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
+HEAVY = (
+    "jax",
+    "scipy",
+    "pandas",
+    "matplotlib",
+    "arviz",
+    "xarray",
+    "emcee",
+    "astropy",
+    "pint",
+    "pyarrow",
+    "h5py",
+    "tomlkit",
+)
+CHECK = f"""
+import sys
+from bayes_inertia.app.cli import main
+try:
+    main(["check", {str(EXAMPLE)!r}])
+except SystemExit as ended:
+    assert ended.code == 0
+"""
+PRECISE = """
+import jax.numpy as jnp
+assert jnp.asarray(1.0).dtype == jnp.float64
+"""
+NOT_ASYNCHRONOUS = """
+import jax
+assert jax.config.values["jax_cpu_enable_async_dispatch"] is False
+"""
+
+
+def heavy_after(code: str) -> list[str]:
+    """The heavy libraries that are imported when a program ends."""
+    said = f"\nimport sys\nprint('HEAVY', *[m for m in {HEAVY!r} if m in sys.modules])"
+    run = subprocess.run(
+        [sys.executable, "-c", code + said], check=True, capture_output=True, text=True
+    )
+    return run.stdout.splitlines()[-1].split()[1:]
+
+
+def test_check_imports_nothing_heavy():
+    assert heavy_after(CHECK) == []
+
+
+def test_the_count_of_imports_can_fail():
+    assert heavy_after("import h5py") == ["h5py"]
+
+
+@pytest.mark.parametrize("order", ["import bayes_inertia, jax", "import jax, bayes_inertia"])
+def test_double_precision_whoever_is_imported_first(order):
+    subprocess.run([sys.executable, "-c", order + PRECISE], check=True)
+
+
+def test_whatever_computes_sets_jax_up():
+    for module in ("maths.quaternion", "maths.inertia_tensor", "physics.simulator"):
+        code = f"import bayes_inertia.{module}" + PRECISE + NOT_ASYNCHRONOUS
+        subprocess.run([sys.executable, "-c", code], check=True)
