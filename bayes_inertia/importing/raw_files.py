@@ -2,18 +2,29 @@
 
 from __future__ import annotations
 
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal
 
+from bayes_inertia.campaign.isolated_arrays import ArrayKind, FileArrays, read_arrays
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.importing.aem_file import aem_segments, is_aem, read_aem
+from bayes_inertia.importing.array_tables import table_of, tables_of
+from bayes_inertia.importing.json_lines import read_json_lines
+from bayes_inertia.importing.nasa_42 import read_42
+from bayes_inertia.importing.numpy_file import numpy_arrays
+from bayes_inertia.importing.parquet_file import read_parquet_file
 from bayes_inertia.importing.raw_table import RawTable
 from bayes_inertia.importing.text_options import TextOptions
 from bayes_inertia.importing.text_table import read_text_table
 
 _HEAD = 1024  # Bytes by which a format is told.
 
+FileFormat = Literal["text", "aem", "json", "42", "parquet", "numpy", "hdf5", "netcdf", "mat"]
 
-def file_format(path: Path) -> str:
+
+def file_format(path: Path) -> FileFormat:
     """The format of a file, by its first bytes and else its suffix.
 
     Parameters
@@ -23,22 +34,81 @@ def file_format(path: Path) -> str:
 
     Returns
     -------
-    str
-        "text", ...
+    {"text", "aem", "json", "42", "parquet", "numpy", "hdf5", "netcdf", "mat"}
+        The format.
 
     Raises
     ------
     CampaignError
         If there is no such file, or its format is one that nobody reads here.
     """
+    head = _head(path)
+    suffix = path.suffix.lower()
+    if head.startswith(b"MATLAB ") or suffix == ".mat":
+        return "mat"
+    if head.startswith(b"\x89HDF\r\n\x1a\n"):
+        return "netcdf" if suffix in (".nc", ".nc4", ".cdf", ".netcdf") else "hdf5"
+    if head.startswith((b"CDF\x01", b"CDF\x02", b"CDF\x05")):
+        return "netcdf"
+    if head.startswith(b"PAR1"):
+        return "parquet"
+    if head.startswith(b"\x93NUMPY") or (head.startswith(b"PK") and _is_npz(path)):
+        return "numpy"
+    _refuse_packed(head, path)
+    if is_aem(head):
+        return "aem"
+    by_suffix: dict[str, FileFormat] = {
+        ".h5": "hdf5",
+        ".hdf5": "hdf5",
+        ".nc": "netcdf",
+        ".nc4": "netcdf",
+        ".parquet": "parquet",
+        ".npz": "numpy",
+        ".npy": "numpy",
+        ".aem": "aem",
+        ".xml": "aem",
+        ".jsonl": "json",
+        ".ndjson": "json",
+        ".json": "json",
+        ".42": "42",
+    }
+    if suffix not in by_suffix and head.lstrip(b"\xef\xbb\xbf \r\n\t").startswith(b'{"'):
+        return "json"
+    return by_suffix.get(suffix, "text")
+
+
+def _head(path: Path) -> bytes:
     try:
         with path.open("rb") as file:
-            file.read(_HEAD)
+            return file.read(_HEAD)
     except OSError as error:
         raise CampaignError(
             f"cannot be opened ({error.strerror})", where=str(path), advice="check the path"
         ) from error
-    return "text"
+
+
+def _is_npz(path: Path) -> bool:
+    try:
+        with zipfile.ZipFile(path) as members:
+            return any(name.endswith(".npy") for name in members.namelist())
+    except (zipfile.BadZipFile, OSError, ValueError, NotImplementedError):
+        return path.suffix.lower() == ".npz"
+
+
+def _refuse_packed(head: bytes, path: Path) -> None:
+    packed = {
+        b"PK": "a ZIP archive or an Excel workbook",
+        b"\x1f\x8b": "a gzip archive",
+        b"\xd0\xcf\x11\xe0": "an Excel workbook",
+        b"BZh": "a bzip2 archive",
+        b"\xfd7zXZ": "an xz archive",
+        b"SQLite format 3": "an SQLite database",
+    }
+    for mark, what in packed.items():
+        if head.startswith(mark) and path.suffix.lower() != ".npz":
+            raise CampaignError(
+                f"is {what}", where=str(path), advice="unpack it, or save its table as CSV"
+            )
 
 
 def read_raw(
@@ -72,7 +142,26 @@ def read_raw(
     CampaignError
         If the file cannot be read, or its columns differ in length.
     """
-    return read_text_table(Path(path), options or TextOptions())
+    file = Path(path)
+    form = file_format(file)
+    if form == "aem":
+        return read_aem(file, table)
+    if form in ("numpy", "hdf5", "netcdf", "mat"):
+        held = _arrays(file, form)
+        return table_of(
+            held.arrays, held.units, str(file), table=table, columns=columns, closed=held.closed
+        )
+    if table:
+        raise CampaignError(
+            f"no table {table!r}", where=str(file), advice="the file is one table: name none"
+        )
+    if form == "json":
+        return read_json_lines(file)
+    if form == "42":
+        return read_42(file)
+    if form == "parquet":
+        return read_parquet_file(file)
+    return read_text_table(file, options or TextOptions())
 
 
 def tables_in(path: str | Path) -> list[str]:
@@ -87,6 +176,23 @@ def tables_in(path: str | Path) -> list[str]:
     -------
     list of str
         Names for `read_raw`; one empty name where the file is one table.
+
+    Raises
+    ------
+    CampaignError
+        If the file cannot be read.
     """
-    file_format(Path(path))
+    file = Path(path)
+    form = file_format(file)
+    if form == "aem":
+        return aem_segments(file)
+    if form in ("numpy", "hdf5", "netcdf", "mat"):
+        return tables_of(_arrays(file, form).arrays)
     return [""]
+
+
+def _arrays(file: Path, form: str) -> FileArrays:
+    if form == "numpy":
+        return FileArrays(numpy_arrays(file), {}, {})
+    kinds: dict[str, ArrayKind] = {"hdf5": "hdf5", "netcdf": "netcdf", "mat": "mat"}
+    return read_arrays(file, kinds[form])

@@ -1,0 +1,326 @@
+"""Attitude ephemeris messages of CCSDS (AEM), versions 1.0 and 2.0: what their metadata mean.
+
+Version 2.0 (504.0-B-2) always goes from REF_FRAME_A to REF_FRAME_B with the scalar last. Version
+1.0 (504.0-B-1) says so in ATTITUDE_DIR and QUATERNION_TYPE, and files of version 2.0 that still
+carry these keywords mean them. Both define v_B = M(q) v_A with the M(q) of this package. Every
+keyword that changes the meaning of a number is honoured or refused; none is passed over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.importing.raw_table import RawColumn, RawTable, StatedAttitude
+from bayes_inertia.importing.text_table import text_column
+
+_QUATERNION = ("Q1", "Q2", "Q3", "QC")
+_RATES = ("ANGVEL_X", "ANGVEL_Y", "ANGVEL_Z")
+_AXES = MappingProxyType({"1": "X", "2": "Y", "3": "Z", "X": "X", "Y": "Y", "Z": "Z"})
+_TIME_SYSTEMS: Mapping[str, str] = MappingProxyType(
+    {"UTC": "utc", "TAI": "tai", "GPS": "gps", "TT": "tt", "TDT": "tt"}
+)
+EPOCH = "EPOCH"
+"""Name of the column of time stamps."""
+
+# Keywords that do not change what a number means.
+_WITHOUT_MEANING = frozenset(
+    """COMMENT OBJECT_NAME OBJECT_ID CENTER_NAME START_TIME STOP_TIME USEABLE_START_TIME
+    USEABLE_STOP_TIME INTERPOLATION_METHOD INTERPOLATION_DEGREE""".split()  # noqa: SIM905
+)
+_WITH_MEANING = frozenset(
+    """REF_FRAME_A REF_FRAME_B ATTITUDE_DIR TIME_SYSTEM ATTITUDE_TYPE QUATERNION_TYPE EULER_ROT_SEQ
+    RATE_FRAME ANGVEL_FRAME""".split()  # noqa: SIM905
+)
+
+
+@dataclass(frozen=True)
+class AemSegment:
+    """One block of metadata with its attitudes, KVN or XML alike.
+
+    Parameters
+    ----------
+    version : str
+        "1.0" or "2.0".
+    metadata : dict of str to str
+        Keywords and their values.
+    rows : tuple of tuple of str
+        Cells: time stamp and numbers.
+    lines : tuple of int
+        Their lines; () for XML.
+    names : tuple of str
+        Columns as XML names them; () for KVN, where ATTITUDE_TYPE names them.
+    """
+
+    version: str
+    metadata: Mapping[str, str]
+    rows: tuple[tuple[str, ...], ...]
+    lines: tuple[int, ...] = ()
+    names: tuple[str, ...] = ()
+
+
+def segment_table(segment: AemSegment, label: str) -> RawTable:
+    """The table of a segment, with what the segment says of its numbers.
+
+    Parameters
+    ----------
+    segment : AemSegment
+        The segment.
+    label : str
+        The file, as messages name it.
+
+    Returns
+    -------
+    RawTable
+        With `time_names`, `time_kind` and `attitude`.
+
+    Raises
+    ------
+    CampaignError
+        If its conventions are incomplete, contradictory or not of use here.
+    """
+    _check_keywords(segment, label)
+    names = segment.names or _names_of_type(segment, label)
+    if not segment.rows:
+        raise CampaignError("a segment has no attitudes", where=label, advice="export it again")
+    for index, row in enumerate(segment.rows):
+        if len(row) != len(names) + 1:
+            where = f"line {segment.lines[index]}" if segment.lines else f"attitude {index + 1}"
+            raise CampaignError(
+                f"{len(row) - 1} numbers, but {_type(segment)} has {len(names)}",
+                where=f"{label}, {where}",
+                advice="mend or remove the line",
+            )
+    cells = list(zip(*segment.rows, strict=True))
+    columns = {EPOCH: RawColumn(np.array(cells[0], dtype=np.dtypes.StringDType()))}
+    for name, values in zip(names, cells[1:], strict=True):
+        columns[name] = text_column(values, ".", _unit_of(name))
+    attitude, notes = _attitude(segment, names, label)
+    return RawTable(
+        label,
+        columns,
+        np.array(segment.lines, dtype=int) if segment.lines else None,
+        (EPOCH,),
+        _time_kind(segment, label),
+        attitude,
+        notes,
+    )
+
+
+def joined_segments(tables: Sequence[RawTable]) -> RawTable:
+    """Segments with the same conventions as one table.
+
+    Parameters
+    ----------
+    tables : sequence of RawTable
+        One for each segment.
+
+    Returns
+    -------
+    RawTable
+        All their rows.
+
+    Raises
+    ------
+    CampaignError
+        If their conventions differ.
+    """
+    first = tables[0]
+    for number, table in enumerate(tables[1:], start=2):
+        same = (table.attitude, table.time_kind, list(table.columns)) == (
+            first.attitude,
+            first.time_kind,
+            list(first.columns),
+        )
+        if not same:
+            raise CampaignError(
+                f"segments 1 and {number} have different frames, time systems or types",
+                where=first.label,
+                advice='name one segment as the table, such as "segment 1"',
+            )
+    columns = {
+        name: RawColumn(
+            np.concatenate([table.columns[name].values for table in tables]),
+            first.columns[name].unit,
+        )
+        for name in first.columns
+    }
+    known = [table.lines for table in tables if table.lines is not None]
+    lines = np.concatenate(known) if len(known) == len(tables) else None
+    return RawTable(
+        first.label,
+        columns,
+        lines,
+        first.time_names,
+        first.time_kind,
+        first.attitude,
+        tuple(dict.fromkeys(note for table in tables for note in table.notes)),
+    )
+
+
+def _check_keywords(segment: AemSegment, label: str) -> None:
+    if segment.version not in ("1.0", "2.0"):
+        raise CampaignError(
+            f"version {segment.version!r} of the AEM is not known",
+            where=label,
+            advice="export version 1.0 or 2.0",
+        )
+    needed = ["REF_FRAME_A", "REF_FRAME_B", "TIME_SYSTEM", "ATTITUDE_TYPE"]
+    needed += ["ATTITUDE_DIR"] if segment.version == "1.0" else []
+    for key in needed:
+        if not segment.metadata.get(key):
+            raise CampaignError(
+                f"the metadata lack {key}", where=label, advice=f"add the line {key} = ..."
+            )
+    for key in segment.metadata:
+        if key not in _WITH_MEANING and key not in _WITHOUT_MEANING:
+            raise CampaignError(
+                f"the keyword {key} is not one of an AEM, and could change what the numbers mean",
+                where=label,
+                advice="remove the line if it does not",
+            )
+
+
+def _type(segment: AemSegment) -> str:
+    return segment.metadata["ATTITUDE_TYPE"].upper().replace(" ", "_")
+
+
+def _names_of_type(segment: AemSegment, label: str) -> tuple[str, ...]:
+    """Names of the columns in the order of the data lines."""
+    old = segment.version == "1.0"
+    first = _scalar(segment) == "first"
+    quaternion = (_QUATERNION[3], *_QUATERNION[:3]) if first else _QUATERNION
+    angles = ("X_ANGLE", "Y_ANGLE", "Z_ANGLE") if old else ("ANGLE_1", "ANGLE_2", "ANGLE_3")
+    rates = ("X_RATE", "Y_RATE", "Z_RATE") if old else _RATES
+    dots = tuple(f"{name}_DOT" for name in quaternion)
+    angle_dots = tuple(f"{name}_DOT" for name in angles)
+    names: Mapping[str, tuple[str, ...]] = {
+        "QUATERNION": quaternion,
+        "QUATERNION/DERIVATIVE": (*quaternion, *dots),
+        "QUATERNION/RATE": (*quaternion, *rates),
+        "QUATERNION/ANGVEL": (*quaternion, *rates),
+        "EULER_ANGLE": angles,
+        "EULER_ANGLE/RATE": (*angles, *rates),
+        "EULER_ANGLE/DERIVATIVE": (*angles, *angle_dots),
+        "EULER_ANGLE/ANGVEL": (*angles, *rates),
+    }
+    if _type(segment) not in names:
+        raise CampaignError(
+            f"ATTITUDE_TYPE = {segment.metadata['ATTITUDE_TYPE']} is not read",
+            where=label,
+            advice=f"export one of {', '.join(names)}; a spin axis alone is no attitude",
+        )
+    return names[_type(segment)]
+
+
+def _unit_of(name: str) -> str:
+    if name in _QUATERNION:
+        return ""
+    if "ANGLE" in name and not name.endswith("_DOT"):
+        return "deg"
+    return "1/s" if name.startswith("Q") else "deg/s"
+
+
+def _scalar(segment: AemSegment) -> str:
+    """Where the scalar stands: "first", "last", or "" where the file does not say."""
+    stated = segment.metadata.get("QUATERNION_TYPE", "").lower()
+    if stated in ("first", "last"):
+        return stated
+    return "last" if segment.version == "2.0" and not stated else ""
+
+
+def _attitude(
+    segment: AemSegment, names: Sequence[str], label: str
+) -> tuple[StatedAttitude | None, tuple[str, ...]]:
+    """What the segment says of its attitudes, and what a user should know of it."""
+    meta = segment.metadata
+    notes = [
+        f"angular velocities are in the frame {meta[key]}"
+        for key in ("ANGVEL_FRAME", "RATE_FRAME")
+        if meta.get(key)
+    ]
+    if segment.version == "2.0":
+        notes += [
+            f"a file of version 2.0 that says {key} = {meta[key]}, as version 1.0 does: believed"
+            for key in ("ATTITUDE_DIR", "QUATERNION_TYPE")
+            if meta.get(key)
+        ]
+    frames = _frames(segment, label)
+    if _type(segment).startswith("EULER"):
+        angles, sequence = _angles(segment, names, label)
+        return StatedAttitude(angles, "", *frames, sequence, "deg"), tuple(notes)
+    if not set(_QUATERNION) <= set(names):
+        raise CampaignError(
+            "the attitudes are no quaternions although ATTITUDE_TYPE says so",
+            where=label,
+            advice="export the message again",
+        )
+    if meta.get("QUATERNION_TYPE", "last").lower() not in ("first", "last"):
+        raise CampaignError(
+            f"QUATERNION_TYPE = {meta['QUATERNION_TYPE']} is neither FIRST nor LAST",
+            where=label,
+            advice="write where the scalar QC stands",
+        )
+    if segment.names:  # XML names each component.
+        return StatedAttitude(_QUATERNION, "last", *frames), tuple(notes)
+    if not _scalar(segment):
+        raise CampaignError(
+            "the metadata lack QUATERNION_TYPE, so nothing says where the scalar stands",
+            where=label,
+            advice="add QUATERNION_TYPE = FIRST or LAST to the metadata",
+        )
+    return StatedAttitude(_QUATERNION, "last", *frames), tuple(notes)
+
+
+def _frames(segment: AemSegment, label: str) -> tuple[str, str]:
+    """Where the rotation starts and ends."""
+    meta = segment.metadata
+    start, end = meta["REF_FRAME_A"], meta["REF_FRAME_B"]
+    direction = meta.get("ATTITUDE_DIR", "A2B").upper()
+    if direction not in ("A2B", "B2A"):
+        raise CampaignError(
+            f"ATTITUDE_DIR = {meta['ATTITUDE_DIR']} is neither A2B nor B2A",
+            where=label,
+            advice="write the direction of the rotation",
+        )
+    return (start, end) if direction == "A2B" else (end, start)
+
+
+def _angles(segment: AemSegment, names: Sequence[str], label: str) -> tuple[tuple[str, ...], str]:
+    """Columns of the angles in the order of the rotations, and the axes of these."""
+    stated = segment.metadata.get("EULER_ROT_SEQ", "").upper().strip("'\"")
+    letters = [_AXES.get(letter, "") for letter in stated]
+    if len(letters) != 3 or not all(letters) or letters[1] in (letters[0], letters[2]):
+        raise CampaignError(
+            f"EULER_ROT_SEQ = {stated or 'nothing'} names no three rotations",
+            where=label,
+            advice="write three axes such as ZYX, the first rotation first",
+        )
+    sequence = "".join(letters)
+    in_order = ("ANGLE_1", "ANGLE_2", "ANGLE_3")
+    if set(in_order) <= set(names):
+        return in_order, sequence
+    by_axis = tuple(f"{letter}_ANGLE" for letter in letters)
+    if len(set(letters)) < 3 or not set(by_axis) <= set(names):
+        raise CampaignError(
+            f"angles about X, Y and Z cannot be those of the sequence {sequence}",
+            where=label,
+            advice="export quaternions, or version 2.0, whose angles stand in the order of the "
+            "rotations",
+        )
+    return by_axis, sequence
+
+
+def _time_kind(segment: AemSegment, label: str) -> str:
+    system = segment.metadata["TIME_SYSTEM"].upper()
+    if system not in _TIME_SYSTEMS:
+        raise CampaignError(
+            f"TIME_SYSTEM = {system} cannot be put beside other clocks",
+            where=label,
+            advice=f"export one of {', '.join(_TIME_SYSTEMS)}",
+        )
+    return _TIME_SYSTEMS[system]
