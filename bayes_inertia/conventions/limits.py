@@ -1,0 +1,85 @@
+"""Every threshold of the conventions check, with the reason for its size.
+
+None is tuned to a campaign: they follow from what the effects of the library do (`physics.effects`
+states its priors as fractions of the motion) and from how far apart two conventions lie. A wrong
+unit, sign or order leaves 100 % or 200 % of the motion unexplained; a physical effect leaves a few
+per cent. The limits stand between, nearer to the wrong convention.
+"""
+
+from __future__ import annotations
+
+PHYSICAL_SHARE = 0.10
+"""Share of the motion that physics which nobody told may leave unexplained, one sd.
+
+The library's disturbance torques have a prior sd of 3 % of J w / T, friction 10 %, an oscillating
+mode 1 %, misalignments 0.3 %, gains 3 %: 10 % is three of the usual sds.
+"""
+
+IDLE_SHARE = 0.03
+"""Share of the campaign's largest motion that disturbs a slew or a wheel that hardly moves."""
+
+FRAME_SHARE = 0.01
+"""Relative error of angles that no parameter here explains: coning, nonlinearity, delays."""
+
+INERTIA_SD = 0.20
+"""Sd of the logarithm of the stated moments of inertia, at least: 30 % wrong is 1.8 sds, a factor of
+100 is 23."""
+
+SCALE_SD = 0.05
+"""Sd of K, at least: 5 % is an ordinary rate sensor, a wrong unit 19 sds and more."""
+
+MISALIGNMENT_SD = 0.05
+"""Sd of the misalignment of a sensor's axes [rad]: degrees are physical, 90 degrees never."""
+
+TORQUE_SHARE = 0.10
+"""Sd of a constant body torque, as a share of the motion's momentum over the slew's duration."""
+
+UNSEEN_FRICTION_SHARE = 0.30
+"""The same where no tachometer sees what friction takes from the wheels."""
+
+BIAS_SHARE = 0.02
+"""Sd of a rate bias as a share of the campaign's rms rate, at least: a stale bias is physical."""
+
+GAIN_SD = 0.10
+"""Sd of a wheel's torque gain: three times the library's."""
+
+IMPOSSIBLE = 4.0
+"""Misfit [sd] above which stated conventions are impossible.
+
+40 % of a slew's motion stays unexplained after J, K, misalignment, bias and torques have had their
+say. A flipped sign leaves 20 sds, a swapped pair 14, a wrong unit 10.
+"""
+
+ORDINARY = 2.0
+"""Misfit [sd] below which conventions agree with the data: 20 % of a slew's motion."""
+
+IMPROVEMENT = 3.0
+"""A change must bring the misfit down by this factor at least to be proposed."""
+
+HOPELESS = 8.0
+"""Misfit [sd] above which data are called impossible although no change mends them.
+
+A body whose inertia is stated 2.2 times too large or small comes to this, and so does a torque as
+large as the wheels' that the telemetry does not tell.
+"""
+
+EQUAL_FACTOR, EQUAL_MISFIT = 2.0, 0.15
+"""Two changes mend alike if their misfits differ by less than the factor, or than this many sds.
+
+0.15 sd is 1.5 % of the motion, less than what undisclosed physics may hide.
+"""
+
+LATE_SHARE = 1.0 / 1000.0
+"""Prior sd of a sensor's lateness in the library, as a share of the slew's duration."""
+
+LATE_SDS = 5.0
+"""Lateness beyond this many sds of the library's prior is a wrong clock, no exposure time."""
+
+NOISE_RATIO = 2.0
+"""Noise seen in smooth rows that differs from the stated one by this factor is reported."""
+
+GRID_INTERVALS = 64
+"""Moments at which a slew is looked at: rotations between them stay well below a radian."""
+
+FIXES_PER_SLEW = 32
+"""Star-tracker fixes of a slew that are looked at."""

@@ -1,0 +1,70 @@
+"""How telemetry is read under stated or supposed conventions: a few small matrices.
+
+Every convention acts linearly on what was read: units are factors, orders permutations, signs
+signs, frames rotations. So a wrong convention is undone without reading the files again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_inertia.campaign.campaign import Campaign
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """What turns telemetry, as the campaign states it, into physics.
+
+    Parameters
+    ----------
+    rate : (3, 3) array
+        From the sensor's readings to the body's rate.
+    time : float
+        Factor on time.
+    attitude : (4, 4) array
+        From the quaternion as stated to body from inertial, scalar last.
+    torque, momentum : (wheels, wheels) array
+        From the columns to the torque and momentum of each wheel.
+    axes_B : (3, wheels) array
+        Spin axes of the wheels, as columns.
+    inertia : (3, 3) array
+        Inertia with locked wheels [kg m^2].
+    """
+
+    rate: np.ndarray
+    time: float
+    attitude: np.ndarray
+    torque: np.ndarray
+    momentum: np.ndarray
+    axes_B: np.ndarray
+    inertia: np.ndarray
+
+
+def stated_reading(campaign: Campaign) -> Reading:
+    """The reading that a campaign's own description states.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        The campaign, in SI units and with the package's senses.
+
+    Returns
+    -------
+    Reading
+        The scale factors and axes of its hardware; no other change.
+    """
+    sensor, axes_B = campaign.rate_sensor, campaign.wheel_axes_B
+    same = np.eye(len(campaign.wheels))
+    spin = (axes_B * campaign.spin_inertias) @ axes_B.T
+    prior = campaign.inertia
+    return Reading(
+        rate=np.linalg.inv(sensor.axes) @ np.diag(sensor.scale_factor),
+        time=1.0,
+        attitude=np.eye(4),
+        torque=same,
+        momentum=same,
+        axes_B=axes_B,
+        inertia=prior.tensor + (0.0 if prior.includes_wheel_spin else 1.0) * spin,
+    )

@@ -1,0 +1,137 @@
+"""Which mistake, undone, makes the data consistent: single ones first, then pairs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayes_inertia.conventions import limits
+from bayes_inertia.conventions.hypothesis import Mistake, both
+from bayes_inertia.conventions.linear_fit import LinearFit
+from bayes_inertia.conventions.misfits import Misfits
+from bayes_inertia.conventions.mounting import turned_sensor
+from bayes_inertia.conventions.reading import Reading
+
+# Mistakes that are tried in pairs with all others: the common ones.
+_COMMON = 2
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """A mistake whose mending makes the data consistent.
+
+    Parameters
+    ----------
+    mistake : Mistake
+        What to mend.
+    before, after : float
+        Worst misfit of the laws that it concerns, as stated and mended [sd].
+    """
+
+    mistake: Mistake
+    before: float
+    after: float
+
+
+def worst(fits: dict[str, LinearFit]) -> float:
+    """The worst misfit of all laws.
+
+    Parameters
+    ----------
+    fits : dict of str to LinearFit
+        By law.
+
+    Returns
+    -------
+    float
+        In standard deviations; 0 without any law.
+    """
+    return max((fit.worst for fit in fits.values()), default=0.0)
+
+
+def remedies(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> list[Remedy]:
+    """What makes inconsistent data consistent, the best first, with what the data hold equal to it.
+
+    Parameters
+    ----------
+    misfits : Misfits
+        The telemetry and its laws.
+    stated : Reading
+        Conventions as stated.
+    singles : sequence of Mistake
+        The mistakes to try.
+
+    Returns
+    -------
+    list of Remedy
+        None if nothing helps; pairs only where no single mistake explains the data.
+    """
+    before = worst(misfits.of(stated))
+    tried = [*singles, *turned_sensor(misfits, stated)]
+    alone = _ranked(misfits, stated, before, tried)
+    if alone:
+        return alone
+    return _ranked(misfits, stated, before, _pairs(misfits, stated, singles))
+
+
+def _ranked(
+    misfits: Misfits, stated: Reading, before: float, tried: Sequence[Mistake]
+) -> list[Remedy]:
+    """Those that mend, cut to the best and its equals, the most common mistake first."""
+    mending = []
+    for mistake in tried:
+        after = worst(misfits.of(mistake.mend(stated)))
+        if after < limits.ORDINARY and after * limits.IMPROVEMENT < before:
+            mending.append(Remedy(mistake, before, after))
+    if not mending:
+        return []
+    best = min(remedy.after for remedy in mending)
+    alike = limits.EQUAL_FACTOR * best + limits.EQUAL_MISFIT
+    equals = [remedy for remedy in mending if remedy.after <= alike]
+    return sorted(equals, key=lambda remedy: (remedy.mistake.rarity, remedy.after))
+
+
+def _pairs(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> list[Mistake]:
+    """Pairs of mistakes in different keys that may mend: each must mend a law, or be common."""
+    broken = _broken(misfits.of(stated))
+    helpful, common = [], []
+    for mistake in singles:
+        left = _broken(misfits.of(mistake.mend(stated)))
+        if left < broken:
+            helpful.append(mistake)
+        elif mistake.rarity < _COMMON:
+            common.append(mistake)
+    pairs = [both(a, b) for a in helpful for b in singles if _differ(a, b)]
+    if not any(worst(misfits.of(p.mend(stated))) < limits.ORDINARY for p in pairs):
+        pairs += [both(a, b) for i, a in enumerate(common) for b in common[:i] if _differ(a, b)]
+        for a in common:
+            turned = a.mend(stated)
+            pairs += [both(a, b) for b in turned_sensor(misfits, turned)]
+    return pairs
+
+
+def _broken(fits: dict[str, LinearFit]) -> frozenset[str]:
+    return frozenset(law for law, fit in fits.items() if fit.worst > limits.ORDINARY)
+
+
+def _differ(first: Mistake, second: Mistake) -> bool:
+    keys = {change.key for change in first.changes}
+    return not keys & {change.key for change in second.changes}
+
+
+def misfit_of(fits: dict[str, LinearFit]) -> dict[str, float]:
+    """The misfit of each law [sd].
+
+    Parameters
+    ----------
+    fits : dict of str to LinearFit
+        By law.
+
+    Returns
+    -------
+    dict of str to float
+        By law.
+    """
+    return {law: float(np.round(fit.worst, 3)) for law, fit in fits.items()}
