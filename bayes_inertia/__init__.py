@@ -40,6 +40,10 @@ _PUBLIC = {
     "Wheel": "campaign.hardware",
     "read_campaign": "campaign.reader",
     "write_campaign": "campaign.writer",
+    # Conventions held against physics, before any fit.
+    "ConventionChange": "conventions.check",
+    "ConventionsCheck": "conventions.check",
+    "check_conventions": "conventions.check",
     # The model: parameters, effects, simulated motion.
     "CheckedEffect": "physics.check_effect",
     "Drive": "physics.simulator",

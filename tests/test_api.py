@@ -22,6 +22,7 @@ import bayes_inertia as bi
 PUBLIC = set(
     """
     Campaign Dirt InertiaPrior RateSensor Slew StarTracker Wheel read_campaign write_campaign
+    ConventionChange ConventionsCheck check_conventions
     CheckedEffect Drive Effect LIBRARY LogNormal Model Normal Parameter ParameterSpace
     SlewContext State Trajectory check_effect scalar vector
     Controller Flight Mission Orbit Plan PlannedSlew Spacecraft fly most_like_prior

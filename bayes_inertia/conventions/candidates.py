@@ -293,9 +293,7 @@ def _momentum_sign(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
         words = "the wheel momentum has the other sign (it is the body's)"
         flipped = _axes_of_wheels(campaign, -campaign.wheel_axes_B, 3, words)
         torque = next(_sense_of_torque(columns))
-        yield Mistake(
-            flipped.changes + torque.changes, 3, _scaled("wheel_momentum", -1.0), words
-        )
+        yield Mistake(flipped.changes + torque.changes, 3, _scaled("wheel_momentum", -1.0), words)
 
 
 def _axes_of_wheels(campaign: Campaign, axes_B: np.ndarray, rarity: int, words: str) -> Mistake:

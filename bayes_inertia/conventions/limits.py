@@ -22,8 +22,10 @@ FRAME_SHARE = 0.01
 """Relative error of angles that no parameter here explains: coning, nonlinearity, delays."""
 
 INERTIA_SD = 0.20
-"""Sd of the logarithm of the stated moments of inertia, at least: 30 % wrong is 1.8 sds, a factor of
-100 is 23."""
+"""Sd of the logarithm of the stated moments of inertia, at least.
+
+30 % wrong is 1.8 sds, a factor of 100 is 23.
+"""
 
 SCALE_SD = 0.05
 """Sd of K, at least: 5 % is an ordinary rate sensor, a wrong unit 19 sds and more."""

@@ -96,9 +96,7 @@ class Misfits:
         source = h if self.slews.momentum is not None else u
         fits = {
             CLOSURE: self._once((CLOSURE, *rate, reading.attitude.tobytes()), reading, closure),
-            CONSERVATION: self._once(
-                (CONSERVATION, *rate, *wheels, source), reading, conservation
-            ),
+            CONSERVATION: self._once((CONSERVATION, *rate, *wheels, source), reading, conservation),
             DRIVE: self._once((DRIVE, reading.time, h, u), reading, drive),
         }
         return {law: fit for law, fit in fits.items() if fit is not None}

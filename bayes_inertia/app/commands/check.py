@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from rich.table import Table
 
-from bayes_inertia.app.commands.options import CampaignFolder
+from bayes_inertia.app.commands.options import Anyway, CampaignFolder
 from bayes_inertia.app.terminal import headed, plain_console
 
 if TYPE_CHECKING:
@@ -26,11 +26,14 @@ _COLUMNS = (
 )
 
 
-def check_command(campaign: CampaignFolder) -> None:
-    """Read a campaign, check it, and say what it contains."""
+def check_command(campaign: CampaignFolder, anyway: Anyway = False) -> None:
+    """Read a campaign, check it and its conventions, and say what it contains."""
     from bayes_inertia.campaign.reader import read_campaign
+    from bayes_inertia.conventions.check import refuse_impossible
 
     show_campaign(read_campaign(campaign))
+    if not anyway:
+        refuse_impossible(campaign)
 
 
 def show_campaign(campaign: Campaign) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bayes_inertia.app.commands.options import (
+    Anyway,
     CampaignFolder,
     DriveName,
     OutputFolder,
@@ -17,12 +18,19 @@ def diagnose_command(
     drive: DriveName = None,
     seed: Seed = 0,
     report: WithReport = True,
+    anyway: Anyway = False,
 ) -> None:
     """Find which physical effect is missing, and fit it along.
 
     Writes diagnosis.json, then what `fit` writes.
     """
     from dataclasses import replace
+
+    from bayes_inertia.conventions.check import refuse_impossible
+
+    # Before anything heavy is loaded: seconds against minutes.
+    if not anyway:
+        refuse_impossible(campaign)
 
     from bayes_inertia.app import run_folder
     from bayes_inertia.app.commands.run_result import finish_and_show

@@ -1,49 +1,66 @@
-"""`doctor`: what this installation consists of, and whether it works."""
+"""`doctor`: is this installation sound; and are a campaign's conventions those of its data?"""
 
 from __future__ import annotations
 
-from importlib import metadata
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-import numpy as np
-from rich.table import Table
+import typer
 
-from bayes_inertia.app.terminal import plain_console
+from bayes_inertia.app.terminal import headed, plain_console
 
-_PACKAGES = ("bayes-inertia", "numpy", "scipy", "jax", "emcee", "arviz", "xarray", "matplotlib")
-# Relative change of the energy of a free tumble over 100 s that the integrator may make.
-_ENERGY_DRIFT_ALLOWED = 1e-9
+if TYPE_CHECKING:
+    from bayes_inertia.conventions.check import ConventionsCheck
+
+_CampaignOrNone = Annotated[
+    Path | None,
+    typer.Argument(help="Campaign folder; without it the installation is looked at."),
+]
+_AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
 
 
-def doctor_command() -> None:
-    """Say what this installation consists of, and whether it works."""
-    import jax
-    import jax.numpy as jnp
+def doctor_command(campaign: _CampaignOrNone = None, as_json: _AsJson = False) -> None:
+    """Hold a campaign's conventions against physics; without a campaign, check the installation.
 
-    from bayes_inertia.physics.effects import LIBRARY
+    Units, signs, orders, frames and clocks are those of the data, or the change that makes them so
+    is named. Nothing is changed. Exit code 2 if a convention is wrong.
+    """
+    if campaign is None:
+        if as_json:
+            raise typer.BadParameter("--json needs a CAMPAIGN")
+        from bayes_inertia.app.installation import show_installation
 
+        show_installation()
+        return
+    from bayes_inertia.conventions.check import check_conventions
+
+    check = check_conventions(campaign)
+    if as_json:
+        typer.echo(json.dumps(check.json(), indent=1, allow_nan=False))
+    else:
+        show_check(check)
+    if check.verdict == "wrong":
+        raise typer.Exit(2)
+
+
+def show_check(check: ConventionsCheck) -> None:
+    """Print a check for people.
+
+    Parameters
+    ----------
+    check : ConventionsCheck
+        What was found.
+    """
     console = plain_console()
-    table = Table("package", "version")
-    for name in _PACKAGES:
-        table.add_row(name, metadata.version(name))
-    console.print(table)
-    devices = ", ".join(str(device) for device in jax.devices())
-    console.print(f"computing on: {devices}; 64-bit: {jnp.zeros(1).dtype == jnp.float64}")
-    drift = _energy_drift()
-    passed = "passed" if drift < _ENERGY_DRIFT_ALLOWED else "FAILED"
-    console.print(f"self-test: energy of a free tumble is constant to {drift:.1e} ({passed})")
-    console.print(f"effects: {', '.join(effect.name for effect in LIBRARY)}")
-
-
-def _energy_drift() -> float:
-    """Largest relative change of the energy of a body that tumbles freely for 100 s."""
-    import jax.numpy as jnp
-
-    from bayes_inertia.physics.simulator import simulate_slew
-    from bayes_inertia.physics.slew_input import Start, idle_slew
-
-    slew = idle_slew(np.arange(100.0))
-    start = Start(jnp.array([0.01, 0.02, 0.01]), jnp.array([0.0, 0.0, 0.0, 1.0]), jnp.zeros(0))
-    J = jnp.diag(jnp.array([3.0, 2.0, 2.0]))
-    rate = simulate_slew(slew, start, J)[0].rate_B
-    energy = jnp.einsum("ni,ij,nj->n", rate, J, rate)
-    return float(jnp.abs(energy / (rate[0] @ J @ rate[0]) - 1.0).max())
+    style = "bold red" if check.verdict == "wrong" else "bold"
+    console.print(headed(f"{check.campaign}: {check.verdict}", style=style))
+    console.print(check.sentence)
+    for title, lines in (
+        ("telemetry:", [dirt["note"] or dirt["kind"] for dirt in check.dirt]),
+        ("this campaign cannot show:", check.cannot_show),
+    ):
+        if lines:
+            console.print(title)
+            for line in lines:
+                console.print(f"  - {line}")

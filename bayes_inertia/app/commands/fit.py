@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bayes_inertia.app.commands.options import (
+    Anyway,
     CampaignFolder,
     DriveName,
     EffectNames,
@@ -20,11 +21,18 @@ def fit_command(
     drive: DriveName = None,
     seed: Seed = 0,
     report: WithReport = True,
+    anyway: Anyway = False,
 ) -> None:
     """Estimate J, K and active effects.
 
     Writes posterior.nc, summary.json and report.html.
     """
+    from bayes_inertia.conventions.check import refuse_impossible
+
+    # Before anything heavy is loaded: seconds against minutes.
+    if not anyway:
+        refuse_impossible(campaign)
+
     from bayes_inertia.app import run_folder
     from bayes_inertia.app.commands.run_result import finish_and_show
     from bayes_inertia.inference.sampler import Settings

@@ -19,6 +19,12 @@ DriveName = Annotated[
     typer.Option(help="Drive the model with torque commands or with tachometers."),
 ]
 WithReport = Annotated[bool, typer.Option(help="Also write report.html.")]
+Anyway = Annotated[
+    bool,
+    typer.Option(
+        "--anyway", help="Go on although the data are impossible under the stated conventions."
+    ),
+]
 Jobs = Annotated[int, typer.Option(help="Processes.", min=1)]
 
 # The word that stands for a plan of the paper's five slews.

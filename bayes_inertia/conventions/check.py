@@ -1,0 +1,207 @@
+"""The whole check: a campaign as stated, what its data say of it, and which change mends it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.description import parse_description
+from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.campaign.schema import CampaignPart
+from bayes_inertia.conventions import limits, wording
+from bayes_inertia.conventions.candidates import mistakes
+from bayes_inertia.conventions.dirt_at_rest import dirt_of
+from bayes_inertia.conventions.invisible import invisible
+from bayes_inertia.conventions.misfits import Misfits
+from bayes_inertia.conventions.reading import stated_reading
+from bayes_inertia.conventions.sampled_slews import sampled
+from bayes_inertia.conventions.search import Remedy, misfit_of, remedies, worst
+from bayes_inertia.conventions.stated import stated_columns
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.files import description_path, read_bytes, text_of
+from bayes_inertia.maths.values import json_ready
+
+FORMAT = "bayes-inertia-doctor/1"
+
+
+@dataclass(frozen=True)
+class ConventionChange:
+    """One key of campaign.toml that should be changed, or might be.
+
+    Parameters
+    ----------
+    key : str
+        Path of the key, such as "columns.rate.unit" or "wheels.x.axis".
+    stated, mended : object
+        Its value as written, and the value that it should have.
+    sigma_before, sigma_after : float
+        Worst misfit of all laws, as stated and with the whole proposal [sd].
+    proposal : int
+        Changes with the same number belong together; 1 is proposed, the data hold the others equal.
+    words : str
+        What the proposal means, as the end of a sentence that begins with "It looks as if".
+    """
+
+    key: str
+    stated: Any
+    mended: Any
+    sigma_before: float
+    sigma_after: float
+    proposal: int
+    words: str
+
+
+@dataclass(frozen=True)
+class ConventionsCheck:
+    """Whether a campaign's conventions are those of its data.
+
+    Parameters
+    ----------
+    campaign : str
+        Name of the campaign.
+    verdict : {"consistent", "wrong"}
+        Whether the data are possible under the stated conventions.
+    sentence : str
+        The verdict in words.
+    misfits : dict of str to float
+        Misfit of each law that the telemetry could be held against, in standard deviations of what
+        noise and undisclosed physics may leave.
+    changes : tuple of ConventionChange
+        What makes the data consistent, the proposal first.
+    edits : tuple of str
+        The lines of campaign.toml that the proposal changes, as "line 12: old -> new".
+    cannot_show : tuple of str
+        Conventions that this telemetry says nothing about.
+    dirt : tuple of dict
+        Faults of the telemetry, as `Dirt.json` writes them.
+    """
+
+    campaign: str
+    verdict: Literal["consistent", "wrong"]
+    sentence: str
+    misfits: dict[str, float]
+    changes: tuple[ConventionChange, ...] = ()
+    edits: tuple[str, ...] = ()
+    cannot_show: tuple[str, ...] = ()
+    dirt: tuple[dict[str, Any], ...] = ()
+
+    def json(self) -> dict[str, Any]:
+        """The check as `doctor CAMPAIGN --json` prints it.
+
+        Returns
+        -------
+        dict
+            With the keys format, verdict, changes, cannot_show, dirt, and more.
+        """
+        content = asdict(self)
+        for change in content["changes"]:
+            change["from"], change["to"] = change.pop("stated"), change.pop("mended")
+        return json_ready({"format": FORMAT, **content})
+
+
+def check_conventions(campaign: Campaign | str | Path, *, quick: bool = False) -> ConventionsCheck:
+    """Hold a campaign's conventions against physics, before any fit.
+
+    Closure of rotation, conservation of momentum and the drive of the wheels are laws that data
+    obey whatever J and K are. Where they are grossly broken, every mistake in units, signs, orders
+    and frames is undone in turn; the one that mends all laws is proposed. Nothing is changed.
+
+    Parameters
+    ----------
+    campaign : Campaign, str or Path
+        A campaign, or its folder.
+    quick : bool, optional
+        Whether to leave out what does not bear on the verdict: what the data cannot show, and dirt.
+
+    Returns
+    -------
+    ConventionsCheck
+        The verdict and what it rests on.
+
+    Raises
+    ------
+    CampaignError
+        If the folder cannot be read.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> check_conventions(small_campaign()).verdict
+    'consistent'
+    """
+    if isinstance(campaign, Campaign):
+        return _checked(campaign, None, "", quick)
+    path = description_path(campaign)
+    text = text_of(read_bytes(path), str(path))
+    description = parse_description(text, str(path))
+    return _checked(read_campaign(campaign), description, text, quick)
+
+
+def refuse_impossible(campaign: Campaign | str | Path) -> None:
+    """Raise an error if data are impossible under the stated conventions; quick where they are not.
+
+    Parameters
+    ----------
+    campaign : Campaign, str or Path
+        A campaign, or its folder.
+
+    Raises
+    ------
+    CampaignError
+        That says which change of convention makes the data consistent.
+    """
+    check = check_conventions(campaign, quick=True)
+    if check.verdict == "wrong":
+        where = "" if isinstance(campaign, Campaign) else str(description_path(campaign))
+        raise CampaignError(
+            check.sentence,
+            where=where,
+            advice="`bayes-inertia doctor CAMPAIGN` says more; --anyway goes on nevertheless",
+        )
+
+
+def _checked(
+    campaign: Campaign, description: CampaignPart | None, text: str, quick: bool
+) -> ConventionsCheck:
+    columns = stated_columns(campaign, description)
+    slews = sampled(campaign)
+    if slews is None:
+        nothing = wording.verdict_in_words({}, (), "consistent", ())
+        return ConventionsCheck(campaign.name, "consistent", nothing, {})
+    misfits, stated = Misfits(campaign, slews), stated_reading(campaign)
+    singles = mistakes(campaign, columns)
+    before = worst(misfits.of(stated))
+    mending = remedies(misfits, stated, singles) if before > limits.IMPOSSIBLE else []
+    wrong = bool(mending) or before > limits.HOPELESS
+    verdict: Literal["consistent", "wrong"] = "wrong" if wrong else "consistent"
+    edits = wording.edited_lines(text, mending[0].mistake) if mending else ()
+    by_law = misfit_of(misfits.of(stated))
+    return ConventionsCheck(
+        campaign=campaign.name,
+        verdict=verdict,
+        sentence=wording.verdict_in_words(by_law, mending, verdict, edits),
+        misfits=by_law,
+        changes=_changes(mending),
+        edits=tuple(edits),
+        cannot_show=() if quick or wrong else invisible(misfits, stated, singles),
+        dirt=() if quick else dirt_of(campaign),
+    )
+
+
+def _changes(mending: Sequence[Remedy]) -> tuple[ConventionChange, ...]:
+    return tuple(
+        ConventionChange(
+            change.key,
+            change.stated,
+            change.mended,
+            remedy.before,
+            remedy.after,
+            number,
+            remedy.mistake.words,
+        )
+        for number, remedy in enumerate(mending, 1)
+        for change in remedy.mistake.changes
+    )

@@ -1,0 +1,111 @@
+"""What the check says: the verdict, the proposal, and the lines of campaign.toml it changes."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from bayes_inertia.conventions.hypothesis import Mistake
+from bayes_inertia.conventions.search import Remedy
+
+_LAWS = {
+    "closure": "the integrated rate against the star tracker",
+    "conservation": "conservation of momentum",
+    "drive": "the commanded torque against the tachometers",
+}
+
+
+def verdict_in_words(
+    misfits: Mapping[str, float],
+    remedies: Sequence[Remedy],
+    verdict: str,
+    edits: Sequence[str],
+) -> str:
+    """The verdict in a few short sentences.
+
+    Parameters
+    ----------
+    misfits : mapping of str to float
+        By law [sd].
+    remedies : sequence of Remedy
+        The best first.
+    verdict : str
+        "consistent" or "wrong".
+    edits : sequence of str
+        The lines that the proposal changes.
+
+    Returns
+    -------
+    str
+        Words.
+    """
+    if not misfits:
+        return "the telemetry holds nothing that the conventions could be checked against"
+    if verdict == "consistent":
+        largest = max(misfits.values())
+        return f"the conventions agree with the data (largest misfit {largest:.2g} sd)"
+    broken = max(misfits, key=lambda law: misfits[law])
+    impossible = (
+        f"the data are impossible under the stated conventions: {_LAWS[broken]} fails by "
+        f"{misfits[broken]:.3g} sd"
+    )
+    if not remedies:
+        return (
+            f"{impossible}. No single change of a unit, sign, order or frame mends it, and no pair "
+            "that was tried: look for a torque that the telemetry does not tell, or a wrong inertia"
+        )
+    best = remedies[0]
+    what = {1: "One change mends it", 2: "Two changes together mend it"}.get(
+        len(best.mistake.changes), "These changes together mend it"
+    )
+    lines = "; ".join(edits) or "; ".join(_change_in_words(best.mistake))
+    said = f"{impossible}. {what} ({best.before:.3g} -> {best.after:.2g} sd): {lines}"
+    said += f". It looks as if {best.mistake.words}"
+    if len(remedies) > 1:
+        others = " or ".join(remedy.mistake.words for remedy in remedies[1:4])
+        said += f"; the data would be as content if {others}"
+    return said
+
+
+def _change_in_words(mistake: Mistake) -> list[str]:
+    return [f"{c.key} from {c.stated!r} to {c.mended!r}" for c in mistake.changes]
+
+
+def edited_lines(text: str, mistake: Mistake) -> list[str]:
+    """The lines of campaign.toml that a mistake's mending changes.
+
+    Parameters
+    ----------
+    text : str
+        Content of campaign.toml; may be empty.
+    mistake : Mistake
+        What to mend.
+
+    Returns
+    -------
+    list of str
+        Such as 'line 46: a = 1 -> a = 2'; empty without text.
+    """
+    if not text:
+        return []
+    import tomlkit
+
+    document: Any = tomlkit.parse(text)
+    for change in mistake.changes:
+        *path, last = change.key.split(".")
+        part: Any = document
+        for key in path:
+            if isinstance(part, list):
+                part = next(entry for entry in part if entry["name"] == key)
+            else:
+                part = part[key]
+        part[last] = change.mended
+    old, new = text.splitlines(), tomlkit.dumps(document).splitlines()
+    said = []
+    for tag, a, b, c, d in difflib.SequenceMatcher(None, old, new, autojunk=False).get_opcodes():
+        if tag != "equal":
+            before = " / ".join(line.strip() for line in old[a:b]) or "(nothing)"
+            after = " / ".join(line.strip() for line in new[c:d])
+            said.append(f"line {a + 1}: {before} -> {after}")
+    return said

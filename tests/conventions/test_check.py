@@ -1,0 +1,108 @@
+"""Wrong conventions are named, one by one; right ones are left alone, whatever physics hides."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+import bayes_inertia
+from bayes_inertia.app.cli import main
+from bayes_inertia.conventions.check import check_conventions
+from tests.support.wrong_conventions import value_of, with_keys
+
+EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
+DATA = Path(__file__).parent.parent / "data"
+RIGHT = {"example": EXAMPLE, "lag": DATA / "hidden_lag", "dipole": DATA / "hidden_dipole"}
+X, Y = "wheels.wheel_x.axis", "wheels.wheel_y.axis"
+WRONG = {
+    "quaternion order": {"columns.attitude.scalar": "first"},
+    "quaternion direction": {"columns.attitude.maps": "body_to_inertial"},
+    "rate unit": {"columns.rate.unit": "deg/s"},
+    "torque sign": {"columns.wheel_torque.acts_on": "body"},
+    "wheel axis": {Y: [0.0, -1.0, 0.0]},
+    "gyro axes": {"columns.rate.names": ["wy_radps", "wx_radps", "wz_radps"]},
+    "wheel axes": {X: [0.0, 1.0, 0.0], Y: [1.0, 0.0, 0.0]},
+    "wheel columns": {"columns.wheel_torque.names": ["u1_Nm", "u3_Nm", "u2_Nm"]},
+    "time unit": {"columns.time.unit": "ms"},
+    "torque unit": {"columns.wheel_torque.unit": "mN m"},
+    "momentum unit": {"columns.wheel_momentum.unit": "mN m s"},
+    "both units": {
+        "columns.wheel_torque.unit": "mN m",
+        "columns.wheel_momentum.unit": "mN m s",
+    },
+    "rate frame": {"rate_sensor.axes": [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]},
+    "inertia unit": {
+        "inertia.tensor": [[32357.0, -122.0, 26.0], [-122.0, 21613.0, 158.0], [26.0, 158.0, 18705]]
+    },
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_the_wrong_convention_is_named_first(name, tmp_path):
+    wrong = WRONG[name]
+    check = check_conventions(with_keys(EXAMPLE, tmp_path / "campaign", wrong))
+    assert check.verdict == "wrong"
+    proposed = [change for change in check.changes if change.proposal == 1]
+    assert {change.key: change.stated for change in proposed} == wrong
+    for change in proposed:
+        right = value_of(EXAMPLE, change.key)
+        assert change.mended == right or change.key == "inertia.tensor"
+        assert change.sigma_before > 4.0 > 4.0 * change.sigma_after
+    assert check.edits
+    assert all(edit in check.sentence for edit in check.edits)
+
+
+@pytest.mark.parametrize("name", RIGHT)
+def test_a_right_campaign_is_left_alone_whatever_physics_hides(name):
+    check = check_conventions(RIGHT[name])
+    assert check.verdict == "consistent"
+    assert max(check.misfits.values()) < 1.0
+    assert set(check.misfits) == {"closure", "conservation", "drive"}
+    assert any("common sign" in words for words in check.cannot_show)
+
+
+def test_a_pair_is_named_where_no_single_change_mends(tmp_path):
+    wrong = {"columns.attitude.maps": "body_to_inertial", "columns.wheel_torque.acts_on": "body"}
+    check = check_conventions(with_keys(EXAMPLE, tmp_path / "campaign", wrong))
+    assert {c.key: c.stated for c in check.changes if c.proposal == 1} == wrong
+
+
+def run(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as stop:
+        main([str(a) for a in arguments])
+    return stop.value.code
+
+
+def test_the_command_prints_one_document_and_ends_with_2(tmp_path, capsys):
+    folder = with_keys(EXAMPLE, tmp_path / "campaign", WRONG["torque sign"])
+    assert run("doctor", folder, "--json") == 2
+    document = json.loads(capsys.readouterr().out)
+    assert document["format"] == "bayes-inertia-doctor/1"
+    assert document["verdict"] == "wrong"
+    first = document["changes"][0]
+    assert (first["key"], first["from"], first["to"]) == (
+        "columns.wheel_torque.acts_on",
+        "body",
+        "wheel",
+    )
+    assert first["sigma_before"] > 10.0 > 1.0 > first["sigma_after"]
+    assert run("doctor", EXAMPLE, "--json") == 0
+    assert json.loads(capsys.readouterr().out)["changes"] == []
+
+
+@pytest.mark.parametrize("command", ["check", "fit", "diagnose"])
+def test_impossible_data_end_with_2_before_minutes_are_spent(command, tmp_path, capsys):
+    folder = with_keys(EXAMPLE, tmp_path / "campaign", WRONG["quaternion direction"])
+    out = tmp_path / "run"
+    assert run(command, folder, *(() if command == "check" else ("-o", out))) == 2
+    message = capsys.readouterr().err
+    assert message.count("\n") == 1
+    assert 'maps = "inertial_to_body"' in message
+    assert not out.exists()
+
+
+def test_check_goes_on_if_told_to(tmp_path):
+    folder = with_keys(EXAMPLE, tmp_path / "campaign", WRONG["torque sign"])
+    assert run("check", folder, "--anyway") == 0
