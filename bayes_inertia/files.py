@@ -6,7 +6,7 @@ import contextlib
 import os
 import reprlib
 import secrets
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path, PureWindowsPath
 
 from bayes_inertia.errors import CampaignError, OutputError
@@ -97,6 +97,62 @@ def _to_disk(path: Path) -> None:
         os.fsync(descriptor)
     finally:
         os.close(descriptor)
+
+
+def write_new_files(folder: str | Path, content: Mapping[str, bytes], *, holds: str) -> Path:
+    """Write files to a folder, of which none may replace another content.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Where to; made if absent. Identical files may be there already.
+    content : mapping of str to bytes
+        What each file holds, by name, in the order in which they are written.
+    holds : str
+        What the folder holds, as messages call it, such as "campaign".
+
+    Returns
+    -------
+    Path
+        The folder.
+
+    Raises
+    ------
+    OutputError
+        If a file of another content is in the way, or the system refuses.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as path:
+    ...     write_new_files(path, {"a.txt": b"1"}, holds="note")
+    ...     write_new_files(path, {"a.txt": b"2"}, holds="note")
+    Traceback (most recent call last):
+    bayes_inertia.errors.OutputError: ...a.txt: would overwrite another note; write to a new folder
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        present = {
+            name: (folder / name).read_bytes() for name in content if (folder / name).exists()
+        }
+    except OSError as error:
+        raise OutputError(
+            f"cannot be used ({error.strerror or error})",
+            where=str(folder),
+            advice="name a folder that can be made or written to",
+        ) from error
+    in_the_way = [name for name in content if name in present and present[name] != content[name]]
+    if in_the_way:
+        raise OutputError(
+            f"would overwrite another {holds}",
+            where=str(folder / in_the_way[0]),
+            advice="write to a new folder",
+        )
+    for name, data in content.items():
+        if name not in present:
+            write_atomically(folder / name, data)
+    return folder
 
 
 def check_folder(folder: str | Path) -> None:

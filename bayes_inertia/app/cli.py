@@ -18,6 +18,7 @@ from bayes_inertia.app.commands.design import design_command
 from bayes_inertia.app.commands.diagnose import diagnose_command
 from bayes_inertia.app.commands.doctor import doctor_command
 from bayes_inertia.app.commands.fit import fit_command
+from bayes_inertia.app.commands.import_raw import import_command
 from bayes_inertia.app.commands.observe import observe_command
 from bayes_inertia.app.commands.report import report_command
 from bayes_inertia.app.commands.resume import resume_command
@@ -27,6 +28,7 @@ from bayes_inertia.errors import BayesInertiaError
 from bayes_inertia.version import __version__
 
 COMMANDS: dict[str, Callable[..., None]] = {
+    "import": import_command,
     "check": check_command,
     "fit": fit_command,
     "diagnose": diagnose_command,

@@ -14,7 +14,7 @@ from bayes_inertia.campaign.hardware import Wheel
 from bayes_inertia.campaign.schema import FORMAT
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import OutputError
-from bayes_inertia.files import write_atomically
+from bayes_inertia.files import write_new_files
 
 # Slew field -> key of [columns], its unit and sense, and its columns (a text: one a wheel).
 _CHANNELS = {
@@ -62,30 +62,8 @@ def write_campaign(campaign: Campaign, folder: str | Path) -> Path:
         wheel has no number in a slew, or a vector of the environment lacks one (which cannot be
         read back).
     """
-    folder = Path(folder)
     content = {name: text.encode("utf-8") for name, text in _render(campaign).items()}
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        present = {
-            name: (folder / name).read_bytes() for name in content if (folder / name).exists()
-        }
-    except OSError as error:
-        raise OutputError(
-            f"cannot be used ({error.strerror or error})",
-            where=str(folder),
-            advice="name a folder that can be made or written to",
-        ) from error
-    in_the_way = [name for name in content if name in present and present[name] != content[name]]
-    if in_the_way:
-        raise OutputError(
-            "would overwrite another campaign",
-            where=str(folder / in_the_way[0]),
-            advice="write to a new folder",
-        )
-    for name, data in content.items():
-        if name not in present:
-            write_atomically(folder / name, data)
-    return folder
+    return write_new_files(folder, content, holds="campaign")
 
 
 def _render(campaign: Campaign) -> dict[str, str]:

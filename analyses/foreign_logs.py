@@ -1,0 +1,339 @@
+"""A campaign written as the raw logs of another mission, with the mapping that reads them.
+
+One log goes from the first slew to the last, with rest between them. The gyro writes deg/s against
+UTC, the wheels rpm and mN m against GPS seconds, the star tracker a CCSDS AEM 2.0 or a table of
+quaternions with the scalar first that map body to inertial. Commands and rates come at every row,
+the tachometers at every second, the star tracker at its fixes. Each clock is off by a time of its
+own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from bayes_inertia.campaign.campaign import Campaign
+
+FIRST_UTC = np.datetime64("2026-03-01T12:00:00", "ns")
+FIRST_GPS = 1456401618.0  # The same moment [s]; GPS is ahead of UTC by 18 s.
+RPM = 2.0 * np.pi / 60.0  # [rad/s]
+# True time minus stamp of each clock [s].
+GYRO_OFFSET, WHEEL_OFFSET, TRACKER_OFFSET = -0.125, 1.5, -0.75
+
+
+@dataclass(frozen=True)
+class ForeignLogs:
+    """Raw logs of a campaign.
+
+    Parameters
+    ----------
+    files : tuple of Path
+        The raw files.
+    mapping : Path
+        The mapping that reads them, with the slews stated.
+    mapping_to_cut : Path
+        The same without slews: the log is to be cut at its rests.
+    native : Campaign
+        The campaign with the readings that the logs hold.
+    """
+
+    files: tuple[Path, ...]
+    mapping: Path
+    mapping_to_cut: Path
+    native: Campaign
+
+
+def write_foreign_logs(
+    campaign: Campaign, folder: Path, *, tracker: str = "aem", seed: int = 1
+) -> ForeignLogs:
+    """Write a campaign as raw logs of another mission.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        With wheels, commands, tachometers and a star tracker.
+    folder : Path
+        Where to; made if absent.
+    tracker : {"aem", "csv"}, optional
+        How the star tracker's attitudes are written.
+    seed : int, optional
+        For the readings at rest between the slews.
+
+    Returns
+    -------
+    ForeignLogs
+        What was written.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    native = thinned(campaign)
+    rows = _continuous(native, np.random.default_rng(seed))
+    inertias = campaign.spin_inertias
+    files = [
+        _csv(
+            folder / "gyro.csv",
+            {"utc": _utc(rows["time"] - GYRO_OFFSET)}
+            | _named(("gx_dps", "gy_dps", "gz_dps"), np.degrees(rows["rate"])),
+        ),
+        _csv(
+            folder / "wheel_commands.csv",
+            {"gps_s": FIRST_GPS + rows["time"] - WHEEL_OFFSET}
+            | _named(_wheel_names(campaign, "cmd_{}"), -1e3 * rows["torque"]),
+        ),
+    ]
+    read = np.isfinite(rows["momentum"]).all(axis=1)
+    files.append(
+        _csv(
+            folder / "wheel_speeds.csv",
+            {"gps_s": FIRST_GPS + rows["time"][read] - WHEEL_OFFSET}
+            | _named(_wheel_names(campaign, "speed_{}"), rows["momentum"][read] / inertias / RPM),
+        )
+    )
+    fixed = np.isfinite(rows["attitude"]).all(axis=1)
+    stamps, fixes = _utc(rows["time"][fixed] - TRACKER_OFFSET), rows["attitude"][fixed]
+    files.append(
+        _aem(folder / "tracker.aem", stamps, fixes)
+        if tracker == "aem"
+        else _csv(
+            folder / "tracker.csv",
+            {"utc": stamps}
+            | _named(("qs", "qx", "qy", "qz"), (fixes * [-1.0, -1.0, -1.0, 1.0])[:, [3, 0, 1, 2]]),
+        )
+    )
+    mapping, to_cut = folder / "mapping.toml", folder / "mapping_to_cut.toml"
+    mapping.write_text(_mapping(campaign, tracker) + _slews(native), encoding="utf-8")
+    to_cut.write_text(
+        _mapping(campaign, tracker) + "\n[cut]\nbefore_s = 8.0\nafter_s = 8.0\n", encoding="utf-8"
+    )
+    return ForeignLogs(tuple(files), mapping, to_cut, native)
+
+
+def thinned(campaign: Campaign) -> Campaign:
+    """The campaign with every second tachometer reading, as the logs hold it.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        The campaign.
+
+    Returns
+    -------
+    Campaign
+        With NaN in every second row of the wheels' momenta.
+    """
+    slews = []
+    for slew in campaign.slews:
+        momentum = np.array(slew.wheel_momentum)
+        momentum[1::2] = np.nan
+        slews.append(replace(slew, wheel_momentum=momentum, magnetic_field_N=None, position_N=None))
+    return replace(campaign, slews=tuple(slews))
+
+
+def _continuous(campaign: Campaign, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """All channels from the first slew to the last, with rest between the slews."""
+    pieces: dict[str, list[np.ndarray]] = {
+        key: [] for key in ("time", "rate", "torque", "momentum", "attitude")
+    }
+    for k, slew in enumerate(campaign.slews):
+        channels = {
+            "time": slew.start + slew.time,
+            "rate": slew.rate,
+            "torque": slew.wheel_torque,
+            "momentum": slew.wheel_momentum,
+            "attitude": slew.attitude,
+        }
+        for key, values in channels.items():
+            pieces[key].append(np.asarray(values))
+        if k + 1 < len(campaign.slews):
+            rest = _rest(channels, campaign.slews[k + 1].start, campaign, rng)
+            for key, values in rest.items():
+                pieces[key].append(values)
+    return {key: np.concatenate(values) for key, values in pieces.items()}
+
+
+def _rest(
+    before: Mapping[str, np.ndarray], until: float, campaign: Campaign, rng: np.random.Generator
+) -> dict[str, np.ndarray]:
+    """Readings of a body that rests as it came to rest, with the noise of its sensors."""
+    step = float(np.median(np.diff(before["time"])))
+    time = np.arange(before["time"][-1] + step, until - 0.5 * step, step)
+    n, wheels = len(time), len(campaign.wheels)
+    sigma = [wheel.momentum_sigma or 0.0 for wheel in campaign.wheels]
+    momentum = before["momentum"]
+    last = momentum[np.isfinite(momentum).all(axis=1)][-1]
+    momentum = last + rng.normal(size=(n, wheels)) * sigma
+    momentum[1::2] = np.nan
+    fixes = before["attitude"]
+    attitude = np.full((n, 4), np.nan)
+    rows = np.arange(0, n, max(1, round(1.0 / step)))
+    attitude[rows] = _noisy(fixes[np.isfinite(fixes).all(axis=1)][-1], len(rows), campaign, rng)
+    return {
+        "time": time,
+        "rate": rng.normal(size=(n, 3)) * campaign.rate_sensor.sigma,
+        "torque": np.zeros((n, wheels)),
+        "momentum": momentum,
+        "attitude": attitude,
+    }
+
+
+def _noisy(
+    quaternion: np.ndarray, rows: int, campaign: Campaign, rng: np.random.Generator
+) -> np.ndarray:
+    """Fixes (rows, 4) of a body at rest, with the star tracker's noise in body axes."""
+    star = campaign.star_tracker
+    assert star is not None
+    boresight = np.array(star.boresight_B)
+    errors = rng.normal(size=(rows, 3)) * star.sigma_cross
+    about = rng.normal(size=rows) * star.sigma_roll
+    errors += np.outer(about - errors @ boresight, boresight)
+    turned = Rotation.from_quat(quaternion) * Rotation.from_rotvec(errors)
+    fixes = turned.as_quat()
+    return np.where((fixes @ quaternion)[:, None] < 0.0, -fixes, fixes)
+
+
+def _utc(seconds: np.ndarray) -> np.ndarray:
+    """Dates with microseconds, as texts."""
+    stamps = FIRST_UTC + np.rint(seconds * 1e6).astype("timedelta64[us]")
+    return np.array([f"{text}Z" for text in np.datetime_as_string(stamps, unit="us")])
+
+
+def _named(names: Sequence[str], values: np.ndarray) -> dict[str, np.ndarray]:
+    return dict(zip(names, values.T, strict=True))
+
+
+def _wheel_names(campaign: Campaign, form: str) -> list[str]:
+    return [form.format(wheel.name) for wheel in campaign.wheels]
+
+
+def _csv(path: Path, columns: Mapping[str, np.ndarray]) -> Path:
+    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+    lines = [",".join(columns), *(",".join(map(str, row)) for row in rows)]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+def _aem(path: Path, stamps: np.ndarray, quaternions: np.ndarray) -> Path:
+    head = f"""\
+CCSDS_AEM_VERS = 2.0
+CREATION_DATE = 2026-03-02T00:00:00
+ORIGINATOR = TEST
+
+META_START
+OBJECT_NAME = MOST-LIKE
+OBJECT_ID = 2026-001A
+REF_FRAME_A = EME2000
+REF_FRAME_B = SC_BODY_1
+TIME_SYSTEM = UTC
+START_TIME = {stamps[0][:-1]}
+STOP_TIME = {stamps[-1][:-1]}
+ATTITUDE_TYPE = QUATERNION
+META_STOP
+
+DATA_START
+"""
+    rows = [
+        f"{stamp[:-1]} {' '.join(repr(float(cell)) for cell in quaternion)}"
+        for stamp, quaternion in zip(stamps, quaternions, strict=True)
+    ]
+    path.write_text(head + "\n".join(rows) + "\nDATA_STOP\n", encoding="utf-8")
+    return path
+
+
+def _mapping(campaign: Campaign, tracker: str) -> str:
+    """The mapping without slews."""
+    prior, sensor, star = campaign.inertia, campaign.rate_sensor, campaign.star_tracker
+    assert star is not None
+    wheels = "".join(
+        f"""
+[[wheels]]
+name = "{wheel.name}"
+axis = {list(wheel.axis_B)}
+spin_inertia = {wheel.spin_inertia}
+momentum_sigma = {wheel.momentum_sigma}
+"""
+        for wheel in campaign.wheels
+    )
+    commands = _wheel_names(campaign, "cmd_{}")
+    speeds = _wheel_names(campaign, "speed_{}")
+    stars = (
+        'files = ["tracker.aem"]'
+        if tracker == "aem"
+        else """files = ["tracker.csv"]
+time = { names = ["utc"], kind = "utc" }
+form = "quaternion"
+names = ["qs", "qx", "qy", "qz"]
+scalar = "first"
+maps = "body_to_inertial"
+frame = "body\""""
+    )
+    return f"""\
+format = "bayes-inertia-mapping/1"
+name = "{campaign.name}"
+
+[inertia]
+tensor = {np.asarray(prior.tensor).tolist()}
+relative_sigma = {prior.relative_sigma}
+product_sigma = {prior.product_sigma}
+includes_wheel_spin = {str(prior.includes_wheel_spin).lower()}
+{wheels}
+[rate_sensor]
+sigma = {list(sensor.sigma)}
+scale_factor = {list(sensor.scale_factor)}
+scale_factor_sigma = {list(sensor.scale_factor_sigma)}
+bias = {list(sensor.bias)}
+bias_sigma = {list(sensor.bias_sigma)}
+
+[star_tracker]
+boresight = {list(star.boresight_B)}
+sigma_cross = {star.sigma_cross}
+sigma_roll = {star.sigma_roll}
+
+[[streams]]
+holds = "rate"
+files = ["gyro.csv"]
+time = {{ names = ["utc"], kind = "utc" }}
+offset_s = {GYRO_OFFSET}
+names = ["gx_dps", "gy_dps", "gz_dps"]
+unit = "deg/s"
+frame = "body"
+
+[[streams]]
+holds = "wheel_torque"
+files = ["wheel_commands.csv"]
+time = {{ names = ["gps_s"], kind = "gps_s" }}
+offset_s = {WHEEL_OFFSET}
+names = {commands}
+unit = "mN m"
+acts_on = "body"
+
+[[streams]]
+holds = "wheel_speed"
+files = ["wheel_speeds.csv"]
+time = {{ names = ["gps_s"], kind = "gps_s" }}
+offset_s = {WHEEL_OFFSET}
+names = {speeds}
+unit = "rpm"
+relative_to = "body"
+
+[[streams]]
+holds = "attitude"
+{stars}
+offset_s = {TRACKER_OFFSET}
+"""
+
+
+def _slews(campaign: Campaign) -> str:
+    """The slews of a campaign as a mapping states them."""
+    texts = []
+    for slew in campaign.slews:
+        ends = np.array([slew.start + slew.time[0], slew.start + slew.time[-1]])
+        start, end = _utc(ends)
+        axis = "" if slew.axis_B is None else f"axis = {list(slew.axis_B)}\n"
+        angle = "" if slew.angle is None else f"angle_deg = {np.degrees(slew.angle):.15g}\n"
+        texts.append(
+            f'\n[[slews]]\nname = "{slew.name}"\nstart = "{start}"\nend = "{end}"\n{axis}{angle}'
+        )
+    return "".join(texts)

@@ -1,0 +1,156 @@
+"""`import`: raw logs of any mission become a campaign folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from bayes_inertia.app.terminal import headed, plain_console
+from bayes_inertia.errors import SettingsError
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from bayes_inertia.importing.import_logs import ImportedCampaign
+    from bayes_inertia.importing.rest_noise import RestNoise
+    from bayes_inertia.importing.slew_cutting import SlewWindow
+
+_WIDTH = 80  # Columns of the terminal that the output fits.
+
+RawFiles = Annotated[list[Path], typer.Argument(help="Raw logs, of any format.")]
+Using = Annotated[Path | None, typer.Option(help="The mapping that says what the logs hold.")]
+Start = Annotated[
+    Path | None, typer.Option(help="Write a mapping to fill in here, from the logs' columns.")
+]
+Out = Annotated[Path | None, typer.Option("-o", "--out", help="The campaign folder to write.")]
+
+
+def import_command(
+    raw: RawFiles, using: Using = None, start: Start = None, out: Out = None
+) -> None:
+    """Turn raw logs of any mission into a campaign folder.
+
+    First `--start mapping.toml` writes a mapping with questions; fill it in. Then
+    `--using mapping.toml -o CAMPAIGN` reads, converts and cuts the logs.
+    """
+    if (using is None) == (start is None):
+        raise SettingsError(
+            "either --start or --using is needed",
+            where="import",
+            advice="write `--start mapping.toml` first, answer its questions, then "
+            "`--using mapping.toml -o CAMPAIGN`",
+        )
+    if start is not None:
+        _start(raw, start)
+    elif using is not None:
+        if out is None:
+            raise SettingsError(
+                "no folder for the campaign", where="import", advice="add -o CAMPAIGN"
+            )
+        from bayes_inertia.importing.import_logs import import_logs
+
+        show_import(import_logs(raw, using, out))
+
+
+def _start(raw: list[Path], start: Path) -> None:
+    from bayes_inertia.importing.starting_mapping import write_starting_mapping
+
+    questions = write_starting_mapping(raw, start)
+    console = plain_console()
+    console.print(headed(str(start), f": {questions} questions to answer"), soft_wrap=True)
+    console.print(f"then: bayes-inertia import RAW... --using {start} -o CAMPAIGN", soft_wrap=True)
+
+
+def show_import(imported: ImportedCampaign) -> None:
+    """Print what an import read, cut and saw.
+
+    Parameters
+    ----------
+    imported : ImportedCampaign
+        The import.
+    """
+    from bayes_inertia.importing.imported_folder import PICTURE_FILE, RECORD_FILE, zero_of_clock
+
+    console = plain_console()
+    console.width = min(console.width, _WIDTH)
+    console.print(f"times count from {zero_of_clock(imported.logs)}")
+    _show_streams(console, imported)
+    _show_slews(console, imported)
+    _show_noise(console, imported.noises)
+    if imported.logs.unused:
+        console.print(f"read by no stream: {', '.join(imported.logs.unused)}")
+    picture = f", {PICTURE_FILE}" if imported.cut.scan is not None else ""
+    console.print(
+        headed(f"written: {imported.folder}", f" (campaign.toml, {RECORD_FILE}{picture})"),
+        soft_wrap=True,
+    )
+    console.print(
+        f"next: bayes-inertia doctor {imported.folder}  (do the conventions agree with physics?)",
+        soft_wrap=True,
+    )
+
+
+def _show_streams(console: Console, imported: ImportedCampaign) -> None:
+    table = Table("stream", "readings", "step [s]", "files")
+    for key, stream in imported.logs.streams.items():
+        names = [Path(file).name for file in stream.files]
+        more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+        table.add_row(key, str(len(stream.time)), f"{stream.step:.4g}", names[0] + more)
+    console.print(table)
+    for stream in imported.logs.streams.values():
+        for note in stream.notes:
+            console.print(f"  {stream.holds}: {note}")
+
+
+def _show_slews(console: Console, imported: ImportedCampaign) -> None:
+    cut = imported.cut
+    table = Table("slew", "from [s]", "to [s]", "rest before", "rest after", "turned [deg]")
+    for window in cut.windows:
+        table.add_row(
+            window.name,
+            f"{window.start:.2f}",
+            f"{window.end:.2f}",
+            *_rests(window),
+            "?" if window.turned is None else f"{np.degrees(window.turned):.1f}",
+        )
+    console.print(table)
+    for part in cut.dropped:
+        console.print(f"  left out: {part.start:.1f} to {part.end:.1f} s, {part.reason}")
+
+
+def _rests(window: SlewWindow) -> tuple[str, str]:
+    """Length of the rests before and after a motion, and the fixes in them."""
+    if window.motion is None or window.fixes is None:
+        return "?", "?"
+    lengths = (window.motion[0] - window.start, window.end - window.motion[1])
+    before, after = (
+        f"{seconds:.1f} s, {fixes} fixes"
+        for seconds, fixes in zip(lengths, window.fixes, strict=True)
+    )
+    return before, after
+
+
+def _show_noise(console: Console, noises: tuple[RestNoise, ...]) -> None:
+    if not noises:
+        console.print("no rest is long enough to see the sensors' noise")
+        return
+    table = Table("noise per sample", "stated", "at rest", "unit")
+    for noise in noises:
+        stated = "not stated" if noise.stated is None else _numbers(noise.stated)
+        table.add_row(noise.key, stated, _numbers(noise.seen), noise.unit)
+    console.print(table)
+    for noise in noises:
+        if noise.differs:
+            console.print(f"  {noise.key}: the rests show another noise: {noise.toml()}")
+        if noise.stated is None:
+            console.print(f"  {noise.key}: to use these readings, state {noise.toml()}")
+
+
+def _numbers(values: tuple[float, ...]) -> str:
+    """One number where all are the same."""
+    texts = [f"{value:.2g}" for value in values]
+    return texts[0] if len(set(texts)) == 1 else " ".join(texts)

@@ -1,0 +1,118 @@
+"""The picture of a cut log: rates over time, slews shaded, what was left out and why."""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+
+from bayes_inertia.importing.motion_scan import MotionScan
+from bayes_inertia.importing.slew_cutting import SlewCut
+
+_SIZE = (9.0, 4.5)  # [inch]
+_MOST_POINTS = 6000
+_SLEW, _DROPPED, _LINE = "#2a78d6", "#c2541b", "#4d4d4d"
+_LABEL_AT = 0.97  # Of the height.
+# The axis of speeds begins at this share of the lower threshold.
+_BOTTOM = 0.03
+
+
+def cut_picture(cut: SlewCut, clock: str) -> str:
+    """Draw how a log was cut into slews.
+
+    Parameters
+    ----------
+    cut : SlewCut
+        The cut; with a scan.
+    clock : str
+        What the times count from.
+
+    Returns
+    -------
+    str
+        SVG, the same for the same cut.
+    """
+    import matplotlib as mpl
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure
+
+    scan = cut.scan
+    assert scan is not None
+    settings = {"svg.hashsalt": "bayes-inertia", "svg.fonttype": "none", "font.size": 9}
+    with mpl.rc_context(settings):
+        figure = Figure(figsize=_SIZE, layout="constrained")
+        FigureCanvasSVG(figure)
+        axes = figure.add_subplot()
+        _shade(axes, cut)
+        time, speed = _thinned(scan)
+        axes.plot(time, speed, color=_LINE, linewidth=0.8)
+        for value, name in ((scan.high, "a slew begins above"), (scan.low, "and lasts above")):
+            axes.axhline(np.degrees(value), color=_DROPPED, linewidth=0.8, linestyle="--")
+            axes.annotate(
+                f"{name} {np.degrees(value):.2g} deg/s",
+                (0.005, np.degrees(value)),
+                xycoords=("axes fraction", "data"),
+                va="bottom",
+                color=_DROPPED,
+                fontsize=8,
+            )
+        axes.set_yscale("log")
+        bottom = _BOTTOM * np.degrees(scan.low)
+        axes.set_ylim(bottom=bottom)
+        axes.set_xlabel(f"time since {clock} [s]")
+        axes.set_ylabel("rate [deg/s], smoothed, less the rate at rest")
+        axes.set_title(f"{len(cut.windows)} slews; left out: {_reasons(cut)}", fontsize=9)
+        for side in ("top", "right"):
+            axes.spines[side].set_visible(False)
+        out = io.StringIO()
+        figure.savefig(out, format="svg", metadata={"Date": None})
+    return out.getvalue()
+
+
+def _shade(axes, cut: SlewCut) -> None:
+    """Slews as bands with their names, dropped motions hatched with their reasons."""
+    for window in cut.windows:
+        axes.axvspan(window.start, window.end, color=_SLEW, alpha=0.18, linewidth=0)
+        middle = 0.5 * (window.start + window.end)
+        at = (middle, _LABEL_AT)
+        mixed = ("data", "axes fraction")
+        axes.annotate(window.name, at, xycoords=mixed, ha="center", va="top", fontsize=8)
+    for part in _motions(cut):
+        axes.axvspan(part.start, part.end, facecolor="none", edgecolor=_DROPPED, hatch="///")
+        axes.annotate(
+            part.reason,
+            (0.5 * (part.start + part.end), 0.5),
+            xycoords=("data", "axes fraction"),
+            rotation=90,
+            ha="center",
+            va="center",
+            fontsize=7,
+            color=_DROPPED,
+        )
+
+
+def _motions(cut: SlewCut) -> list:
+    """Dropped parts that are motions, not rest."""
+    assert cut.scan is not None
+    edges = {float(edge) for motion in cut.scan.motions for edge in motion}
+    return [part for part in cut.dropped if part.start in edges and part.end in edges]
+
+
+def _reasons(cut: SlewCut) -> str:
+    """Seconds left out for each reason."""
+    seconds: dict[str, float] = {}
+    for part in cut.dropped:
+        seconds[part.reason] = seconds.get(part.reason, 0.0) + part.end - part.start
+    return "; ".join(f"{total:.0f} s, {reason}" for reason, total in seconds.items()) or "nothing"
+
+
+def _thinned(scan: MotionScan) -> tuple[np.ndarray, np.ndarray]:
+    """Few enough points to draw, the peaks among them; pauses break the line."""
+    width = max(1, len(scan.time) // _MOST_POINTS)
+    times, speeds = [], []
+    for k in np.unique(scan.segment):
+        rows = np.flatnonzero(scan.segment == k)
+        starts = np.arange(0, len(rows), width)
+        times += [scan.time[rows[starts]], [np.nan]]
+        speeds += [np.maximum.reduceat(scan.speed[rows], starts), [np.nan]]
+    return np.concatenate(times), np.degrees(np.concatenate(speeds))

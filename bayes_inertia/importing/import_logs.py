@@ -1,0 +1,125 @@
+"""From raw files and a mapping to a campaign folder: the whole way."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.files import read_bytes, text_of, write_new_files
+from bayes_inertia.importing.common_clock import Logs
+from bayes_inertia.importing.cut_picture import cut_picture
+from bayes_inertia.importing.imported_folder import (
+    PICTURE_FILE,
+    RECORD_FILE,
+    description_text,
+    record_text,
+    table_texts,
+    zero_of_clock,
+)
+from bayes_inertia.importing.log_reader import read_logs
+from bayes_inertia.importing.mapping import parse_mapping
+from bayes_inertia.importing.mapping_schema import MappingPart
+from bayes_inertia.importing.rest_noise import RestNoise, rest_noise
+from bayes_inertia.importing.slew_cutting import SlewCut, cut_into_slews
+from bayes_inertia.importing.slew_tables import slew_tables
+
+
+@dataclass(frozen=True)
+class ImportedCampaign:
+    """A campaign folder that was written from raw logs.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    logs : Logs
+        The streams that were read.
+    cut : SlewCut
+        The slews, and what was left out.
+    noises : tuple of RestNoise
+        What the rests show.
+    """
+
+    folder: Path
+    logs: Logs
+    cut: SlewCut
+    noises: tuple[RestNoise, ...]
+
+
+def import_logs(
+    files: Sequence[str | Path], mapping: str | Path, folder: str | Path
+) -> ImportedCampaign:
+    """Write a campaign folder from raw logs.
+
+    Parameters
+    ----------
+    files : sequence of str or Path
+        The raw files, in any order.
+    mapping : str or Path
+        The `mapping.toml` that says what they hold.
+    folder : str or Path
+        Where the campaign goes; made if absent. Nothing in it is overwritten.
+
+    Returns
+    -------
+    ImportedCampaign
+        What was written, and what was seen on the way.
+
+    Raises
+    ------
+    CampaignError
+        If the mapping has an open question or says something that the files contradict, if a file
+        cannot be read, or if a noise is stated nowhere; the error then quotes the noise at rest.
+    OutputError
+        If the folder holds another campaign, or cannot be written.
+    """
+    label, data = str(mapping), read_bytes(Path(mapping))
+    parsed = parse_mapping(text_of(data, label), label)
+    logs = read_logs(files, parsed, label)
+    cut = cut_into_slews(logs, parsed, label)
+    noises = rest_noise(logs, cut.scan, parsed)
+    _require_noises(parsed, noises, label)
+    slews = [slew_tables(window, logs.streams) for window in cut.windows]
+    paths = sorted({Path(file) for file in files})
+    content = table_texts(parsed, slews)
+    if cut.scan is not None:
+        content[PICTURE_FILE] = cut_picture(cut, _zero_in_words(logs))
+    content[RECORD_FILE] = record_text(paths, (Path(mapping).name, data), logs, cut, noises)
+    # The description comes last: an interrupted import leaves no campaign.
+    content["campaign.toml"] = description_text(parsed, slews, noises)
+    encoded = {name: text.encode("utf-8") for name, text in content.items()}
+    written = write_new_files(folder, encoded, holds="campaign")
+    return ImportedCampaign(written, logs, cut, tuple(noises))
+
+
+def _zero_in_words(logs: Logs) -> str:
+    return zero_of_clock(logs) if logs.absolute else "the zero of the logs"
+
+
+def _require_noises(mapping: MappingPart, noises: Sequence[RestNoise], label: str) -> None:
+    """Refuse a sensor without a stated noise, and quote what the rests show."""
+    needed = [("rate_sensor", "sigma", mapping.rate_sensor.sigma)]
+    tracker = mapping.star_tracker
+    if tracker is not None:
+        needed += [
+            ("star_tracker", "sigma_cross", tracker.sigma_cross),
+            ("star_tracker", "sigma_roll", tracker.sigma_roll),
+        ]
+    seen = {noise.key: noise for noise in noises}
+    missing = [(part, key) for part, key, value in needed if value is None]
+    if not missing:
+        return
+    lines = [
+        f"[{part}] {seen[f'{part}.{key}'].toml()}"
+        for part, key in missing
+        if f"{part}.{key}" in seen
+    ]
+    part, key = missing[0]
+    advice = (
+        f"the rests of the log show {', '.join(lines)}: paste it if the data sheet agrees"
+        if lines
+        else "take it from the data sheet: the log has too few readings at rest to measure it"
+    )
+    raise CampaignError("missing key", where=f"{label}, key {part}.{key}", advice=advice)

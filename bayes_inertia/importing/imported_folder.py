@@ -1,0 +1,270 @@
+"""The campaign folder that an import writes: description, tables, record, picture."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_inertia.campaign.schema import FORMAT
+from bayes_inertia.importing.common_clock import Logs
+from bayes_inertia.importing.mapping import rate_sensor_axes
+from bayes_inertia.importing.mapping_schema import MappingPart
+from bayes_inertia.importing.rest_noise import RestNoise
+from bayes_inertia.importing.slew_cutting import SlewCut
+from bayes_inertia.importing.slew_tables import SlewTables, csv_of, written_streams
+from bayes_inertia.version import __version__
+
+RECORD_FORMAT = "bayes-inertia-import/1"
+RECORD_FILE = "import.json"
+PICTURE_FILE = "slews.svg"
+
+
+def description_text(
+    mapping: MappingPart, slews: Sequence[SlewTables], noises: Sequence[RestNoise]
+) -> str:
+    """The text of `campaign.toml`.
+
+    Parameters
+    ----------
+    mapping : MappingPart
+        What the mapping says of the hardware.
+    slews : sequence of SlewTables
+        The slews.
+    noises : sequence of RestNoise
+        What the rests show; it stands in comments beside what is stated.
+
+    Returns
+    -------
+    str
+        TOML.
+    """
+    import tomlkit
+
+    seen = {noise.key: f"seen at rest: {noise.toml()} {noise.unit}" for noise in noises}
+    document = tomlkit.document()
+    document.add(tomlkit.comment(f"Written by bayes-inertia import; {RECORD_FILE} says from what."))
+    document["format"], document["name"] = FORMAT, mapping.name
+    document["inertia"] = _table(mapping.inertia.model_dump())
+    if mapping.wheels:
+        document["wheels"] = _array_of_tables(
+            _table(wheel.model_dump(), seen, f"wheels.{wheel.name}") for wheel in mapping.wheels
+        )
+    sensor = {**mapping.rate_sensor.model_dump(), "axes": rate_sensor_axes(mapping)}
+    document["rate_sensor"] = _table(sensor, seen, "rate_sensor")
+    if mapping.star_tracker is not None:
+        document["star_tracker"] = _table(mapping.star_tracker.model_dump(), seen, "star_tracker")
+    document["columns"] = _columns(mapping, slews)
+    document["slews"] = _array_of_tables(
+        _slew(tables, files) for tables, files in zip(slews, _file_names(slews), strict=True)
+    )
+    return tomlkit.dumps(document)
+
+
+def _table(
+    entries: Mapping[str, Any], seen: Mapping[str, str] | None = None, path: str = ""
+) -> Any:
+    """A table without the entries that are None, with what is seen beside what is stated."""
+    import tomlkit
+
+    table = tomlkit.table()
+    for key, value in entries.items():
+        if value is None:
+            continue
+        table[key] = value
+        comment = (seen or {}).get(f"{path}.{key}")
+        if comment:
+            table[key].comment(comment)
+    return table
+
+
+def _array_of_tables(tables: Iterable[Any]) -> Any:
+    import tomlkit
+
+    array = tomlkit.aot()
+    for table in tables:
+        array.append(table)
+    return array
+
+
+def _inline(entries: Mapping[str, Any]) -> Any:
+    import tomlkit
+
+    table = tomlkit.inline_table()
+    table.update(entries)
+    return table
+
+
+def _columns(mapping: MappingPart, slews: Sequence[SlewTables]) -> Any:
+    import tomlkit
+
+    held = {key for tables in slews for key in tables.streams}
+    table = tomlkit.table()
+    table["time"] = _inline({"names": ["t_s"], "unit": "s"})
+    for key, written in written_streams().items():
+        if key in held:
+            names = written.names(len(mapping.wheels))
+            table[key] = _inline({"names": names, **written.sense})
+    return table
+
+
+def _slew(tables: SlewTables, files: Mapping[str, str]) -> Any:
+    window = tables.window
+    entries = {
+        "name": window.name,
+        "files": _inline(files),
+        "start": round(tables.start, 9),
+        "axis": window.axis,
+        # 15 digits return the degrees that were stated.
+        "angle_deg": None if window.angle_deg is None else float(f"{window.angle_deg:.15g}"),
+    }
+    return _table(entries)
+
+
+def _file_names(slews: Sequence[SlewTables]) -> list[dict[str, str]]:
+    """For each slew the name of the table of each stream."""
+    digits = max(2, len(str(len(slews))))
+    written = written_streams()
+    return [
+        {
+            key: f"slew_{k:0{digits}d}_{written[key].suffix}.csv"
+            for key in written
+            if key in tables.streams
+        }
+        for k, tables in enumerate(slews, 1)
+    ]
+
+
+def table_texts(mapping: MappingPart, slews: Sequence[SlewTables]) -> dict[str, str]:
+    """The tables of all slews.
+
+    Parameters
+    ----------
+    mapping : MappingPart
+        The mapping.
+    slews : sequence of SlewTables
+        The slews.
+
+    Returns
+    -------
+    dict of str to str
+        Texts of CSV by the name of the file.
+    """
+    written = written_streams()
+    return {
+        file: csv_of(tables.streams[key], written[key].names(len(mapping.wheels)))
+        for tables, files in zip(slews, _file_names(slews), strict=True)
+        for key, file in files.items()
+    }
+
+
+def record_text(
+    files: Sequence[Path],
+    mapping_data: tuple[str, bytes],
+    logs: Logs,
+    cut: SlewCut,
+    noises: Sequence[RestNoise],
+) -> str:
+    """The record of an import: from what, and what was cut and converted.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        The raw files.
+    mapping_data : tuple of str and bytes
+        Name and content of the mapping.
+    logs : Logs
+        The streams.
+    cut : SlewCut
+        How they were cut.
+    noises : sequence of RestNoise
+        What the rests show.
+
+    Returns
+    -------
+    str
+        JSON.
+    """
+    record = {
+        "format": RECORD_FORMAT,
+        "version": __version__,
+        "raw_files": {path.name: _sha256(path.read_bytes()) for path in files},
+        "unused_files": list(logs.unused),
+        "mapping": {"name": mapping_data[0], "sha256": _sha256(mapping_data[1])},
+        "clock": {"zero": zero_of_clock(logs), "unit": "s"},
+        "streams": {
+            key: {
+                "files": list(stream.files),
+                "readings": len(stream.time),
+                "median_step_s": stream.step,
+                "notes": list(stream.notes),
+            }
+            for key, stream in logs.streams.items()
+        },
+        "cut": {
+            "by": cut.by,
+            "thresholds_radps": None if cut.scan is None else [cut.scan.low, cut.scan.high],
+            "slews": [_window(window) for window in cut.windows],
+            "dropped": [vars(part) for part in cut.dropped],
+        },
+        "noise_at_rest": [_noise(noise) for noise in noises],
+    }
+    return json.dumps(record, indent=1, allow_nan=False) + "\n"
+
+
+def _sha256(data: bytes) -> str:
+    return hashlib.sha256(data).hexdigest()
+
+
+def zero_of_clock(logs: Logs) -> str:
+    """When the clock of an import was zero.
+
+    Parameters
+    ----------
+    logs : Logs
+        The streams.
+
+    Returns
+    -------
+    str
+        A date in TAI, or that it is unknown.
+
+    Examples
+    --------
+    >>> zero_of_clock(Logs({}, 0, True))
+    '1958-01-01T00:00:00.000000000 TAI'
+    """
+    if not logs.absolute:
+        return "a zero of the logs, whose date is unknown"
+    days, ns = divmod(logs.epoch_ns, 86_400_000_000_000)
+    day = np.datetime64("1958-01-01") + np.timedelta64(days, "D")
+    return f"{day.astype('datetime64[ns]') + np.timedelta64(ns, 'ns')} TAI"
+
+
+def _window(window: Any) -> dict[str, Any]:
+    return {
+        "name": window.name,
+        "start": window.start,
+        "end": window.end,
+        "motion": None if window.motion is None else list(window.motion),
+        "fixes": None if window.fixes is None else list(window.fixes),
+        "turned_deg": None if window.turned is None else float(np.degrees(window.turned)),
+    }
+
+
+def _noise(noise: RestNoise) -> dict[str, Any]:
+    return {
+        "key": noise.key,
+        "unit": noise.unit,
+        "stated": None if noise.stated is None else list(noise.stated),
+        "white_per_sample": [fit.white for fit in noise.fits],
+        "relative_error": [fit.white_error for fit in noise.fits],
+        "random_walk_per_sample": [fit.random_walk for fit in noise.fits],
+        "flicker": [fit.flicker for fit in noise.fits],
+        "quantisation_step": [fit.quantisation for fit in noise.fits],
+        "samples": [fit.samples for fit in noise.fits],
+    }

@@ -1,0 +1,197 @@
+"""One quantity of a raw log on the common clock, in SI units and with the package's senses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from bayes_inertia.maths.values import array_dataclass
+
+
+@array_dataclass
+class LoggedStream:
+    """Readings of one quantity at their own times, from all the files that hold it.
+
+    Parameters
+    ----------
+    holds : str
+        "rate", "wheel_torque", "wheel_momentum", "wheel_speed", "attitude", "magnetic_field" or
+        "position".
+    time : (n,) array
+        Time of each reading on the clock of the import [s], strictly increasing within a file.
+    values : (n, width) array
+        In SI units and radians: torques on the wheels; quaternions body from inertial, scalar
+        last; rates along the axes of the sensor. NaN where an element has no reading.
+    file : (n,) array of int
+        From which of `files` each row is.
+    files : tuple of str
+        The files, as messages name them.
+    notes : tuple of str, optional
+        What was sorted, dropped or taken from the files, for people.
+
+    Examples
+    --------
+    >>> stream = LoggedStream("rate", np.arange(3.0), np.zeros((3, 3)), np.zeros(3, int), ("a",))
+    >>> stream.between(0.5, 2.0).time.tolist()
+    [1.0, 2.0]
+    """
+
+    holds: str
+    time: np.ndarray
+    values: np.ndarray
+    file: np.ndarray
+    files: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def step(self) -> float:
+        """Median time between readings [s]; 0 for fewer than two."""
+        return float(np.median(np.diff(self.time))) if len(self.time) > 1 else 0.0
+
+    def rows(self, keep: np.ndarray, *notes: str) -> LoggedStream:
+        """The same stream with some of its rows only.
+
+        Parameters
+        ----------
+        keep : (n,) array of bool, or array of int
+            Which.
+        *notes : str
+            Why.
+
+        Returns
+        -------
+        LoggedStream
+            The rows.
+        """
+        return replace(
+            self,
+            time=self.time[keep],
+            values=self.values[keep],
+            file=self.file[keep],
+            notes=(*self.notes, *notes),
+        )
+
+    def between(self, start: float, end: float) -> LoggedStream:
+        """The readings from a time to another, both included.
+
+        Parameters
+        ----------
+        start, end : float
+            Times [s].
+
+        Returns
+        -------
+        LoggedStream
+            The readings.
+        """
+        return self.rows((self.time >= start) & (self.time <= end))
+
+
+def in_order(stream: LoggedStream) -> LoggedStream:
+    """A stream whose times increase strictly.
+
+    Rows that a file has out of order are sorted. Of rows with one time the first stays, filled up
+    with the readings that only the others have, as of wheels that come in files of their own.
+
+    Parameters
+    ----------
+    stream : LoggedStream
+        Rows in the order of the files.
+
+    Returns
+    -------
+    LoggedStream
+        With a note where rows were sorted or dropped.
+
+    Examples
+    --------
+    >>> raw = LoggedStream("rate", np.array([1.0, 0.0, 1.0]), np.ones((3, 3)), np.zeros(3, int), ())
+    >>> ordered = in_order(raw)
+    >>> ordered.time.tolist(), ordered.notes
+    ([0.0, 1.0], ('1 row out of order was sorted', '1 row repeated a time and was left out'))
+    """
+    order = np.argsort(stream.time, kind="stable")
+    swapped = _late_rows(stream)
+    stream = stream.rows(order, *([_rows(swapped, "out of order", "sorted")] if swapped else []))
+    repeated = np.concatenate([[False], np.diff(stream.time) == 0.0])
+    if not repeated.any():
+        return stream
+    values, lost = _filled(stream.values, repeated)
+    note = [_rows(lost, "repeated a time and", "left out")] if lost else []
+    return replace(stream, values=values).rows(~repeated, *note)
+
+
+def _late_rows(stream: LoggedStream) -> int:
+    """Rows that stand after a later one of the same file."""
+    return sum(
+        int((times < np.maximum.accumulate(times)).sum())
+        for times in (stream.time[stream.file == k] for k in np.unique(stream.file))
+    )
+
+
+def _filled(values: np.ndarray, repeated: np.ndarray) -> tuple[np.ndarray, int]:
+    """Values in which the first of rows with one time has what it lacks; rows that are lost."""
+    values = values.copy()
+    first = np.maximum.accumulate(np.where(repeated, 0, np.arange(len(values))))
+    lost = 0
+    for row in np.flatnonzero(repeated):
+        target = values[first[row]]
+        empty = np.isnan(target)
+        lost += bool((~np.isnan(values[row]) & ~empty).any())
+        target[empty] = values[row][empty]
+    return values, lost
+
+
+def _rows(count: int, what: str, done: str) -> str:
+    """Such as "2 rows out of order were sorted"."""
+    rows, were = ("row", "was") if count == 1 else ("rows", "were")
+    return f"{count} {rows} {what} {were} {done}"
+
+
+def joined(streams: Sequence[LoggedStream]) -> LoggedStream:
+    """Streams that hold one quantity, such as wheels in files of their own, as one.
+
+    Parameters
+    ----------
+    streams : sequence of LoggedStream
+        At least one.
+
+    Returns
+    -------
+    LoggedStream
+        With the rows of all, in the order of their times.
+    """
+    if len(streams) == 1:
+        return streams[0]
+    files = tuple(dict.fromkeys(file for stream in streams for file in stream.files))
+    return LoggedStream(
+        streams[0].holds,
+        np.concatenate([stream.time for stream in streams]),
+        np.concatenate([stream.values for stream in streams]),
+        np.concatenate(
+            [np.array([files.index(f) for f in s.files], dtype=int)[s.file] for s in streams]
+        ),
+        files,
+        tuple(note for stream in streams for note in stream.notes),
+    )
+
+
+def held(stream: LoggedStream) -> LoggedStream:
+    """Commands in force at each time: an element without a new command keeps its last.
+
+    Parameters
+    ----------
+    stream : LoggedStream
+        Commands in the order of their times.
+
+    Returns
+    -------
+    LoggedStream
+        Without the rows before every element has its first command.
+    """
+    rows = np.arange(len(stream.time))[:, None]
+    last = np.maximum.accumulate(np.where(np.isnan(stream.values), -1, rows), axis=0)
+    values = np.take_along_axis(stream.values, np.maximum(last, 0), axis=0)
+    return replace(stream, values=values).rows((last >= 0).all(axis=1))

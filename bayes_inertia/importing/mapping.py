@@ -1,0 +1,245 @@
+"""From the text of `mapping.toml` to its checked content."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from bayes_inertia.campaign.checked_toml import checked_document, toml_document
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.files import read_bytes, text_of
+from bayes_inertia.importing.attitude_forms import COLUMNS_OF_FORM
+from bayes_inertia.importing.mapping_schema import (
+    AttitudeStream,
+    MappedStream,
+    MappingPart,
+    RateStream,
+    ReadingsStream,
+    WheelStream,
+)
+from bayes_inertia.importing.questions import refuse_open_questions
+
+_FORM_OF_KEY = {"scalar": "quaternion", "sequence": "euler", "turns": "euler", "unit": "euler"}
+
+
+def read_mapping(path: str | Path) -> MappingPart:
+    """The mapping in a file, every key checked.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+
+    Returns
+    -------
+    MappingPart
+        What it says.
+
+    Raises
+    ------
+    CampaignError
+        As `parse_mapping`, or if the file cannot be read.
+    """
+    path = Path(path)
+    return parse_mapping(text_of(read_bytes(path), str(path)), str(path))
+
+
+def parse_mapping(text: str, label: str) -> MappingPart:
+    """The content of a `mapping.toml`, every key checked.
+
+    Parameters
+    ----------
+    text : str
+        The content of the file.
+    label : str
+        The file, as messages name it.
+
+    Returns
+    -------
+    MappingPart
+        What the file says.
+
+    Raises
+    ------
+    CampaignError
+        If a question is open ("?"), if a key is unknown, missing, or of a wrong type or value, or
+        if keys contradict each other; the error names the key.
+
+    Examples
+    --------
+    >>> parse_mapping('format = "bayes-inertia-mapping/1"\\nname = "?"', "mapping.toml")
+    Traceback (most recent call last):
+    bayes_inertia.errors.CampaignError: mapping.toml, key name: the question is open; ...
+    """
+    document = toml_document(text, label)
+    refuse_open_questions(document, label)
+    mapping = checked_document(document, label, MappingPart)
+    _check_streams(mapping, label)
+    for stream in mapping.streams:
+        where = f"{label}, key streams.{stream.holds}"
+        if isinstance(stream, AttitudeStream):
+            _check_attitude(stream, where)
+        else:
+            _check_numbers(stream, where)
+        if isinstance(stream, RateStream):
+            _check_mounting(stream, mapping, where)
+        if isinstance(stream, WheelStream):
+            _check_wheels(stream, mapping, where)
+    return mapping
+
+
+def _require(condition: bool, where: str, what: str, advice: str) -> None:
+    if not condition:
+        raise CampaignError(what, where=where, advice=advice)
+
+
+def _check_streams(mapping: MappingPart, label: str) -> None:
+    """Refuse streams that are missing, doubled, or contradict the hardware."""
+    where = f"{label}, key streams"
+    held = [stream.holds for stream in mapping.streams]
+    advice = 'add a [[streams]] that holds = "rate"'
+    _require("rate" in held, where, "no stream holds the rates, which the method needs", advice)
+    both = {"wheel_momentum", "wheel_speed"} <= set(held)
+    advice = "keep one of the two, they are the same measurement"
+    _require(not both, where, "wheel_momentum and wheel_speed are both given", advice)
+    for holds in ("rate", "attitude", "magnetic_field", "position"):
+        advice = "keep one; several files of one stream stand in one list `files`"
+        _require(held.count(holds) < 2, where, f"two streams hold {holds!r}", advice)
+    _require(
+        "attitude" not in held or mapping.star_tracker is not None,
+        f"{label}, key streams.attitude",
+        "attitudes without a star tracker",
+        "add [star_tracker] with its boresight",
+    )
+    names = [wheel.name for wheel in mapping.wheels]
+    advice = "give each its own name"
+    doubled = len(set(names)) < len(names)
+    _require(not doubled, f"{label}, key wheels", "a name is used twice", advice)
+
+
+def _check_wheels(stream: WheelStream, mapping: MappingPart, where: str) -> None:
+    """Refuse columns that do not fit the wheels."""
+    names = [wheel.name for wheel in mapping.wheels]
+    for name in stream.wheels or []:
+        advice = f"name one of {', '.join(names) or 'no wheel: add [[wheels]]'}"
+        _require(name in names, f"{where}.wheels", f"there is no wheel {name!r}", advice)
+    wanted = stream.wheels or names
+    _require(
+        len(stream.names) == len(wanted),
+        f"{where}.names",
+        f"{len(stream.names)} column(s) for {len(wanted)} wheel(s)",
+        "name one column a wheel, in the order of [[wheels]], or add wheels = [...] with the "
+        "names of the wheels that these columns are of",
+    )
+
+
+def _check_numbers(stream: ReadingsStream, where: str) -> None:
+    """Refuse scales and offsets that are not one, or one a column."""
+    for key in ("scale", "offset"):
+        value = getattr(stream, key)
+        if isinstance(value, list):
+            fits = len(value) == len(stream.names)
+            what = f"{len(value)} numbers for {len(stream.names)} columns"
+            _require(fits, f"{where}.{key}", what, "give one number, or one a column")
+    scales = stream.scale if isinstance(stream.scale, list) else [stream.scale]
+    zero = any(scale == 0.0 for scale in scales)
+    _require(not zero, f"{where}.scale", "a scale of 0", "give the size of one count")
+
+
+def _check_mounting(stream: RateStream, mapping: MappingPart, where: str) -> None:
+    """Refuse a mounting that is missing, or stated in two ways."""
+    given = [key for key in ("mounting", "body_from_sensor") if getattr(stream, key) is not None]
+    axes = mapping.rate_sensor.axes
+    stated = [*(f"streams.rate.{key}" for key in given), *(["rate_sensor.axes"] if axes else [])]
+    if stream.frame == "sensor":
+        _require(
+            len(stated) > 0,
+            f"{where}.mounting",
+            "missing key",
+            'add mounting = [[...], [...], [...]], v_sensor = mounting v_body (frame = "sensor")',
+        )
+    advice = "keep one of them"
+    _require(len(stated) < 2, where, f"the mounting is stated by {' and '.join(stated)}", advice)
+    _require(
+        stream.frame == "sensor" or not stated,
+        f"{where}.frame",
+        f'"body" and {" and ".join(stated)} contradict each other',
+        'write frame = "sensor" if the readings are along the axes of the sensor, or leave the '
+        "matrix out",
+    )
+
+
+def _check_attitude(stream: AttitudeStream, where: str) -> None:
+    """Refuse keys of an attitude that are missing or belong to another form."""
+    for key, form in _FORM_OF_KEY.items():
+        stray = bool(getattr(stream, key)) and stream.form not in (form, None)
+        advice = f'leave it out, or write form = "{form}"'
+        _require(not stray, f"{where}.{key}", f"belongs to the form {form!r}", advice)
+    if stream.form is not None and stream.names:
+        wanted = COLUMNS_OF_FORM[stream.form]
+        what = f"{len(stream.names)} column(s) for the form {stream.form!r}"
+        fits = len(stream.names) == wanted
+        _require(fits, f"{where}.names", what, f"name {wanted} columns in their order")
+    sequence = stream.sequence.lower()
+    good = not sequence or (
+        len(sequence) == 3
+        and set(sequence) <= set("xyz")
+        and sequence[0] != sequence[1] != sequence[2]
+    )
+    what = f"{stream.sequence!r} is no sequence of three axes"
+    _require(good, f"{where}.sequence", what, 'write such as "zyx" or "zxz"')
+    _require(
+        stream.frame != "body" or stream.body_from_tracker is None,
+        f"{where}.frame",
+        '"body" and body_from_tracker contradict each other',
+        'write frame = "tracker" if the attitudes are those of the tracker, or leave the matrix '
+        "out",
+    )
+    _require(
+        stream.frame != "tracker" or stream.body_from_tracker is not None,
+        f"{where}.body_from_tracker",
+        "missing key",
+        'add body_from_tracker = [[...], [...], [...]], v_body = R v_tracker (frame = "tracker")',
+    )
+
+
+def streams_that_hold(mapping: MappingPart, holds: str) -> list[MappedStream]:
+    """The streams of a mapping that hold a quantity.
+
+    Parameters
+    ----------
+    mapping : MappingPart
+        The mapping.
+    holds : str
+        The quantity.
+
+    Returns
+    -------
+    list of MappedStream
+        In the order of the mapping.
+    """
+    return [stream for stream in mapping.streams if stream.holds == holds]
+
+
+def rate_sensor_axes(mapping: MappingPart) -> Any:
+    """C_rate, the rows of which are the axes of the rate sensor in body axes.
+
+    Parameters
+    ----------
+    mapping : MappingPart
+        The mapping.
+
+    Returns
+    -------
+    list of list of float
+        Three rows.
+    """
+    import numpy as np
+
+    stream = next(stream for stream in mapping.streams if isinstance(stream, RateStream))
+    if stream.mounting is not None:
+        return stream.mounting
+    if stream.body_from_sensor is not None:
+        # + 0.0 makes no -0.0 of a zero.
+        return (np.linalg.inv(np.array(stream.body_from_sensor)) + 0.0).tolist()
+    return mapping.rate_sensor.axes or np.eye(3).tolist()

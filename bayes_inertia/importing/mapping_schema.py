@@ -1,0 +1,209 @@
+"""The form of `mapping.toml`: what the columns of raw logs mean, and how to cut them into slews.
+
+The hardware is described as in `campaign.toml`. Only noises may be left out: the import then says
+what it measured at rest. What a file itself states (CCSDS AEM, rows of units) may be left out too.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from annotated_types import Len
+from pydantic import BaseModel, ConfigDict, Field
+
+from bayes_inertia.campaign.schema import (
+    InertiaPart,
+    Matrix33,
+    Names,
+    Names3,
+    OneOrThree,
+    RateSensorPart,
+    StarTrackerPart,
+    Vector3,
+    WheelPart,
+)
+
+MAPPING_FORMAT = "bayes-inertia-mapping/1"
+
+Numbers = float | Annotated[list[float], Len(1)]
+
+
+class _MappingTable(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False, frozen=True)
+
+
+class MappedRateSensor(RateSensorPart):
+    """`[rate_sensor]`: `sigma` may be left out, to be told what the rests show."""
+
+    sigma: OneOrThree | None = None  # type: ignore[assignment]
+
+
+class MappedStarTracker(StarTrackerPart):
+    """`[star_tracker]`: the sigmas may be left out, to be told what the rests show."""
+
+    sigma_cross: float | None = None  # type: ignore[assignment]
+    sigma_roll: float | None = None  # type: ignore[assignment]
+
+
+class TimeStampPart(_MappingTable):
+    """`time` of a stream: the columns of its stamps and the clock that they are read from."""
+
+    names: list[str] = Field(default=[], description='names = ["..."], the columns of the time')
+    kind: str = ""
+    epoch: str = ""
+
+
+class ValidRows(_MappingTable):
+    """`valid` of a stream: rows whose flag has another value hold no reading."""
+
+    name: str = Field(description='name = "...", the column of the flag')
+    equals: int | float | str | bool | Annotated[list[int | float | str], Len(1)] = Field(
+        description="equals = the value of the flag, or a list of values, that mark a good reading"
+    )
+
+
+class TextFilePart(_MappingTable):
+    """`text` of a stream: how a text file is written, where it cannot be told from its content."""
+
+    delimiter: str = ""
+    decimal: Literal["", ".", ","] = ""
+    encoding: str = ""
+    comment: str = ""
+    header_line: int = 0
+    units_line: int = 0
+
+
+class _StreamPart(_MappingTable):
+    files: Annotated[list[str], Len(1)] = Field(
+        description='files = ["...", ...], names or patterns of the files, such as "gyro_*.csv"'
+    )
+    table: str = ""
+    time: TimeStampPart = TimeStampPart()
+    offset_s: float = 0.0
+    valid: ValidRows | None = None
+    text: TextFilePart = TextFilePart()
+
+
+class _ReadingsPart(_StreamPart):
+    """Readings with a unit; counts become readings by scale * count + offset."""
+
+    unit: str = ""
+    scale: Numbers = 1.0
+    offset: Numbers = 0.0
+
+
+class _WheelsPart(_ReadingsPart):
+    names: Names = Field(description='names = ["...", ...], one column a wheel')
+    wheels: Annotated[list[str], Len(1)] | None = None
+
+
+class RateStream(_ReadingsPart):
+    """Rates of the body, along its axes or along those of the sensor."""
+
+    holds: Literal["rate"]
+    names: Names3 = Field(description='names = ["...", "...", "..."], one column an axis')
+    frame: Literal["body", "sensor"]
+    mounting: Matrix33 | None = None
+    body_from_sensor: Matrix33 | None = None
+
+
+class TorqueStream(_WheelsPart):
+    """Torque commands of the wheels."""
+
+    holds: Literal["wheel_torque"]
+    acts_on: Literal["wheel", "body"]
+
+
+class MomentumStream(_WheelsPart):
+    """Momentum of the wheels, relative to the body."""
+
+    holds: Literal["wheel_momentum"]
+    relative_to: Literal["body"]
+
+
+class SpeedStream(_WheelsPart):
+    """Speed of the wheels, relative to the body."""
+
+    holds: Literal["wheel_speed"]
+    relative_to: Literal["body"]
+
+
+class AttitudeStream(_StreamPart):
+    """Attitudes in any form; files of CCSDS AEM state most of it themselves."""
+
+    holds: Literal["attitude"]
+    form: Literal["quaternion", "euler", "dcm", "mrp"] | None = None
+    names: list[str] = []
+    scalar: Literal["first", "last"] | None = None
+    maps: Literal["inertial_to_body", "body_to_inertial"] | None = None
+    sequence: str = ""
+    turns: Literal["intrinsic", "extrinsic"] | None = None
+    unit: str = ""
+    frame: Literal["body", "tracker"] | None = None
+    body_from_tracker: Matrix33 | None = None
+
+
+class MagneticFieldStream(_ReadingsPart):
+    """The magnetic field along inertial axes."""
+
+    holds: Literal["magnetic_field"]
+    names: Names3 = Field(description='names = ["...", "...", "..."], along the inertial axes')
+    frame: Literal["inertial"]
+
+
+class PositionStream(_ReadingsPart):
+    """The position along inertial axes."""
+
+    holds: Literal["position"]
+    names: Names3 = Field(description='names = ["...", "...", "..."], along the inertial axes')
+    frame: Literal["inertial"]
+
+
+WheelStream = TorqueStream | MomentumStream | SpeedStream
+ReadingsStream = RateStream | WheelStream | MagneticFieldStream | PositionStream
+MappedStream = Annotated[ReadingsStream | AttitudeStream, Field(discriminator="holds")]
+
+
+class CutPart(_MappingTable):
+    """`[cut]`: how logs become slews. Every key has a default that the log gives."""
+
+    by: Literal["rest", "files"] | None = None
+    rest_rate: float | None = Field(default=None, gt=0.0)
+    before_s: float | None = Field(default=None, ge=0.0)
+    after_s: float | None = Field(default=None, ge=0.0)
+    min_rest_s: float | None = Field(default=None, gt=0.0)
+    gap_s: float | None = Field(default=None, gt=0.0)
+    between_files_s: float | None = Field(default=None, gt=0.0)
+
+
+class MappedSlew(_MappingTable):
+    """One `[[slews]]` of a mapping: a part of the log that the user names."""
+
+    name: str = Field(description='name = "..."')
+    start: str | float = Field(
+        description='start = a UTC time such as "2026-03-01T12:00:00Z", or seconds on the '
+        "clock of streams that count seconds"
+    )
+    end: str | float = Field(description="end = as start")
+    axis: Vector3 | None = None
+    angle_deg: float | None = None
+
+
+class MappingPart(_MappingTable):
+    """The whole of `mapping.toml`."""
+
+    format: Literal["bayes-inertia-mapping/1"]
+    name: str = Field(description='name = "..."')
+    inertia: InertiaPart = Field(
+        description="[inertia] with tensor, relative_sigma, product_sigma, includes_wheel_spin"
+    )
+    rate_sensor: MappedRateSensor = Field(
+        description="[rate_sensor], as in campaign.toml; sigma may be left out"
+    )
+    streams: Annotated[list[MappedStream], Len(1)] = Field(
+        description='one [[streams]] a quantity, at least one that holds = "rate"'
+    )
+    wheels: list[WheelPart] = Field(default=[])
+    star_tracker: MappedStarTracker | None = None
+    cut: CutPart = CutPart()
+    slews: list[MappedSlew] = []

@@ -1,0 +1,186 @@
+"""When the body moved and when it rested, told from the rates.
+
+The rates are freed of single outliers (running median) and of noise (running mean), then held
+against the rate at rest. A motion is where they pass `high`; it lasts as long as they stay above
+`low` (hysteresis), so that noise at its edges does not cut it into pieces.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.ndimage import median_filter, uniform_filter1d
+
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.importing.logged_stream import LoggedStream
+from bayes_inertia.maths.values import array_dataclass
+
+_AVERAGED_S = 1.0  # [s] the running mean, but at least so many rows:
+_AVERAGED_ROWS = 5
+_OUTLIER_ROWS = 5  # The running median: two rows in a row may be outliers.
+# Share of the readings that are slowest: the rate at rest is their median.
+_SLOWEST = 0.2
+# A log whose rates do not exceed their noise at rest by this factor shows no slew.
+_VISIBLE = 8.0
+_LOW_OVER_HIGH = 1.0 / 3.0
+# `high` is at most this share of the largest rate.
+_LARGEST_THRESHOLD = 0.1
+_SIGMAS_OF_REST = 3.0
+_MAD_TO_SIGMA = 1.4826  # Of a normal distribution.
+
+
+@array_dataclass
+class MotionScan:
+    """The rates over time and the motions in them.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Times of the rate readings [s].
+    speed : (n,) array
+        Norm of the smoothed rates, relative to the rate at rest [rad/s].
+    segment : (n,) array of int
+        Counts up after each pause of the log.
+    low, high : float
+        The thresholds [rad/s].
+    motions : (m, 2) array
+        Start and end of each motion [s].
+    rest_rate : (3,) array
+        Rate readings at rest [rad/s].
+    """
+
+    time: np.ndarray
+    speed: np.ndarray
+    segment: np.ndarray
+    low: float
+    high: float
+    motions: np.ndarray
+    rest_rate: np.ndarray
+
+    @property
+    def at_rest(self) -> np.ndarray:
+        """Which rows (n,) lie in no motion."""
+        rest = np.ones(len(self.time), dtype=bool)
+        for start, end in self.motions:
+            rest &= (self.time < start) | (self.time > end)
+        return rest
+
+    def segment_span(self, moment: float) -> tuple[float, float]:
+        """First and last time of the part of the log, between pauses, that a moment lies in.
+
+        Parameters
+        ----------
+        moment : float
+            A time within the log [s].
+
+        Returns
+        -------
+        tuple of float
+            Start and end [s].
+        """
+        row = min(int(np.searchsorted(self.time, moment)), len(self.time) - 1)
+        rows = np.flatnonzero(self.segment == self.segment[row])
+        return float(self.time[rows[0]]), float(self.time[rows[-1]])
+
+
+def scan_motion(rate: LoggedStream, *, threshold: float | None, pause: float) -> MotionScan:
+    """Find the motions in a log.
+
+    Parameters
+    ----------
+    rate : LoggedStream
+        The rates, in the order of their times.
+    threshold : float or None
+        `high` [rad/s]; None: from the noise at rest and the largest rate.
+    pause : float
+        Time without readings that divides the log [s].
+
+    Returns
+    -------
+    MotionScan
+        The motions.
+
+    Raises
+    ------
+    CampaignError
+        If no rate exceeds the noise at rest by far.
+
+    Examples
+    --------
+    >>> time = np.arange(0.0, 60.0, 0.5)
+    >>> rates = np.outer(np.where((time > 20) & (time < 40), 0.1, 0.0), [1.0, 0.0, 0.0])
+    >>> log = LoggedStream("rate", time, rates, np.zeros(120, dtype=int), ("a.csv",))
+    >>> scan_motion(log, threshold=None, pause=30.0).motions.tolist()
+    [[19.5, 40.5]]
+    """
+    segment = np.concatenate([[0], np.cumsum(np.diff(rate.time) > pause)])
+    rates, width = _smoothed(rate, segment)
+    norm = np.linalg.norm(rates, axis=1)
+    rest_rate = np.median(rates[norm <= np.quantile(norm, _SLOWEST)], axis=0)
+    speed = np.linalg.norm(rates - rest_rate, axis=1)
+    floor = _SIGMAS_OF_REST * _noise(rate) / np.sqrt(width)
+    largest = float(speed.max())
+    high = threshold or _threshold(floor, largest, rate)
+    at_rest = speed[speed < high]
+    level = float(np.quantile(at_rest, 0.5)) if len(at_rest) else 0.0
+    low = min(high, max(_LOW_OVER_HIGH * high, 2.0 * level))
+    motions = _hysteresis(rate.time, speed, segment, low, high)
+    return MotionScan(rate.time, speed, segment, low, high, motions, rest_rate)
+
+
+def _smoothed(rate: LoggedStream, segment: np.ndarray) -> tuple[np.ndarray, int]:
+    """Rates (n, 3) without outliers and with less noise, and the rows averaged.
+
+    Missing readings are bridged here, where rates are only looked at.
+    """
+    width = max(_AVERAGED_ROWS, round(_AVERAGED_S / max(rate.step, 1e-9)))
+    smooth = np.empty_like(rate.values)
+    for k in np.unique(segment):
+        rows = np.flatnonzero(segment == k)
+        for axis in range(rate.values.shape[1]):
+            values = _bridged(rate.time[rows], rate.values[rows, axis])
+            values = median_filter(values, min(_OUTLIER_ROWS, len(rows)), mode="nearest")
+            smooth[rows, axis] = uniform_filter1d(values, width, mode="nearest")
+    return smooth, width
+
+
+def _bridged(time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    given = np.isfinite(values)
+    if not given.any():
+        return np.zeros_like(values)
+    return np.interp(time, time[given], values[given])
+
+
+def _noise(rate: LoggedStream) -> float:
+    """Noise of a reading's norm [rad/s], from the differences of neighbours."""
+    steps = np.diff(rate.values, axis=0)
+    spread = _MAD_TO_SIGMA * np.nanmedian(np.abs(steps), axis=0) / np.sqrt(2.0)
+    return float(np.linalg.norm(np.nan_to_num(spread)))
+
+
+def _threshold(floor: float, largest: float, rate: LoggedStream) -> float:
+    if largest <= _VISIBLE * floor or largest == 0.0:
+        raise CampaignError(
+            f"no slew is to be seen: the largest rate, {largest:.2g} rad/s, is hardly above the "
+            f"noise, {floor:.2g} rad/s",
+            where=f"rates in {', '.join(rate.files)}",
+            advice="give files that hold slews, check unit and scale, or state [[slews]] with "
+            "start and end",
+        )
+    # Half way between noise and slew, on a logarithmic scale.
+    return float(min(np.sqrt(max(floor, 1e-4 * largest) * largest), _LARGEST_THRESHOLD * largest))
+
+
+def _hysteresis(
+    time: np.ndarray, speed: np.ndarray, segment: np.ndarray, low: float, high: float
+) -> np.ndarray:
+    """Start and end (m, 2) of the runs above `low` that pass `high`."""
+    above = speed > low
+    new = np.concatenate([[True], (np.diff(above) != 0) | (np.diff(segment) != 0)])
+    starts = np.flatnonzero(new)
+    ends = np.append(starts[1:], len(time)) - 1
+    runs = [
+        (time[i], time[j])
+        for i, j in zip(starts, ends, strict=True)
+        if above[i] and speed[i : j + 1].max() > high
+    ]
+    return np.array(runs).reshape(-1, 2)

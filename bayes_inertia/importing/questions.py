@@ -1,0 +1,184 @@
+"""What only the user can know about raw logs, asked in words.
+
+A mapping that `import --start` writes has "?" at each of these keys, with the question beside it.
+An import with a "?" left repeats the question.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Any
+
+from bayes_inertia.campaign.checked_toml import table_label
+from bayes_inertia.errors import CampaignError
+
+UNKNOWN = "?"
+"""What stands in a mapping where the user must answer."""
+
+QUESTIONS: Mapping[str, str] = MappingProxyType(
+    {
+        "streams.time.names": "Which column holds the time? (two for GPS week and seconds)",
+        "streams.time.kind": (
+            'Which clock? utc, tai, gps, tt for dates as text; "gps_s", "gps_week", "tai_s", '
+            '"unix_s", "unix_ms" for counts; "s", "ms", "us" from a zero of its own. The '
+            "telemetry handbook says; UTC and GPS differ by 18 s since 2017."
+        ),
+        "streams.time.epoch": (
+            'When was zero? A UTC date; "campaign" if all streams that count seconds share one '
+            'zero; "file" if each file starts its own clock.'
+        ),
+        "streams.names": "Which columns, in the order x, y, z (or of [[wheels]])?",
+        "streams.unit": (
+            "Which unit? A slew of 1 deg/s reads 0.017 in rad/s; a small reaction wheel turns "
+            "some 1000 rpm = 105 rad/s; its torque is some mN m."
+        ),
+        "streams.rate.frame": (
+            '"body": the readings are along body axes already; "sensor": along the axes of the '
+            "sensor, whose mounting then stands beside it."
+        ),
+        "streams.rate.mounting": (
+            "v_sensor = mounting v_body: row i is the sensor's axis i in body axes. Write "
+            "body_from_sensor instead if the drawing gives the other direction."
+        ),
+        "streams.acts_on": (
+            'A positive torque speeds the wheel up: "wheel"; it turns the body the other way '
+            'round, as a control torque does: "body".'
+        ),
+        "streams.relative_to": (
+            'A tachometer measures relative to the "body". A momentum in inertial space must be '
+            "converted before: h = spin inertia * speed relative to the body."
+        ),
+        "streams.magnetic_field.frame": '"inertial" is read; rotate other fields before.',
+        "streams.position.frame": '"inertial" is read; rotate Earth-fixed positions before.',
+        "streams.attitude.form": '"quaternion", "euler", "dcm" or "mrp"?',
+        "streams.attitude.scalar": (
+            "Which of the four is the cosine of half the angle? It is near 1 for small turns and "
+            "changes least."
+        ),
+        "streams.attitude.maps": (
+            '"inertial_to_body": v_B = C(q) v_N, with C = (eta^2 - eps.eps) 1 + 2 eps eps^T '
+            '- 2 eta [eps]x. A q with v_N = q v_B q* (scipy, ROS, Eigen: "body to world") is this '
+            'q. "body_to_inertial": its conjugate.'
+        ),
+        "streams.attitude.sequence": 'Axes in the order of the turns, such as "zyx" for yaw first.',
+        "streams.attitude.turns": (
+            '"intrinsic": about the axes as turned so far (yaw, pitch, roll of aircraft); '
+            '"extrinsic": about the fixed axes.'
+        ),
+        "streams.attitude.frame": (
+            '"body", or "tracker": the tracker\'s own axes, whose mounting then stands beside it '
+            "(body_from_tracker, v_body = R v_tracker)."
+        ),
+        "streams.attitude.body_from_tracker": (
+            "v_body = R v_tracker: column i is the tracker's axis i in body axes."
+        ),
+        "streams.valid.equals": "Which value of the flag marks a good reading?",
+        "inertia.tensor": "The inertia tensor known before flight [kg m^2], three rows.",
+        "inertia.relative_sigma": "The sd of each diagonal element, as a fraction, such as 0.05.",
+        "inertia.product_sigma": "The sd of each product of inertia [kg m^2].",
+        "inertia.includes_wheel_spin": (
+            "true if the tensor was computed with the wheels as rigid parts, false if without "
+            "their spin inertia."
+        ),
+        "wheels.axis": (
+            "The unit spin axis in body axes; a positive speed turns right-handed about it."
+        ),
+        "wheels.spin_inertia": "Moment of inertia about the spin axis [kg m^2].",
+        "rate_sensor.range": "Largest reading of an axis [rad/s].",
+        "star_tracker.boresight": "The unit vector of the boresight in body axes.",
+        "name": "What the campaign is called.",
+    }
+)
+"""The question at each key; a key of one stream goes before that of all."""
+
+
+def question_at(path: tuple[str, ...]) -> str:
+    """The question at a key of a mapping.
+
+    Parameters
+    ----------
+    path : tuple of str
+        The key's path, tables in lists by their label, such as ("streams", "rate", "unit").
+
+    Returns
+    -------
+    str
+        The question; a general one where none is written.
+
+    Examples
+    --------
+    >>> question_at(("streams", "attitude", "form"))
+    '"quaternion", "euler", "dcm" or "mrp"?'
+    """
+    short = (path[0], *path[2:]) if path[0] in ("streams", "wheels") else path
+    for candidate in (path, short):
+        if ".".join(candidate) in QUESTIONS:
+            return QUESTIONS[".".join(candidate)]
+    return f"What is {path[-1]}?"
+
+
+def refuse_open_questions(document: dict[str, Any], label: str) -> None:
+    """Raise an error if a mapping has a question left open.
+
+    Parameters
+    ----------
+    document : dict
+        The content of the mapping.
+    label : str
+        The file, as messages name it.
+
+    Raises
+    ------
+    CampaignError
+        If there is a "?"; the error names the key and repeats the question.
+
+    Examples
+    --------
+    >>> refuse_open_questions({"streams": [{"holds": "rate", "unit": "?"}]}, "m.toml")
+    Traceback (most recent call last):
+    bayes_inertia.errors.CampaignError: m.toml, key streams.rate.unit: the question is open; ...
+    """
+    paths = open_questions(document)
+    if not paths:
+        return
+    more = f" ({len(paths) - 1} more keys have a question)" if len(paths) > 1 else ""
+    raise CampaignError(
+        "the question is open",
+        where=f"{label}, key {'.'.join(paths[0])}",
+        advice=f"write the answer in the place of {UNKNOWN!r}{more}. {question_at(paths[0])}",
+    )
+
+
+def open_questions(value: Any, path: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
+    """Paths of all keys whose value is, or holds, a "?".
+
+    Parameters
+    ----------
+    value : Any
+        A value of a TOML document.
+    path : tuple of str, optional
+        Where it stands.
+
+    Returns
+    -------
+    list of tuple of str
+        In the order of the document.
+
+    Examples
+    --------
+    >>> open_questions({"a": {"b": ["?", 1]}, "c": 1})
+    [('a', 'b')]
+    """
+    if isinstance(value, dict):
+        return [p for key, inner in value.items() for p in open_questions(inner, (*path, key))]
+    if isinstance(value, list):
+        if any(isinstance(inner, dict) for inner in value):
+            labels = [table_label(inner) or str(k + 1) for k, inner in enumerate(value)]
+            return [
+                p
+                for label, inner in zip(labels, value, strict=True)
+                for p in open_questions(inner, (*path, label))
+            ]
+        return [path] if any(open_questions(inner) for inner in value) else []
+    return [path] if value == UNKNOWN else []

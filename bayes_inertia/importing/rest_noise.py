@@ -1,0 +1,169 @@
+"""Noise of every stream from the parts of a log at which the body rests."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from bayes_inertia.importing.common_clock import Logs
+from bayes_inertia.importing.logged_stream import LoggedStream
+from bayes_inertia.importing.mapping_schema import MappingPart
+from bayes_inertia.importing.motion_scan import MotionScan
+from bayes_inertia.importing.noise_fit import NoiseFit, fit_noise
+
+# Steps between readings of one series differ by at most this share of the median step.
+_EVEN = 0.1
+# A stated noise further from the seen one than this factor is worth a word.
+_DIFFERS = 1.3
+
+
+@dataclass(frozen=True)
+class RestNoise:
+    """The noise of one key of the description.
+
+    Parameters
+    ----------
+    key : str
+        The key, such as "rate_sensor.sigma" or "wheels.wheel_x.momentum_sigma".
+    unit : str
+        Its unit.
+    fits : tuple of NoiseFit
+        One for each axis that was looked at.
+    stated : tuple of float or None
+        What the mapping states for each.
+    """
+
+    key: str
+    unit: str
+    fits: tuple[NoiseFit, ...]
+    stated: tuple[float, ...] | None
+
+    @property
+    def seen(self) -> tuple[float, ...]:
+        """White noise per sample of each axis, to two digits."""
+        return tuple(float(f"{fit.white:.2g}") for fit in self.fits)
+
+    @property
+    def differs(self) -> bool:
+        """Whether the stated noise is another one than the seen."""
+        if self.stated is None:
+            return False
+        return any(
+            abs(np.log(fit.white / stated)) > np.log(_DIFFERS) + 3.0 * fit.white_error
+            for fit, stated in zip(self.fits, self.stated, strict=True)
+            if fit.white > 0.0
+        )
+
+    def toml(self) -> str:
+        """The line of the description that states the seen noise."""
+        name = self.key.rpartition(".")[2]
+        numbers = [f"{value:.2g}" for value in self.seen]
+        value = numbers[0] if len(set(numbers)) == 1 else f"[{', '.join(numbers)}]"
+        return f"{name} = {value}"
+
+
+def rest_noise(logs: Logs, scan: MotionScan | None, mapping: MappingPart) -> list[RestNoise]:
+    """The noise of rates, star tracker and tachometers at rest.
+
+    Parameters
+    ----------
+    logs : Logs
+        The streams.
+    scan : MotionScan or None
+        The motions; None if none are known, and then nothing is measured.
+    mapping : MappingPart
+        What is stated.
+
+    Returns
+    -------
+    list of RestNoise
+        Only what enough readings show.
+    """
+    if scan is None:
+        return []
+    noises = [*_rates(logs, scan, mapping), *_momenta(logs, scan, mapping)]
+    if mapping.star_tracker is not None and "attitude" in logs.streams:
+        noises += _attitudes(logs, scan, mapping)
+    return noises
+
+
+def _rates(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[RestNoise]:
+    rate = logs.streams["rate"]
+    fits = [_fit(rate.time, axis, scan) for axis in rate.values.T]
+    stated = mapping.rate_sensor.sigma
+    if all(fit is not None for fit in fits):
+        yield RestNoise(
+            "rate_sensor.sigma",
+            "rad/s",
+            tuple(fit for fit in fits if fit is not None),
+            None if stated is None else tuple(stated),
+        )
+
+
+def _momenta(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[RestNoise]:
+    """Tachometers, less what the commanded torques change."""
+    speed = "wheel_speed" in logs.streams
+    stream = logs.streams.get("wheel_speed" if speed else "wheel_momentum")
+    if stream is None:
+        return
+    torque = logs.streams.get("wheel_torque")
+    commanded = np.zeros_like(stream.values) if torque is None else _impulse(torque, stream.time)
+    for k, wheel in enumerate(mapping.wheels):
+        momentum = stream.values[:, k] * (wheel.spin_inertia if speed else 1.0)
+        fit = _fit(stream.time, momentum - commanded[:, k], scan)
+        if fit is not None:
+            stated = wheel.momentum_sigma
+            key = f"wheels.{wheel.name}.momentum_sigma"
+            yield RestNoise(key, "N m s", (fit,), None if stated is None else (stated,))
+
+
+def _impulse(torque: LoggedStream, time: np.ndarray) -> np.ndarray:
+    """Integral of the held commands up to each time (n, wheels) [N m s]."""
+    added = torque.values[:-1] * np.diff(torque.time)[:, None]
+    sums = np.concatenate([np.zeros((1, torque.values.shape[1])), np.cumsum(added, axis=0)])
+    return np.stack([np.interp(time, torque.time, column) for column in sums.T], axis=1)
+
+
+def _attitudes(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[RestNoise]:
+    """Errors across and about the boresight."""
+    stream, tracker = logs.streams["attitude"], mapping.star_tracker
+    if tracker is None:
+        return
+    boresight = np.array(tracker.boresight) / np.linalg.norm(tracker.boresight)
+    across = np.linalg.svd(boresight[None, :])[2][1:]
+    turns: dict[str, list[np.ndarray]] = {"sigma_cross": [], "sigma_roll": []}
+    for rows in _series(stream.time, np.isfinite(stream.values).all(axis=1), scan):
+        attitude = Rotation.from_quat(stream.values[rows])
+        # A small rotation in body axes stands on the right of a quaternion.
+        errors = (attitude[0].inv() * attitude).as_rotvec()
+        turns["sigma_cross"] += list((errors @ across.T).T)
+        turns["sigma_roll"].append(errors @ boresight)
+    for name, series in turns.items():
+        fit = fit_noise(series, stream.step)
+        stated = getattr(tracker, name)
+        if fit is not None:
+            key = f"star_tracker.{name}"
+            yield RestNoise(key, "rad", (fit,), None if stated is None else (stated,))
+
+
+def _fit(time: np.ndarray, values: np.ndarray, scan: MotionScan) -> NoiseFit | None:
+    given = np.isfinite(values)
+    rows = _series(time, given, scan)
+    step = float(np.median(np.diff(time[given]))) if given.sum() > 1 else 0.0
+    return fit_noise([values[r] for r in rows], step)
+
+
+def _series(time: np.ndarray, given: np.ndarray, scan: MotionScan) -> list[np.ndarray]:
+    """Rows of each uninterrupted series of evenly spaced readings at rest."""
+    rest = given.copy()
+    for start, end in scan.motions:
+        rest &= (time < start) | (time > end)
+    rows = np.flatnonzero(rest)
+    if len(rows) < 2:
+        return []
+    steps = np.diff(time[rows])
+    even = np.abs(steps - np.median(steps)) <= _EVEN * np.median(steps)
+    return np.split(rows, np.flatnonzero(~even) + 1)

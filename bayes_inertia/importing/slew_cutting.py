@@ -1,0 +1,358 @@
+"""Which parts of a log are slews: rest, motion, rest; and what is left out, with the reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import PurePath
+
+import numpy as np
+
+from bayes_inertia.campaign.schema import Vector3
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.importing.common_clock import Logs
+from bayes_inertia.importing.leap_seconds import SECOND
+from bayes_inertia.importing.log_reader import utc_ns
+from bayes_inertia.importing.mapping_schema import CutPart, MappedSlew, MappingPart
+from bayes_inertia.importing.motion_scan import MotionScan, scan_motion
+
+# Rest kept on each side of a slew unless the mapping says otherwise [s], but so many fixes.
+_REST_KEPT_S = 30.0
+_FIXES_KEPT = 10
+_LONGEST_WAIT_S = 300.0  # [s] for the first fixes after a motion.
+# Fewer seconds at rest than these, or than hold so many fixes or rates, are no rest.
+_SHORTEST_REST_S = 2.0
+_FIXES_IN_REST = 3
+_RATES_IN_REST = 10
+# A pause of the rates longer than this divides a log [s], and longer than so many steps.
+_PAUSE_S = 30.0
+_PAUSE_STEPS = 20
+# A motion that turns less than this share of the largest one is no slew.
+_SMALL_TURN = 0.03
+
+
+@dataclass(frozen=True)
+class SlewWindow:
+    """One slew of a log.
+
+    Parameters
+    ----------
+    name : str
+        The slew, as printed.
+    start, end : float
+        The part of the log that becomes the slew [s].
+    motion : tuple of float, optional
+        Start and end of the motion in it [s].
+    turned : float, optional
+        Angle that the rates add up to [rad].
+    fixes : tuple of int, optional
+        Star-tracker fixes before and after the motion.
+    axis : list of float, optional
+        Commanded axis in body axes.
+    angle_deg : float, optional
+        Commanded angle [deg].
+    """
+
+    name: str
+    start: float
+    end: float
+    motion: tuple[float, float] | None = None
+    turned: float | None = None
+    fixes: tuple[int, int] | None = None
+    axis: Vector3 | None = None
+    angle_deg: float | None = None
+
+
+@dataclass(frozen=True)
+class Dropped:
+    """A part of a log that becomes no slew.
+
+    Parameters
+    ----------
+    start, end : float
+        From when to when [s].
+    reason : str
+        Why.
+    """
+
+    start: float
+    end: float
+    reason: str
+
+
+@dataclass(frozen=True)
+class SlewCut:
+    """How a log was cut.
+
+    Parameters
+    ----------
+    windows : tuple of SlewWindow
+        The slews, in the order of time.
+    dropped : tuple of Dropped
+        What is left out.
+    scan : MotionScan or None
+        The rates that decided; None where they show no motion and need not.
+    by : str
+        What decided: "rest", "files" or "slews" (stated in the mapping).
+    """
+
+    windows: tuple[SlewWindow, ...]
+    dropped: tuple[Dropped, ...]
+    scan: MotionScan | None
+    by: str
+
+
+def cut_into_slews(logs: Logs, mapping: MappingPart, label: str) -> SlewCut:
+    """Cut logs into slews.
+
+    Stated `[[slews]]` are taken as they are; of several files with rates each is one slew; one
+    file is cut where the body rests, as far as `[cut]` does not say otherwise.
+
+    Parameters
+    ----------
+    logs : Logs
+        The streams.
+    mapping : MappingPart
+        What the mapping says.
+    label : str
+        The mapping, as messages name it.
+
+    Returns
+    -------
+    SlewCut
+        The slews.
+
+    Raises
+    ------
+    CampaignError
+        If no slew is left.
+    """
+    rate, cut = logs.streams["rate"], mapping.cut
+    pause = cut.gap_s or max(_PAUSE_S, _PAUSE_STEPS * rate.step)
+    by = cut.by or ("files" if len(rate.files) > 1 else "rest")
+    if mapping.slews or by == "files":
+        windows = (
+            [_stated(slew, logs, label) for slew in mapping.slews]
+            if mapping.slews
+            else _of_files(logs)
+        )
+        scan = _scan_if_any(logs, cut, pause)
+        windows = [_with_motion(window, scan, _fixes(logs)) for window in windows]
+        dropped = _left_over(windows, scan, "no slew is stated here") if mapping.slews else []
+        return SlewCut(tuple(windows), tuple(dropped), scan, "slews" if mapping.slews else by)
+    scan = scan_motion(rate, threshold=cut.rest_rate, pause=pause)
+    windows, dropped = _at_rests(scan, logs, cut)
+    if not windows:
+        reasons = "; ".join(f"{d.start:.0f} to {d.end:.0f} s, {d.reason}" for d in dropped[:4])
+        raise CampaignError(
+            f"no slew from rest to rest is in the log ({reasons or 'no motion'})",
+            where=f"{label}, key cut",
+            advice="lower min_rest_s, raise rest_rate, or state [[slews]] with start and end",
+        )
+    return SlewCut(tuple(windows), tuple(dropped), scan, "rest")
+
+
+def _scan_if_any(logs: Logs, cut: CutPart, pause: float) -> MotionScan | None:
+    try:
+        return scan_motion(logs.streams["rate"], threshold=cut.rest_rate, pause=pause)
+    except CampaignError:  # Stated slews need no motion that stands out.
+        return None
+
+
+def _stated(slew: MappedSlew, logs: Logs, label: str) -> SlewWindow:
+    """A window that the mapping states."""
+    where = f"{label}, key slews.{slew.name}"
+    start, end = (_moment(getattr(slew, key), logs, f"{where}.{key}") for key in ("start", "end"))
+    rate = logs.streams["rate"]
+    if not start < end:
+        raise CampaignError("the end is not after the start", where=where, advice="swap them")
+    if not len(rate.between(start, end).time):
+        raise CampaignError(
+            "no rate was logged then",
+            where=where,
+            advice=f"the rates reach from {rate.time[0]:.1f} s to {rate.time[-1]:.1f} s after the "
+            "first reading; check the date and the clock",
+        )
+    return SlewWindow(slew.name, start, end, axis=slew.axis, angle_deg=slew.angle_deg)
+
+
+def _moment(value: str | float, logs: Logs, where: str) -> float:
+    """A stated time on the clock of the logs [s]."""
+    if isinstance(value, str) != logs.absolute:
+        kind = "UTC dates, such as" if logs.absolute else "seconds on the clock of the streams, not"
+        raise CampaignError(
+            f"{value!r} does not fit the clock of the streams",
+            where=where,
+            advice=f'write {kind} "2026-03-01T12:00:00Z"',
+        )
+    if isinstance(value, str):
+        return (utc_ns(value, where) - logs.epoch_ns) / SECOND
+    return value - logs.epoch_ns / SECOND
+
+
+def _of_files(logs: Logs) -> list[SlewWindow]:
+    rate = logs.streams["rate"]
+    windows = []
+    for k, file in enumerate(rate.files):
+        time = rate.time[rate.file == k]
+        if len(time):
+            windows.append(SlewWindow(PurePath(file).stem, float(time[0]), float(time[-1])))
+    windows.sort(key=lambda window: window.start)
+    for before, after in pairwise(windows):
+        if after.start <= before.end:
+            raise CampaignError(
+                f"the times of {before.name} and {after.name} overlap",
+                where="rates",
+                advice='write by = "rest" in [cut] if the files are no slews, or '
+                'epoch = "file" if each file has a clock of its own',
+            )
+    return windows
+
+
+def _with_motion(window: SlewWindow, scan: MotionScan | None, fixes: np.ndarray) -> SlewWindow:
+    """A window, the motion in it, and the fixes on either side."""
+    if scan is None:
+        return window
+    inside = [m for m in scan.motions if m[0] < window.end and m[1] > window.start]
+    if not inside:
+        return window
+    start, end = float(inside[0][0]), float(inside[-1][1])
+    before = int(((fixes >= window.start) & (fixes < start)).sum())
+    after = int(((fixes > end) & (fixes <= window.end)).sum())
+    turned = _turned(scan, start, end)
+    return replace(window, motion=(start, end), turned=turned, fixes=(before, after))
+
+
+def _turned(scan: MotionScan, start: float, end: float) -> float:
+    rows = (scan.time >= start) & (scan.time <= end)
+    return float(np.trapezoid(scan.speed[rows], scan.time[rows]))
+
+
+def _at_rests(scan: MotionScan, logs: Logs, cut: CutPart) -> tuple[list[SlewWindow], list[Dropped]]:
+    """Windows around the motions that have a rest on either side."""
+    fixes = _fixes(logs)
+    step = float(np.median(np.diff(fixes))) if len(fixes) > 1 else 0.0
+    shortest = cut.min_rest_s or max(
+        _SHORTEST_REST_S, _RATES_IN_REST * logs.streams["rate"].step, _FIXES_IN_REST * step
+    )
+    motions = _merged(scan, shortest)
+    turned = [_turned(scan, *motion) for motion in motions]
+    before, after = _wanted_rests(motions, fixes, cut, shortest)
+    windows: list[SlewWindow] = []
+    dropped: list[Dropped] = []
+    for k, (start, end) in enumerate(motions):
+        span = scan.segment_span(start)
+        # Two slews share the rest between them: no reading is used twice.
+        rest_before = _share(
+            start,
+            span[0],
+            *((motions[k - 1][1], before[k], after[k - 1]) if k else (-np.inf, before[k], 0.0)),
+        )
+        rest_after = _share(
+            -end,
+            -span[1],
+            *(
+                (-motions[k + 1][0], after[k], before[k + 1])
+                if k + 1 < len(motions)
+                else (-np.inf, after[k], 0.0)
+            ),
+        )
+        reason = _why_not(turned[k], max(turned), rest_before, rest_after, shortest)
+        if reason:
+            dropped.append(Dropped(start, end, reason))
+            continue
+        window = SlewWindow(f"slew {len(windows) + 1}", start - rest_before, end + rest_after)
+        windows.append(_with_motion(window, scan, fixes))
+    spare = _left_over(windows, scan, "rest that no slew needs")
+    return windows, sorted([*dropped, *_without(spare, dropped)], key=lambda part: part.start)
+
+
+def _fixes(logs: Logs) -> np.ndarray:
+    """Times of the star-tracker fixes [s]."""
+    stream = logs.streams.get("attitude")
+    return np.zeros(0) if stream is None else stream.time
+
+
+def _wanted_rests(
+    motions: list[tuple[float, float]], fixes: np.ndarray, cut: CutPart, shortest: float
+) -> tuple[list[float], list[float]]:
+    """Seconds of rest wanted before and after each motion, so that fixes lie in both."""
+    stated = (cut.before_s, cut.after_s)
+    wanted: tuple[list[float], list[float]] = ([], [])
+    for start, end in motions:
+        # The fixes nearest to the motion first; those in other motions do not matter here.
+        sides = (start - fixes[fixes < start][::-1], fixes[fixes > end] - end)
+        for away, seconds, side in zip(sides, stated, wanted, strict=True):
+            count = _FIXES_KEPT if seconds is None else _FIXES_IN_REST
+            least = float(away[min(count, len(away)) - 1]) if len(away) else 0.0
+            # A tracker that comes back much later is no part of this slew.
+            least = least if least <= _LONGEST_WAIT_S else 0.0
+            side.append(max(_REST_KEPT_S if seconds is None else seconds, least, shortest))
+    return wanted
+
+
+def _share(edge: float, end: float, other: float, wanted: float, wanted_by_other: float) -> float:
+    """Seconds of rest that a slew gets on one side, times counted so that it lies before `edge`."""
+    if other <= end:  # A pause or the end of the log comes first.
+        return min(wanted, edge - end)
+    rest = edge - other
+    return (
+        wanted if wanted + wanted_by_other <= rest else rest * wanted / (wanted + wanted_by_other)
+    )
+
+
+def _merged(scan: MotionScan, shortest: float) -> list[tuple[float, float]]:
+    """Motions; those with too short a rest between them are one."""
+    merged: list[tuple[float, float]] = []
+    for start, end in scan.motions:
+        if (
+            merged
+            and start - merged[-1][1] < shortest
+            and scan.segment_span(start) == scan.segment_span(merged[-1][1])
+        ):
+            merged[-1] = (merged[-1][0], float(end))
+        else:
+            merged.append((float(start), float(end)))
+    return merged
+
+
+def _why_not(turned: float, largest: float, before: float, after: float, shortest: float) -> str:
+    """Why a motion is no slew; "" if it is."""
+    if turned < _SMALL_TURN * largest:
+        return f"turns {np.degrees(turned):.2g} deg only"
+    # The rest between two slews is shared, and half of it may be shorter than a whole rest.
+    for rest, side, edge in ((before, "before", "begins"), (after, "after", "ends")):
+        if rest < 0.5 * shortest:
+            return f"no rest {side} it: the log {edge} in the motion"
+    return ""
+
+
+def _left_over(windows: list[SlewWindow], scan: MotionScan | None, reason: str) -> list[Dropped]:
+    """Parts of the log that no window covers."""
+    if scan is None:
+        return []
+    left = []
+    for k in np.unique(scan.segment):
+        time = scan.time[scan.segment == k]
+        cursor = float(time[0])
+        for window in windows:
+            if window.end < cursor or window.start > time[-1]:
+                continue
+            left.append(Dropped(cursor, window.start, reason))
+            cursor = window.end
+        left.append(Dropped(cursor, float(time[-1]), reason))
+    return [part for part in left if part.end > part.start]
+
+
+def _without(parts: list[Dropped], taken: list[Dropped]) -> list[Dropped]:
+    """Parts less the motions that are dropped for another reason."""
+    for motion in taken:
+        pieces = []
+        for part in parts:
+            if motion.end <= part.start or motion.start >= part.end:
+                pieces.append(part)
+                continue
+            pieces.append(Dropped(part.start, motion.start, part.reason))
+            pieces.append(Dropped(motion.end, part.end, part.reason))
+        parts = [part for part in pieces if part.end > part.start]
+    return parts

@@ -1,0 +1,226 @@
+"""What a file states itself is taken; where the mapping says otherwise, that is an error.
+
+Units stand in rows of units and in attributes; CCSDS AEM states the columns, the form, the frames
+and the direction of attitudes.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.importing.attitude_forms import COLUMNS_OF_FORM, AttitudeConvention
+from bayes_inertia.importing.mapping_schema import AttitudeStream
+from bayes_inertia.importing.questions import question_at
+from bayes_inertia.importing.raw_table import RawTable, StatedAttitude
+from bayes_inertia.importing.unit_factors import unit_factor
+
+# Names of frames as CCSDS (SANA registry) and ground systems write them, in capitals.
+_INERTIAL = re.compile(
+    r"(EME|J)2000|ICRF\d*|GCRF\d*|GCRS|TEME.*|TOD.*|MOD.*|MEME.*|B1950|ECI.*|CIRS"
+)
+_BODY = re.compile(r"(SC|SPACECRAFT)_?(BODY|FRAME)?(_\d+)?|BODY.*|S/C.*")
+_TRACKER = re.compile(r"(STAR_?TRACKER|STR|ST|AST|INSTRUMENT|STARTRACKER).*")
+
+
+def agreed(stated: Any, mapped: Any, where: str, file: str) -> Any:
+    """What the file or the mapping says, or an error if they say different things.
+
+    Parameters
+    ----------
+    stated : Any
+        What the file says; "" or None where it says nothing.
+    mapped : Any
+        What the mapping says; "", None or empty where it says nothing.
+    where : str
+        The key of the mapping, for messages.
+    file : str
+        The file, for messages.
+
+    Returns
+    -------
+    Any
+        The one that is given.
+
+    Raises
+    ------
+    CampaignError
+        If both are given and differ.
+
+    Examples
+    --------
+    >>> agreed("last", None, "m.toml, key scalar", "a.aem")
+    'last'
+    """
+    if not stated:
+        return mapped
+    if mapped and mapped != stated:
+        raise CampaignError(
+            f"{mapped!r} contradicts the file {file}, which states {stated!r}",
+            where=where,
+            advice="leave the key out to take what the file states, or correct the file",
+        )
+    return stated
+
+
+def agreed_unit(table: RawTable, name: str, quantity: str, mapped: str, where: str) -> str:
+    """The unit of a column.
+
+    Parameters
+    ----------
+    table : RawTable
+        The table.
+    name : str
+        The column.
+    quantity : str
+        As `unit_factors` names it.
+    mapped : str
+        The unit that the mapping states; "" where it states none.
+    where : str
+        The stream's key of the mapping, for messages.
+
+    Returns
+    -------
+    str
+        The unit.
+
+    Raises
+    ------
+    CampaignError
+        If none is stated, it is no unit of the quantity, or file and mapping contradict.
+    """
+    stated = table.column(name).unit
+    if not mapped and not stated:
+        path = tuple(where.rpartition(", key ")[2].split("."))
+        raise CampaignError(
+            "missing key",
+            where=f"{where}.unit",
+            advice=f'add unit = "...": units are never guessed. {question_at((*path, "unit"))}',
+        )
+    if not mapped:
+        _factor(quantity, stated, f"{table.label}, column {name}")
+        return stated
+    factor = _factor(quantity, mapped, f"{where}.unit")
+    try:
+        differs = bool(stated) and abs(unit_factor(quantity, stated) / factor - 1.0) > 1e-9
+    except CampaignError:  # Such as "counts": the file states no unit of this quantity.
+        differs = False
+    if differs:
+        agreed(stated, mapped, f"{where}.unit", f"{table.label} (column {name})")
+    return mapped
+
+
+def _factor(quantity: str, unit: str, where: str) -> float:
+    try:
+        return unit_factor(quantity, unit)
+    except CampaignError as error:
+        raise CampaignError(f"{unit!r} {error.what}", where=where, advice=error.advice) from None
+
+
+def agreed_attitude(
+    table: RawTable, part: AttitudeStream, where: str
+) -> tuple[list[str], AttitudeConvention, bool]:
+    """The columns of the attitudes of a table and what they mean.
+
+    Parameters
+    ----------
+    table : RawTable
+        The table.
+    part : AttitudeStream
+        What the mapping says.
+    where : str
+        The stream's key of the mapping, for messages.
+
+    Returns
+    -------
+    names : list of str
+        The columns.
+    convention : AttitudeConvention
+        What they mean.
+    of_tracker : bool
+        Whether the attitudes are those of the tracker's axes, not of the body's.
+
+    Raises
+    ------
+    CampaignError
+        If something is stated by neither, or file and mapping contradict each other.
+    """
+    stated = table.attitude
+    says = {} if stated is None else _said_by(stated, table.label)
+    unit = _angle_unit(table, part, says, where)
+
+    def value(key: str) -> Any:
+        mapped = getattr(part, key)
+        mapped = mapped.lower() if key == "sequence" else mapped
+        found = agreed(says.get(key), mapped, f"{where}.{key}", table.label)
+        if found in (None, "", []):
+            question = question_at(("streams", "attitude", key))
+            raise CampaignError("missing key", where=f"{where}.{key}", advice=f"add it: {question}")
+        return found
+
+    form = value("form")
+    names = list(value("names"))
+    if len(names) != COLUMNS_OF_FORM[form]:
+        raise CampaignError(
+            f"{len(names)} columns for the form {form!r}",
+            where=f"{where}.names",
+            advice=f"name {COLUMNS_OF_FORM[form]} columns in their order",
+        )
+    convention = AttitudeConvention(
+        form,
+        value("maps"),
+        scalar=value("scalar") if form == "quaternion" else "last",
+        sequence=value("sequence") if form == "euler" else "",
+        turns=value("turns") if form == "euler" else "intrinsic",
+        radians=_factor("angle", unit, f"{where}.unit") if form == "euler" else 1.0,
+    )
+    of_tracker = value("frame") == "tracker"
+    if of_tracker and part.body_from_tracker is None:
+        question = question_at(("streams", "attitude", "body_from_tracker"))
+        raise CampaignError(
+            "missing key",
+            where=f"{where}.body_from_tracker",
+            advice=f"add it, as the file states the tracker's axes: {question}",
+        )
+    return names, convention, of_tracker
+
+
+def _angle_unit(table: RawTable, part: AttitudeStream, says: dict[str, Any], where: str) -> str:
+    """Unit of Euler angles; "" for other forms."""
+    if (says.get("form") or part.form) != "euler":
+        return ""
+    if says.get("unit"):
+        return str(agreed(says["unit"], part.unit, f"{where}.unit", table.label))
+    first = (part.names or says.get("names") or [""])[0]
+    return agreed_unit(table, first, "angle", part.unit, where)
+
+
+def _said_by(stated: StatedAttitude, label: str) -> dict[str, Any]:
+    """What a file states of its attitudes, in the keys of a mapping."""
+    start, end = stated.from_frame.upper(), stated.to_frame.upper()
+    says: dict[str, Any] = {
+        "names": list(stated.names),
+        "form": "quaternion" if stated.scalar else "euler",
+        "scalar": stated.scalar,
+        "sequence": stated.sequence.lower(),
+        "turns": "intrinsic" if stated.sequence else "",
+        "unit": stated.angle_unit,
+    }
+    if _INERTIAL.fullmatch(start):
+        return says | {"maps": "inertial_to_body", "frame": _frame(end)}
+    if _INERTIAL.fullmatch(end):
+        return says | {"maps": "body_to_inertial", "frame": _frame(start)}
+    raise CampaignError(
+        f"the attitudes are between the frames {stated.from_frame} and {stated.to_frame}, "
+        "of which none is inertial",
+        where=label,
+        advice="export the attitude relative to inertial axes, such as EME2000 or ICRF",
+    )
+
+
+def _frame(name: str) -> str:
+    """What a frame of the spacecraft is; "" if its name does not say it."""
+    if _BODY.fullmatch(name):
+        return "body"
+    return "tracker" if _TRACKER.fullmatch(name) else ""

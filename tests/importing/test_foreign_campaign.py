@@ -1,0 +1,131 @@
+"""A campaign written as raw logs of another mission comes back with the native numbers."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bayes_inertia
+from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.errors import CampaignError, OutputError
+from bayes_inertia.importing.import_logs import import_logs
+
+EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
+SCRIPT = Path(__file__).parents[2] / "analyses" / "foreign_logs.py"
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    """The example campaign as raw logs, by how the star tracker writes."""
+    spec = importlib.util.spec_from_file_location("foreign_logs", SCRIPT)
+    module = importlib.util.module_from_spec(spec)
+    sys.modules["foreign_logs"] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    campaign = read_campaign(EXAMPLE)
+    return {
+        tracker: module.write_foreign_logs(
+            campaign, tmp_path_factory.mktemp(tracker), tracker=tracker
+        )
+        for tracker in ("aem", "csv")
+    }
+
+
+@pytest.mark.parametrize("tracker", ["aem", "csv"])
+def test_the_imported_numbers_are_the_native_ones(logs, tracker, tmp_path):
+    foreign = logs[tracker]
+    imported = read_campaign(import_logs(foreign.files, foreign.mapping, tmp_path / "c").folder)
+    for native, slew in zip(foreign.native.slews, imported.slews, strict=True):
+        assert slew.name == native.name
+        assert slew.start == pytest.approx(native.start, abs=1e-9)
+        assert slew.angle == pytest.approx(native.angle, rel=1e-12)
+        np.testing.assert_allclose(slew.axis_B, native.axis_B, rtol=1e-12)
+        np.testing.assert_allclose(slew.time, native.time, rtol=0.0, atol=1e-9)
+        for channel in ("rate", "wheel_torque", "wheel_momentum", "attitude"):
+            np.testing.assert_allclose(
+                getattr(slew, channel), getattr(native, channel), rtol=1e-12, atol=1e-16
+            )
+    assert imported.inertia == foreign.native.inertia
+    assert imported.rate_sensor == foreign.native.rate_sensor
+    assert imported.star_tracker == foreign.native.star_tracker
+
+
+def test_a_wrong_offset_is_seen_by_that_comparison(logs, tmp_path):
+    foreign = logs["csv"]
+    wrong = tmp_path / "mapping.toml"
+    wrong.write_text(foreign.mapping.read_text().replace("offset_s = -0.75", "offset_s = 0.25"))
+    imported = read_campaign(import_logs(foreign.files, wrong, tmp_path / "c").folder)
+    native = foreign.native.slews[0]
+    assert not np.array_equal(imported.slews[0].fixes[: len(native.time)], native.fixes)
+
+
+def test_the_log_is_cut_at_its_rests(logs, tmp_path):
+    foreign = logs["csv"]
+    imported = import_logs(foreign.files, foreign.mapping_to_cut, tmp_path / "c")
+    campaign = read_campaign(imported.folder)
+    assert len(campaign.slews) == len(foreign.native.slews)
+    for native, slew, window in zip(
+        foreign.native.slews, campaign.slews, imported.cut.windows, strict=True
+    ):
+        moving = np.linalg.norm(native.rate, axis=1) > 10 * native.rate[:20].std()
+        start, end = native.start + native.time[[moving.argmax(), -moving[::-1].argmax() - 1]]
+        assert window.motion[0] == pytest.approx(start, abs=3.0)
+        assert window.motion[1] == pytest.approx(end, abs=10.0)
+        assert window.turned == pytest.approx(native.angle, rel=0.05)
+        assert 8.0 <= window.motion[0] - window.start < 20.0
+        fixes = slew.start + slew.time[slew.fixes]
+        assert (fixes < window.motion[0]).sum() >= 3
+        assert (fixes > window.motion[1]).sum() >= 3
+    assert {part.reason for part in imported.cut.dropped} == {"rest that no slew needs"}
+
+
+def test_the_noise_of_the_rests_is_that_of_the_sensors(logs, tmp_path):
+    foreign = logs["csv"]
+    imported = import_logs(foreign.files, foreign.mapping_to_cut, tmp_path / "c")
+    seen = {noise.key: noise for noise in imported.noises}
+    assert set(seen) == {
+        "rate_sensor.sigma",
+        "star_tracker.sigma_cross",
+        "star_tracker.sigma_roll",
+        *(f"wheels.wheel_{axis}.momentum_sigma" for axis in "xyz"),
+    }
+    for noise in seen.values():
+        for fit, stated in zip(noise.fits, noise.stated, strict=True):
+            # Five standard errors, and the two digits of the example's own sigmas.
+            assert abs(np.log(fit.white / stated)) < 5.0 * fit.white_error + 0.02
+        assert not noise.differs
+
+
+def test_a_missing_noise_is_quoted_and_not_taken(logs, tmp_path):
+    foreign = logs["csv"]
+    mapping = tmp_path / "mapping.toml"
+    text = foreign.mapping_to_cut.read_text()
+    mapping.write_text(text.replace("sigma = [2e-05, 2e-05, 2e-05]", ""))
+    with pytest.raises(CampaignError, match=r"rate_sensor\.sigma: missing key.*sigma = 2e-05"):
+        import_logs(foreign.files, mapping, tmp_path / "c")
+    assert not (tmp_path / "c").exists()
+
+
+def test_a_folder_is_never_overwritten(logs, tmp_path):
+    foreign = logs["csv"]
+    folder = import_logs(foreign.files, foreign.mapping, tmp_path / "c").folder
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    import_logs(foreign.files, foreign.mapping, folder)  # the same import, the same bytes
+    with pytest.raises(OutputError, match="would overwrite another campaign"):
+        import_logs(foreign.files, foreign.mapping_to_cut, folder)
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_the_record_names_what_was_read_and_cut(logs, tmp_path):
+    foreign = logs["aem"]
+    folder = import_logs(foreign.files, foreign.mapping_to_cut, tmp_path / "c").folder
+    record = json.loads((folder / "import.json").read_text())
+    assert record["format"] == "bayes-inertia-import/1"
+    assert set(record["raw_files"]) == {path.name for path in foreign.files}
+    assert record["clock"]["zero"] == "2026-03-01T12:00:37.000000000 TAI"
+    assert [slew["name"] for slew in record["cut"]["slews"]] == [f"slew {k}" for k in range(1, 6)]
+    assert "slew 3" in (folder / "slews.svg").read_text()
