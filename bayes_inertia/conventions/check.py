@@ -13,6 +13,7 @@ from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.campaign.schema import CampaignPart
 from bayes_inertia.conventions import limits, wording
 from bayes_inertia.conventions.candidates import mistakes
+from bayes_inertia.conventions.clocks import Clocks, clocks, shifted_misfit
 from bayes_inertia.conventions.dirt_at_rest import dirt_of
 from bayes_inertia.conventions.invisible import invisible
 from bayes_inertia.conventions.misfits import Misfits
@@ -75,6 +76,8 @@ class ConventionsCheck:
         The lines of campaign.toml that the proposal changes, as "line 12: old -> new".
     cannot_show : tuple of str
         Conventions that this telemetry says nothing about.
+    remarks : tuple of str
+        What is physical although it looks like a wrong convention.
     dirt : tuple of dict
         Faults of the telemetry, as `Dirt.json` writes them.
     """
@@ -86,6 +89,7 @@ class ConventionsCheck:
     changes: tuple[ConventionChange, ...] = ()
     edits: tuple[str, ...] = ()
     cannot_show: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
     dirt: tuple[dict[str, Any], ...] = ()
 
     def json(self) -> dict[str, Any]:
@@ -174,7 +178,15 @@ def _checked(
     misfits, stated = Misfits(campaign, slews), stated_reading(campaign)
     singles = mistakes(campaign, columns)
     before = worst(misfits.of(stated))
-    mending = remedies(misfits, stated, singles) if before > limits.IMPOSSIBLE else []
+    impossible = before > limits.IMPOSSIBLE
+    mending = remedies(misfits, stated, singles) if impossible else []
+    clock = Clocks() if mending else clocks(misfits, stated, columns)
+    if not mending:
+        mending = [
+            remedy
+            for remedy in clock.remedies
+            if shifted_misfit(misfits, stated, remedy, columns) < limits.ORDINARY
+        ]
     wrong = bool(mending) or before > limits.HOPELESS
     verdict: Literal["consistent", "wrong"] = "wrong" if wrong else "consistent"
     edits = wording.edited_lines(text, mending[0].mistake) if mending else ()
@@ -187,6 +199,7 @@ def _checked(
         changes=_changes(mending),
         edits=tuple(edits),
         cannot_show=() if quick or wrong else invisible(misfits, stated, singles),
+        remarks=clock.remarks,
         dirt=() if quick else dirt_of(campaign),
     )
 

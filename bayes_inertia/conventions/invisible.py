@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from bayes_inertia.conventions import limits
+from bayes_inertia.conventions.clocks import fixes_in_motion
 from bayes_inertia.conventions.hypothesis import Mistake
 from bayes_inertia.conventions.misfits import CLOSURE, CONSERVATION, DRIVE, Misfits
 from bayes_inertia.conventions.reading import Reading
 from bayes_inertia.conventions.search import worst
-
-# A fix counts as taken in motion if the rate there is this share of the slew's largest.
-_IN_MOTION = 0.2
 
 
 def invisible(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> tuple[str, ...]:
@@ -55,19 +53,12 @@ def _by_nature(misfits: Misfits) -> list[str]:
     if misfits.slews.fixes.any():
         said.append("a constant rotation of the star tracker's inertial axes changes nothing")
         said.append("star_tracker.boresight: it only shares out the tracker's noise")
-        if not _fixes_in_motion(misfits):
+        if not fixes_in_motion(misfits):
             said.append(
                 "columns.attitude.offset_s: all fixes are at rest, where a star tracker that is "
                 "late by seconds shows the same attitude"
             )
     return said
-
-
-def _fixes_in_motion(misfits: Misfits) -> bool:
-    slews = misfits.slews
-    speed = (slews.rate**2).sum(axis=-1) ** 0.5
-    moving = speed > _IN_MOTION * speed.max(axis=1, keepdims=True)
-    return bool((moving & slews.fixes).any())
 
 
 def _without_telemetry(misfits: Misfits, laws: set[str]) -> list[str]:

@@ -74,8 +74,24 @@ EQUAL_FACTOR, EQUAL_MISFIT = 2.0, 0.15
 LATE_SHARE = 1.0 / 1000.0
 """Prior sd of a sensor's lateness in the library, as a share of the slew's duration."""
 
+LAG_SHARE = 1.0 / 300.0
+"""The same for the lag of a wheel behind its torque command."""
+
+SHARP = 0.1
+"""Clocks are compared where everything else agrees: residuals are then judged at 1 % of the motion
+rather than 10 %."""
+
 LATE_SDS = 5.0
 """Lateness beyond this many sds of the library's prior is a wrong clock, no exposure time."""
+
+LATE_STEPS = 0.7
+"""A wrong clock is off by this many rows at least: half a row is a matter of what a stamp means."""
+
+IN_MOTION = 0.2
+"""A star-tracker fix is taken in motion if the rate is this share of the slew's largest."""
+
+NOTABLE = 0.3
+"""Residual in hundredths of the motion below which no clock is looked into."""
 
 NOISE_RATIO = 2.0
 """Noise seen in smooth rows that differs from the stated one by this factor is reported."""

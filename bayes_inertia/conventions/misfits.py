@@ -11,7 +11,9 @@ of what noise and undisclosed physics may leave (`limits`).
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 
@@ -62,6 +64,53 @@ class Motion:
 
 
 @dataclass(frozen=True, eq=False)
+class LawData:
+    """One law as a linear problem: data = regressors x + free c + error.
+
+    Parameters
+    ----------
+    data : (S, N, D) array
+        What should vanish, or be constant.
+    regressors : (S, N, D, P) array
+        What a prior standard deviation of each uncertain parameter does to it.
+    free : (S, N, D, Q) array
+        What is free in every slew.
+    sigma : (S,) array
+        What noise and undisclosed physics may leave.
+    mask : (S, N) array of bool
+        Which moments count.
+    early : (S, N, D) array
+        What one second adds by which the second stream (attitude, wheels, commands) is early.
+    noise : float
+        Sd of the norm of a moment's error that the sensors' stated noise makes.
+    factors : float
+        Sd of the logarithms of the moments of inertia, which are regressors 0, 4 and 8; 0 for none.
+    """
+
+    data: np.ndarray
+    regressors: np.ndarray
+    free: np.ndarray
+    sigma: np.ndarray
+    mask: np.ndarray
+    early: np.ndarray
+    noise: float
+    factors: float = 0.0
+
+    def fit(self) -> LinearFit:
+        """The fit of all that is uncertain.
+
+        Returns
+        -------
+        LinearFit
+            Misfits in standard deviations.
+        """
+        fit = fitted(self.data, self.regressors, self.free, self.sigma, self.mask)
+        if not self.factors:
+            return fit
+        return fit.with_factors(slice(0, 9, 4), np.full(3, self.factors))
+
+
+@dataclass(frozen=True, eq=False)
 class Misfits:
     """The three laws, for a campaign at some sixty moments a slew; results are kept.
 
@@ -90,16 +139,28 @@ class Misfits:
         dict of str to LinearFit
             By the name of the law; a law without telemetry is absent.
         """
-        rate = (reading.rate.tobytes(), reading.time)
-        wheels = (reading.axes_B.tobytes(), reading.inertia.tobytes())
-        h, u = reading.momentum.tobytes(), reading.torque.tobytes()
-        source = h if self.slews.momentum is not None else u
-        fits = {
-            CLOSURE: self._once((CLOSURE, *rate, reading.attitude.tobytes()), reading, closure),
-            CONSERVATION: self._once((CONSERVATION, *rate, *wheels, source), reading, conservation),
-            DRIVE: self._once((DRIVE, reading.time, h, u), reading, drive),
-        }
+        fits = {law: self.fit(law, reading) for law in LAWS}
         return {law: fit for law, fit in fits.items() if fit is not None}
+
+    def mends(self, reading: Reading, limit: float) -> bool:
+        """Whether a reading brings every law below a limit; the cheap laws are asked first.
+
+        Parameters
+        ----------
+        reading : Reading
+            Conventions supposed.
+        limit : float
+            Largest misfit allowed [sd].
+
+        Returns
+        -------
+        bool
+            True if all laws hold.
+        """
+        return all(
+            fit is None or fit.worst < limit
+            for fit in (self.fit(law, reading) for law in (DRIVE, CLOSURE, CONSERVATION))
+        )
 
     def motion(self, reading: Reading) -> Motion:
         """The motion that the rates tell.
@@ -119,10 +180,37 @@ class Misfits:
             self.kept[key] = motion(self, reading)
         return self.kept[key]
 
-    def _once(self, key: tuple, reading: Reading, law) -> LinearFit | None:
+    def fit(self, law: str, reading: Reading) -> LinearFit | None:
+        """The fit of one law; the same reading of the same channels is fitted once.
+
+        Parameters
+        ----------
+        law : str
+            Its name.
+        reading : Reading
+            Conventions, stated or supposed.
+
+        Returns
+        -------
+        LinearFit or None
+            None if the telemetry says nothing about it.
+        """
+        parts: dict[str, tuple[str, ...]] = {
+            CLOSURE: ("rate", "attitude"),
+            CONSERVATION: ("rate", "axes_B", "inertia", self.wheel_channel),
+            DRIVE: ("torque", "momentum"),
+        }
+        arrays = (getattr(reading, part).tobytes() for part in parts[law])
+        key = (law, reading.time, *arrays)
         if key not in self.kept:
-            self.kept[key] = law(self, reading)
+            data = LAWS[law](self, reading)
+            self.kept[key] = None if data is None else data.fit()
         return self.kept[key]
+
+    @property
+    def wheel_channel(self) -> str:
+        """Which field of a reading tells the wheels' momentum."""
+        return "torque" if self.slews.momentum is None else "momentum"
 
 
 def motion(misfits: Misfits, reading: Reading) -> Motion:
@@ -165,7 +253,7 @@ def _running(steps: np.ndarray) -> np.ndarray:
     return np.concatenate([np.zeros_like(steps[:, :1]), np.cumsum(steps, axis=1)], axis=1)
 
 
-def closure(misfits: Misfits, reading: Reading) -> LinearFit | None:
+def closure(misfits: Misfits, reading: Reading) -> LawData | None:
     """Integrated rates against the star tracker.
 
     Parameters
@@ -177,7 +265,7 @@ def closure(misfits: Misfits, reading: Reading) -> LinearFit | None:
 
     Returns
     -------
-    LinearFit or None
+    LawData or None
         None if no slew has two fixes.
     """
     fixes = misfits.slews.fixes
@@ -202,7 +290,9 @@ def closure(misfits: Misfits, reading: Reading) -> LinearFit | None:
     bias = _bias_sd(misfits, moving)
     regressors = np.concatenate([moving.by_scale * sds, moving.by_bias * bias], axis=-1)[some]
     free = np.broadcast_to(np.eye(3), (*error.shape, 3))
-    return fitted(error, regressors, free, _sigma(size, noise), fixes)
+    turning = np.einsum("snij,snj->sni", moving.to_start[some], moving.rate_B[some])
+    early = -turning * fixes[..., None]
+    return LawData(error, regressors, free, _sigma(size, noise), fixes, early, noise)
 
 
 def _at(quaternions: np.ndarray, first: np.ndarray) -> np.ndarray:
@@ -235,7 +325,7 @@ def _sigma(size: np.ndarray, noise: float, *more: np.ndarray) -> np.ndarray:
     return np.sqrt(square + sum(part**2 for part in more) + 1e-30)
 
 
-def conservation(misfits: Misfits, reading: Reading) -> LinearFit | None:
+def conservation(misfits: Misfits, reading: Reading) -> LawData | None:
     """Total momentum in axes that do not turn.
 
     Parameters
@@ -247,7 +337,7 @@ def conservation(misfits: Misfits, reading: Reading) -> LinearFit | None:
 
     Returns
     -------
-    LinearFit or None
+    LawData or None
         None if there are wheels of which neither momentum nor commands are known.
     """
     slews, moving = misfits.slews, misfits.motion(reading)
@@ -284,11 +374,26 @@ def conservation(misfits: Misfits, reading: Reading) -> LinearFit | None:
     noise = _momentum_noise(misfits, reading)
     angle = np.minimum(_norm(_turned(moving), valid), 1.0)
     frame = limits.FRAME_SHARE * angle * _norm(total, valid)
-    fit = fitted(
-        total, np.concatenate(regressors, axis=-1), free, _sigma(size, noise, frame), valid
+    return LawData(
+        total,
+        np.concatenate(regressors, axis=-1),
+        free,
+        _sigma(size, noise, frame),
+        valid,
+        early=np.einsum("snij,snj->sni", to_start, _slope(wheels_B, slews, reading)),
+        noise=noise,
+        factors=max(limits.INERTIA_SD, prior.relative_sigma),
     )
-    relative = np.full(3, max(limits.INERTIA_SD, prior.relative_sigma))
-    return fit.with_factors(slice(0, 9, 4), relative)
+
+
+def _slope(values: np.ndarray, slews: SampledSlews, reading: Reading) -> np.ndarray:
+    """Time derivative of values (S, N, D); zero at the repeated moments of the end."""
+    steps = np.diff(reading.time * slews.time, axis=1)[..., None]
+    steps = np.where(steps == 0.0, np.inf, steps)
+    slopes = np.diff(values, axis=1) / steps
+    ends = np.concatenate([slopes[:, :1], slopes], axis=1)
+    starts = np.concatenate([slopes, slopes[:, -1:]], axis=1)
+    return 0.5 * (ends + starts)
 
 
 def _turned(moving: Motion) -> np.ndarray:
@@ -325,7 +430,7 @@ def _momentum_noise(misfits: Misfits, reading: Reading) -> float:
     return float(np.sqrt((body**2).sum() + np.square(wheels).sum()))
 
 
-def drive(misfits: Misfits, reading: Reading) -> LinearFit | None:
+def drive(misfits: Misfits, reading: Reading) -> LawData | None:
     """Commanded torque against the tachometers.
 
     Parameters
@@ -337,7 +442,7 @@ def drive(misfits: Misfits, reading: Reading) -> LinearFit | None:
 
     Returns
     -------
-    LinearFit or None
+    LawData or None
         None without commands or tachometers. Each wheel of each slew counts as a slew.
     """
     slews = misfits.slews
@@ -358,6 +463,19 @@ def drive(misfits: Misfits, reading: Reading) -> LinearFit | None:
     ]
     free = np.ones((*seen.shape, 1))
     noise = max((wheel.momentum_sigma or 0.0 for wheel in misfits.campaign.wheels), default=0.0)
-    return fitted(
-        seen - told, np.concatenate(regressors, axis=-1), free, _sigma(size, noise), valid
+    slope = np.swapaxes(_slope(h, slews, reading), 1, 2).reshape(seen.shape)
+    return LawData(
+        seen - told,
+        np.concatenate(regressors, axis=-1),
+        free,
+        _sigma(size, noise),
+        valid,
+        early=-slope,
+        noise=noise,
     )
+
+
+LAWS: Mapping[str, Callable[[Misfits, Reading], LawData | None]] = MappingProxyType(
+    {CLOSURE: closure, CONSERVATION: conservation, DRIVE: drive}
+)
+"""The laws by name."""

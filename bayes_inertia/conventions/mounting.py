@@ -22,6 +22,8 @@ from bayes_inertia.conventions.rotations import angle_of, composed, turned_back
 _SECOND_DIRECTION = 0.15
 # Decimals of axes as they are proposed: a hundredth of a degree is better than they are known.
 _DECIMALS = 4
+# A rotation this close to a signed permutation [rad] is one, and a misaligned sensor.
+_MISALIGNED = 0.15
 _ROUNDS = 6
 _RARITY = 5
 
@@ -47,8 +49,13 @@ def turned_sensor(misfits: Misfits, reading: Reading) -> list[Mistake]:
     return [
         axes_mistake(axes, np.round(axes @ rotation.T, _DECIMALS), _RARITY, words)
         for rotation in rotations
-        if rotation is not None
+        if rotation is not None and not _whole(rotation) and not _whole(axes @ rotation.T)
     ]
+
+
+def _whole(rotation: np.ndarray) -> bool:
+    """Whether a rotation is a signed permutation but for a misalignment; those are tried anyway."""
+    return bool(np.abs(rotation - np.round(rotation)).max() < _MISALIGNED)
 
 
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ channel's own readings at their own times.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,13 +63,15 @@ class SampledSlews:
         return np.isfinite(self.attitude[..., 0]) & self.valid
 
 
-def sampled(campaign: Campaign) -> SampledSlews | None:
+def sampled(campaign: Campaign, shifts: Mapping[str, float] | None = None) -> SampledSlews | None:
     """The slews of a campaign at some sixty moments each.
 
     Parameters
     ----------
     campaign : Campaign
         What was flown.
+    shifts : mapping of str to float, optional
+        What to add to the time stamps of a channel of `Slew` [s], such as "attitude".
 
     Returns
     -------
@@ -84,7 +87,8 @@ def sampled(campaign: Campaign) -> SampledSlews | None:
     >>> float(sampled(Campaign("c", prior, (), sensor, None, (slew,))).turn[0, -1, 0])
     49.0
     """
-    pieces = [piece for slew in campaign.slews for piece in _pieces(campaign, slew)]
+    shifts = shifts or {}
+    pieces = [piece for slew in campaign.slews for piece in _pieces(campaign, slew, shifts)]
     if not pieces:
         return None
     count = max(len(piece["time"]) for piece in pieces)
@@ -104,12 +108,14 @@ def _stacked(arrays: list, count: int) -> np.ndarray | None:
     return np.stack([np.concatenate([a, np.repeat(a[-1:], count - len(a), 0)]) for a in arrays])
 
 
-def _pieces(campaign: Campaign, slew: Slew) -> list[dict]:
+def _pieces(campaign: Campaign, slew: Slew, shifts: Mapping[str, float]) -> list[dict]:
     """The pieces of a slew between gaps of its rates or tachometers."""
-    channels = [_Channel(slew.time, axis) for axis in _believable_rates(campaign, slew).T]
+    time = slew.time + shifts.get("rate", 0.0)
+    channels = [_Channel(time, axis) for axis in _believable_rates(campaign, slew).T]
     wheels = None
     if slew.wheel_momentum is not None and slew.wheel_momentum.shape[1]:
-        wheels = [_Channel(slew.time, column) for column in slew.wheel_momentum.T]
+        time = slew.time + shifts.get("wheel_momentum", 0.0)
+        wheels = [_Channel(time, column) for column in slew.wheel_momentum.T]
         if any(len(wheel.time) < 2 for wheel in wheels):
             wheels = None
     every = [*channels, *(wheels or [])]
@@ -121,7 +127,7 @@ def _pieces(campaign: Campaign, slew: Slew) -> list[dict]:
     for channel in every:
         spans = [part for span in spans for part in channel.without_gaps(*span)]
     return [
-        _piece(slew, channels, wheels, begin, end)
+        _piece(slew, channels, wheels, (begin, end), shifts)
         for begin, end in spans
         if end - begin > _SHORT_SHARE * slew.duration
         and min(c.count(begin, end) for c in every) >= _FEW_ROWS
@@ -129,17 +135,22 @@ def _pieces(campaign: Campaign, slew: Slew) -> list[dict]:
 
 
 def _piece(
-    slew: Slew, rates: list[_Channel], wheels: list[_Channel] | None, begin: float, end: float
+    slew: Slew,
+    rates: list[_Channel],
+    wheels: list[_Channel] | None,
+    span: tuple[float, float],
+    shifts: Mapping[str, float],
 ) -> dict:
     """One piece, at evenly spaced moments and at its fixes."""
-    fixes = np.flatnonzero(slew.fixes & (slew.time >= begin) & (slew.time <= end))
+    time = slew.time + shifts.get("attitude", 0.0)
+    fixes = np.flatnonzero(slew.fixes & (time >= span[0]) & (time <= span[1]))
     if len(fixes) > FIXES_PER_SLEW:
         fixes = fixes[np.linspace(0, len(fixes) - 1, FIXES_PER_SLEW).astype(int)]
-    grid = np.linspace(begin, end, GRID_INTERVALS + 1)
-    moments = np.union1d(grid, slew.time[fixes])
+    grid = np.linspace(*span, GRID_INTERVALS + 1)
+    moments = np.union1d(grid, time[fixes])
     attitude = np.full((len(moments), 4), np.nan)
     if len(fixes):
-        attitude[np.searchsorted(moments, slew.time[fixes])] = np.asarray(slew.attitude)[fixes]
+        attitude[np.searchsorted(moments, time[fixes])] = np.asarray(slew.attitude)[fixes]
     turn = np.stack([rate.integral(moments) for rate in rates], axis=1)
     return {
         "name": slew.name,
@@ -147,7 +158,7 @@ def _piece(
         "rate": np.stack([rate.at(moments) for rate in rates], axis=1),
         "turn": turn - turn[0],
         "momentum": None if wheels is None else np.stack([w.at(moments) for w in wheels], axis=1),
-        "impulse": _impulse(slew, moments),
+        "impulse": _impulse(slew, moments - shifts.get("wheel_torque", 0.0)),
         "attitude": attitude,
     }
 

@@ -14,8 +14,8 @@ from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.mounting import turned_sensor
 from bayes_inertia.conventions.reading import Reading
 
-# Mistakes that are tried in pairs with all others: the common ones.
-_COMMON = 2
+# Two mistakes that are together rarer than this are not tried.
+_RAREST_PAIR = 4
 
 
 @dataclass(frozen=True)
@@ -81,35 +81,38 @@ def _ranked(
 ) -> list[Remedy]:
     """Those that mend, cut to the best and its equals, the most common mistake first."""
     mending = []
+    limit = min(limits.ORDINARY, before / limits.IMPROVEMENT)
     for mistake in tried:
-        after = worst(misfits.of(mistake.mend(stated)))
-        if after < limits.ORDINARY and after * limits.IMPROVEMENT < before:
-            mending.append(Remedy(mistake, before, after))
+        mended = mistake.mend(stated)
+        if misfits.mends(mended, limit):
+            mending.append(Remedy(mistake, before, worst(misfits.of(mended))))
     if not mending:
         return []
     best = min(remedy.after for remedy in mending)
     alike = limits.EQUAL_FACTOR * best + limits.EQUAL_MISFIT
     equals = [remedy for remedy in mending if remedy.after <= alike]
-    return sorted(equals, key=lambda remedy: (remedy.mistake.rarity, remedy.after))
+    equals.sort(key=lambda remedy: (remedy.mistake.rarity, remedy.after))
+    return list({_proposed(remedy.mistake): remedy for remedy in reversed(equals)}.values())[::-1]
+
+
+def _proposed(mistake: Mistake) -> str:
+    """What a mistake proposes; two roads to one proposal are one."""
+    return repr(sorted((change.key, change.mended) for change in mistake.changes))
 
 
 def _pairs(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> list[Mistake]:
-    """Pairs of mistakes in different keys that may mend: each must mend a law, or be common."""
+    """Pairs of mistakes in different keys: of each that mends a law alone, and of common ones."""
     broken = _broken(misfits.of(stated))
-    helpful, common = [], []
-    for mistake in singles:
-        left = _broken(misfits.of(mistake.mend(stated)))
-        if left < broken:
-            helpful.append(mistake)
-        elif mistake.rarity < _COMMON:
-            common.append(mistake)
-    pairs = [both(a, b) for a in helpful for b in singles if _differ(a, b)]
-    if not any(worst(misfits.of(p.mend(stated))) < limits.ORDINARY for p in pairs):
-        pairs += [both(a, b) for i, a in enumerate(common) for b in common[:i] if _differ(a, b)]
-        for a in common:
-            turned = a.mend(stated)
-            pairs += [both(a, b) for b in turned_sensor(misfits, turned)]
-    return pairs
+    helpful = [m for m in singles if _broken(misfits.of(m.mend(stated))) < broken]
+    pairs = {
+        frozenset((id(a), id(b))): both(a, b) for a in helpful for b in singles if _differ(a, b)
+    }
+    if not any(misfits.mends(pair.mend(stated), limits.ORDINARY) for pair in pairs.values()):
+        for i, a in enumerate(singles):
+            for b in singles[:i]:
+                if a.rarity + b.rarity <= _RAREST_PAIR and _differ(a, b):
+                    pairs.setdefault(frozenset((id(a), id(b))), both(a, b))
+    return list(pairs.values())
 
 
 def _broken(fits: dict[str, LinearFit]) -> frozenset[str]:

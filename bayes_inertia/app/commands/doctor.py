@@ -58,6 +58,7 @@ def show_check(check: ConventionsCheck) -> None:
     console.print(check.sentence)
     for title, lines in (
         ("telemetry:", [dirt["note"] or dirt["kind"] for dirt in check.dirt]),
+        ("physical, no wrong convention:", check.remarks),
         ("this campaign cannot show:", check.cannot_show),
     ):
         if lines:
