@@ -27,6 +27,7 @@ _INERTIA_UNITS = {
     "kg cm^2": 1e-4,
     "kg mm^2": 1e-6,
     "g cm^2": 1e-7,
+    "g mm^2": 1e-9,
     "lb ft^2": 0.0421401,
     "lb in^2": 2.9263965e-4,
 }

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,6 +15,7 @@ from bayes_inertia.campaign.schema import CampaignPart
 from bayes_inertia.conventions import limits, wording
 from bayes_inertia.conventions.candidates import mistakes
 from bayes_inertia.conventions.clocks import Clocks, clocks, shifted_misfit
+from bayes_inertia.conventions.companions import with_companions
 from bayes_inertia.conventions.dirt_at_rest import dirt_of
 from bayes_inertia.conventions.invisible import invisible
 from bayes_inertia.conventions.misfits import Misfits
@@ -101,8 +103,18 @@ class ConventionsCheck:
             With the keys format, verdict, changes, cannot_show, dirt, and more.
         """
         content = asdict(self)
-        for change in content["changes"]:
-            change["from"], change["to"] = change.pop("stated"), change.pop("mended")
+        content["changes"] = [
+            {
+                "key": change.key,
+                "from": change.stated,
+                "to": change.mended,
+                "sigma_before": change.sigma_before,
+                "sigma_after": change.sigma_after,
+                "proposal": change.proposal,
+                "words": change.words,
+            }
+            for change in self.changes
+        ]
         return json_ready({"format": FORMAT, **content})
 
 
@@ -187,6 +199,10 @@ def _checked(
             for remedy in clock.remedies
             if shifted_misfit(misfits, stated, remedy, columns) < limits.ORDINARY
         ]
+    if mending:
+        written = tomllib.loads(text) if text else {}
+        first = with_companions(mending[0].mistake, campaign, written)
+        mending = [replace(mending[0], mistake=first), *mending[1:]]
     wrong = bool(mending) or before > limits.HOPELESS
     verdict: Literal["consistent", "wrong"] = "wrong" if wrong else "consistent"
     edits = wording.edited_lines(text, mending[0].mistake) if mending else ()
@@ -200,7 +216,7 @@ def _checked(
         edits=tuple(edits),
         cannot_show=() if quick or wrong else invisible(misfits, stated, singles),
         remarks=clock.remarks,
-        dirt=() if quick else dirt_of(campaign),
+        dirt=() if quick else dirt_of(misfits, stated),
     )
 
 

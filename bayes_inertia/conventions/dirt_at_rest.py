@@ -8,30 +8,41 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.dirt import Dirt
-from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.conventions import limits
+from bayes_inertia.conventions.misfits import Misfits
+from bayes_inertia.conventions.reading import Reading
+from bayes_inertia.conventions.rotations import angle_of, composed, turned_back
 
-# The sd of second differences of white noise, and of a normal distribution's median deviation.
-_SECOND_DIFFERENCE, _MEDIAN_DEVIATION = 6.0**0.5, 1.4826
+# The variance of second differences of white noise, and of a normal distribution's median.
+_SECOND_DIFFERENCE, _MEDIAN_DEVIATION = 6.0, 1.4826
 # Fewer rows than this do not tell a noise.
 _FEW_ROWS = 30
+_FIELD = {"rate": "rate", "momentum": "wheel_momentum"}
+_PEOPLE = {"rate": "the rate's noise", "momentum": "the tachometers' noise"}
+# A bias is stale if it is this many of its stated sds off, and this many of its own.
+_STALE_SDS = 5.0
+# The body is at rest below this share of the slew's largest rate.
+_AT_REST = 0.03
 
 
-def dirt_of(campaign: Campaign) -> tuple[dict[str, Any], ...]:
-    """Everything that was found: by the reader, and by looking at the noise.
+def dirt_of(misfits: Misfits, reading: Reading) -> tuple[dict[str, Any], ...]:
+    """Everything that was found: by the reader, in the noise, and in the rests.
 
     Parameters
     ----------
-    campaign : Campaign
-        What was flown.
+    misfits : Misfits
+        The telemetry.
+    reading : Reading
+        Conventions that agree with it.
 
     Returns
     -------
     tuple of dict
-        As `Dirt.json` writes them.
+        As `Dirt.json` writes them; a stale bias has the kind "stale_bias".
     """
-    by_reader = getattr(campaign, "dirt", ())
-    return tuple(dirt.json() for dirt in (*by_reader, *_noise_levels(campaign)))
+    by_reader = [dirt.json() for dirt in misfits.campaign.dirt]
+    levels = [dirt.json() for c in _FIELD if (dirt := _level(misfits.campaign, c)) is not None]
+    return (*by_reader, *levels, *_stale_bias(misfits, reading))
 
 
 def smooth_noise(values: np.ndarray) -> float:
@@ -40,7 +51,7 @@ def smooth_noise(values: np.ndarray) -> float:
     Parameters
     ----------
     values : (n,) array
-        Readings at even steps.
+        Readings at even steps; NaN where there is none.
 
     Returns
     -------
@@ -56,36 +67,100 @@ def smooth_noise(values: np.ndarray) -> float:
     if len(values) < _FEW_ROWS:
         return float("nan")
     second = np.abs(np.diff(values, 2))
-    # The quieter half of the rows: rests, and smooth motion.
-    return float(_MEDIAN_DEVIATION * np.median(second) / _SECOND_DIFFERENCE)
+    return float(_MEDIAN_DEVIATION * np.median(second) / _SECOND_DIFFERENCE**0.5)
 
 
-def _noise_levels(campaign: Campaign) -> list[Dirt]:
-    rate = _level("rate", "the rate's noise", np.asarray(campaign.rate_sensor.sigma), campaign)
-    sigmas = [wheel.momentum_sigma or np.nan for wheel in campaign.wheels]
-    return [*rate, *_level("momentum", "the tachometers' noise", np.array(sigmas), campaign)]
+def noise_ratios(campaign: Campaign, channel: str) -> np.ndarray:
+    """Noise in smooth rows over the stated noise, median over the slews.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What was flown.
+    channel : str
+        "rate" or "momentum".
+
+    Returns
+    -------
+    array
+        One number an axis or wheel; empty or NaN where nothing is known.
+    """
+    if channel == "rate":
+        stated = np.asarray(campaign.rate_sensor.sigma)
+    else:
+        stated = np.array([wheel.momentum_sigma or np.nan for wheel in campaign.wheels])
+    channels = [getattr(slew, _FIELD[channel]) for slew in campaign.slews]
+    seen = [[smooth_noise(c) for c in v.T] for v in channels if v is not None and v.shape[1]]
+    if not seen or not len(stated):
+        return np.zeros(0)
+    ratios = np.array(seen) / stated
+    return np.array(
+        [np.median(r[np.isfinite(r)]) if np.isfinite(r).any() else np.nan for r in ratios.T]
+    )
 
 
-def _level(channel: str, words: str, stated: np.ndarray, campaign: Campaign) -> list[Dirt]:
-    if not len(stated):
-        return []
-    field = {"rate": "rate", "momentum": "wheel_momentum"}[channel]
-    seen = [_of_slew(slew, field) for slew in campaign.slews]
-    seen = [noise for noise in seen if noise is not None]
-    if not seen:
-        return []
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratio = np.nanmedian(np.array(seen), axis=0) / stated
+def _level(campaign: Campaign, channel: str) -> Dirt | None:
+    ratio = noise_ratios(campaign, channel)
     off = ratio[np.isfinite(ratio) & (ratio > 0.0)]
-    if not len(off) or np.all((off < limits.NOISE_RATIO) & (off > 1.0 / limits.NOISE_RATIO)):
-        return []
-    worst = off[np.argmax(np.abs(np.log(off)))]
-    note = f"{words} in smooth rows is {worst:.2g} times the stated one"
-    return [Dirt("noise_level", channel, "", (), "ignored", note)]
-
-
-def _of_slew(slew: Slew, field: str) -> np.ndarray | None:
-    values = getattr(slew, field)
-    if values is None or not values.shape[1]:
+    if not len(off):
         return None
-    return np.array([smooth_noise(column) for column in values.T])
+    worst = float(off[np.argmax(np.abs(np.log(off)))])
+    if 1.0 / limits.NOISE_RATIO < worst < limits.NOISE_RATIO:
+        return None
+    note = f"{_PEOPLE[channel]} in smooth rows is {worst:.2g} times the stated one"
+    if worst < 1.0:
+        note += " (or it is filtered, and not white)"
+    return Dirt("noise_level", channel, "", (), "ignored", note)
+
+
+def _stale_bias(misfits: Misfits, reading: Reading) -> list[dict[str, Any]]:
+    """A rate bias that star-tracker fixes at rest show to be far from the stated one."""
+    told = _rest_rates(misfits, reading)
+    if not len(told):
+        return []
+    bias = np.median(told, axis=0)
+    spread = _MEDIAN_DEVIATION * np.median(np.abs(told - bias), axis=0) / np.sqrt(len(told))
+    sensor = misfits.campaign.rate_sensor
+    noise = np.asarray(sensor.sigma) / np.sqrt(_FEW_ROWS * len(told))
+    sd = np.sqrt(np.square(sensor.bias_sigma) + spread**2 + noise**2)
+    stale = np.abs(bias) > _STALE_SDS * sd
+    if not stale.any():
+        return []
+    axes = ", ".join(f"{bias[k]:.2g} rad/s about {'xyz'[k]}" for k in np.flatnonzero(stale))
+    note = f"the rate bias at rest is off the stated one by {axes}"
+    entry = {"kind": "stale_bias", "channel": "rate", "slew": "", "rows": []}
+    return [{**entry, "treated": "ignored", "note": note}]
+
+
+def _rest_rates(misfits: Misfits, reading: Reading) -> np.ndarray:
+    """Sensor's rate less the star tracker's (m, 3) between fixes of each rest [rad/s]."""
+    slews, moving = misfits.slews, misfits.motion(reading)
+    speed = np.sqrt((moving.rate_B**2).sum(axis=-1))
+    told = []
+    for k in range(len(slews.time)):
+        limit = _AT_REST * speed[k].max()
+        rows = np.flatnonzero(slews.fixes[k])
+        for first, last in _rests(rows, speed[k] < limit):
+            seconds = slews.time[k, last] - slews.time[k, first]
+            q = slews.attitude[k, [first, last]] @ reading.attitude.T
+            path = moving.path[k, [first, last]]
+            turned = angle_of(composed(turned_back(path[0]), path[1]))
+            true = angle_of(composed(turned_back(q[0]), q[1]))
+            told.append((turned - true) / (reading.time * seconds))
+    return np.array(told)
+
+
+def _rests(rows: np.ndarray, at_rest: np.ndarray) -> list[tuple[int, int]]:
+    """First and last fix of each stretch of moments that is all at rest."""
+    stretches = []
+    first = None
+    for row, following in zip(rows, [*rows[1:], None], strict=True):
+        if not at_rest[row]:
+            first = None
+            continue
+        first = row if first is None else first
+        if following is None or not at_rest[row:following].all() or not at_rest[following]:
+            if row > first:
+                stretches.append((int(first), int(row)))
+            first = None
+    return stretches

@@ -41,12 +41,15 @@ class Mistake:
         From the reading as stated to the reading without the mistake.
     words : str
         What went wrong, as the end of a sentence that begins with "It looks as if".
+    companions : int, optional
+        How many of the changes, the last ones, only follow from the others: noises in the same unit.
     """
 
     changes: tuple[KeyChange, ...]
     rarity: int
     mend: Callable[[Reading], Reading]
     words: str
+    companions: int = 0
 
 
 def both(first: Mistake, second: Mistake) -> Mistake:

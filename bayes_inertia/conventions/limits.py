@@ -96,6 +96,9 @@ NOTABLE = 0.3
 NOISE_RATIO = 2.0
 """Noise seen in smooth rows that differs from the stated one by this factor is reported."""
 
+ONE_UNIT = 4.0
+"""A stated noise that is within this factor of the one seen was written in the readings' unit."""
+
 GRID_INTERVALS = 64
 """Moments at which a slew is looked at: rotations between them stay well below a radian."""
 

@@ -354,7 +354,8 @@ def conservation(misfits: Misfits, reading: Reading) -> LawData | None:
     total = body + stored
     prior = misfits.campaign.inertia
     elements = np.maximum(limits.INERTIA_SD, prior.relative_sigma) * np.diag(reading.inertia)
-    product = max(prior.product_sigma, limits.INERTIA_SD * float(np.trace(reading.inertia)) / 3.0)
+    mean = float(np.trace(reading.inertia)) / 3.0
+    product = min(max(prior.product_sigma, limits.INERTIA_SD * mean), mean)
     sds = np.where(np.eye(3, dtype=bool), elements[:, None], product)
     by_inertia = np.einsum("snia,snb->sniab", to_start, rate) * sds
     share = limits.TORQUE_SHARE if tachometer else limits.UNSEEN_FRICTION_SHARE

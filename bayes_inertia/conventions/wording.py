@@ -57,7 +57,7 @@ def verdict_in_words(
         )
     best = remedies[0]
     what = {1: "One change mends it", 2: "Two changes together mend it"}.get(
-        len(best.mistake.changes), "These changes together mend it"
+        len(best.mistake.changes) - best.mistake.companions, "These changes together mend it"
     )
     lines = "; ".join(edits) or "; ".join(_change_in_words(best.mistake))
     said = f"{impossible}. {what} ({best.before:.3g} -> {best.after:.2g} sd): {lines}"
