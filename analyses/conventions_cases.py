@@ -1,0 +1,63 @@
+"""A right campaign to be spoilt, and a wrong convention put into it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from conventions_folder import Mend, RawCampaign, changed
+
+FULL, NO_TACHOMETERS, NO_TRACKER, THROWS = KINDS = (
+    "with tachometers and star tracker",
+    "without tachometers",
+    "without star tracker",
+    "throws",
+)
+
+
+@dataclass(frozen=True)
+class Base:
+    """A right campaign to be spoilt.
+
+    `moving_fixes`: the star tracker gives fixes in motion. `limits`: torques have a stated limit.
+    """
+
+    name: str
+    kind: str
+    raw: RawCampaign
+    moving_fixes: bool = False
+    limits: bool = True
+    moments_differ: bool = True
+
+
+@dataclass(frozen=True)
+class Wrong:
+    """A wrong convention put into a campaign.
+
+    `shown` says whether the data can show it, and `why` why not.
+    """
+
+    name: str
+    raw: RawCampaign
+    mends: tuple[Mend, ...]
+    shown: bool = True
+    why: str = ""
+
+
+def exchanged_names(names: list, i: int, j: int) -> list:
+    swapped = list(names)
+    swapped[i], swapped[j] = names[j], names[i]
+    return swapped
+
+
+def gyro_axes(raw: RawCampaign) -> np.ndarray:
+    return np.array(raw.description["rate_sensor"].get("axes", np.eye(3)))
+
+
+def wheel_axis(raw: RawCampaign) -> np.ndarray:
+    return np.array(raw.wheels[0]["axis"])
+
+
+def turned_readings(raw: RawCampaign, turn: np.ndarray) -> RawCampaign:
+    """Readings along axes that are turned."""
+    return changed(raw, "rate", lambda w: w @ turn.T)
