@@ -201,9 +201,12 @@ def read_mat(path: str, into: Contents) -> None:
     into : Contents
         Where they go.
     """
-    import h5py
-
-    if h5py.is_hdf5(path):
+    with open(path, "rb") as file:
+        head = file.read(520)
+    if b"\x89HDF\r\n\x1a\n" in (head[:8], head[512:]):
+        if head[124:126] not in (b"\x00\x02", b"\x02\x00"):
+            read_hdf5(path, into)  # Written by another program than MATLAB.
+            return
         import pymatreader
 
         checked = Contents(into.left)

@@ -8,6 +8,7 @@ keyword that changes the meaning of a number is honoured or refused; none is pas
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -21,6 +22,7 @@ from bayes_inertia.importing.text_table import text_column
 _QUATERNION = ("Q1", "Q2", "Q3", "QC")
 _RATES = ("ANGVEL_X", "ANGVEL_Y", "ANGVEL_Z")
 _AXES = MappingProxyType({"1": "X", "2": "Y", "3": "Z", "X": "X", "Y": "Y", "Z": "Z"})
+_ROTATING = re.compile(r"(ITRF|GTOD|EFG|WGS|GRC|TIRF|LVLH|VVLH|RTN|RSW|QSW|TNW|NTW|PQW|NSW|SEZ).*")
 _TIME_SYSTEMS: Mapping[str, str] = MappingProxyType(
     {"UTC": "utc", "TAI": "tai", "GPS": "gps", "TT": "tt", "TDT": "tt"}
 )
@@ -280,6 +282,13 @@ def _frames(segment: AemSegment, label: str) -> tuple[str, str]:
     """Where the rotation starts and ends."""
     meta = segment.metadata
     start, end = meta["REF_FRAME_A"], meta["REF_FRAME_B"]
+    for frame in (start, end):
+        if _ROTATING.fullmatch(frame.upper()):
+            raise CampaignError(
+                f"the frame {frame} turns in inertial space",
+                where=label,
+                advice="export the attitude from an inertial frame such as EME2000 or ICRF",
+            )
     direction = meta.get("ATTITUDE_DIR", "A2B").upper()
     if direction not in ("A2B", "B2A"):
         raise CampaignError(

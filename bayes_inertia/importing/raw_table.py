@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -22,6 +23,8 @@ from bayes_inertia.maths.values import array_dataclass
 
 EMPTY_CELLS = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "--", "#n/a"})
 """Cells of a text file, in small letters, that hold no reading."""
+
+_INERTIAL = re.compile(r"N|ECI|J2000|B1950|.*INERTIAL.*|(EME|ICRF|GCRF|TOD|MOD|TEME|CIRS).*")
 
 
 @array_dataclass
@@ -76,6 +79,35 @@ class StatedAttitude:
     to_frame: str
     sequence: str = ""
     angle_unit: str = ""
+
+    @property
+    def maps(self) -> Literal["inertial_to_body", "body_to_inertial", ""]:
+        """The direction as campaign.toml names it; "" where no frame is known as inertial."""
+        start, end = is_inertial(self.from_frame), is_inertial(self.to_frame)
+        if start == end:
+            return ""
+        return "inertial_to_body" if start else "body_to_inertial"
+
+
+def is_inertial(frame: str) -> bool:
+    """Whether the name of a frame is that of an inertial one.
+
+    Parameters
+    ----------
+    frame : str
+        As CCSDS or 42 name it.
+
+    Returns
+    -------
+    bool
+        False for body, sensor and rotating frames, and names that nobody knows.
+
+    Examples
+    --------
+    >>> [is_inertial(frame) for frame in ("EME2000", "icrf_3", "SC_BODY_1", "ITRF2000")]
+    [True, True, False, False]
+    """
+    return bool(_INERTIAL.fullmatch(frame.strip().upper()))
 
 
 @array_dataclass

@@ -242,10 +242,8 @@ def told_form(lines: Sequence[tuple[int, str]], options: TextOptions, label: str
     for delimiter in [options.delimiter] if options.delimiter else _DELIMITERS:
         try:
             rows = [row.cells for row in split_rows(sample, delimiter, label)]
-        except CampaignError:
-            if options.delimiter:
-                raise
-            continue
+        except CampaignError:  # A quote that is not closed: the reading itself will say where.
+            rows = [tuple(line.split(delimiter)) for _, line in sample]
         for decimal in [options.decimal] if options.decimal else (".", ","):
             score = _score(rows, decimal)
             if score > best_score + 1e-9:

@@ -94,7 +94,8 @@ def parse_text(text: str, label: str, options: TextOptions) -> RawTable:
     form = told_form(lines, options, label)
     rows = list(split_rows(lines, form.delimiter, label))
     count = _common_length(rows)
-    first = _first_data_row(rows, count, form.decimal, label)
+    stated = max(options.header_line, options.units_line)
+    first = _first_data_row(rows, count, form.decimal, stated, label)
     name_row, unit_row = _head(rows[:first], comments, rows[first].line, count, form, options)
     _check_no_row_is_lost(rows[:first], name_row, unit_row, form, label)
     names = _padded(name_row, count)
@@ -140,8 +141,10 @@ def _judged(rows: Sequence[CellRow]) -> int:
     return min(_JUDGED, (len(rows) + 1) // 2)
 
 
-def _first_data_row(rows: Sequence[CellRow], count: int, decimal: str, label: str) -> int:
-    """The first row most of whose cells in columns of readings hold readings."""
+def _first_data_row(
+    rows: Sequence[CellRow], count: int, decimal: str, below: int, label: str
+) -> int:
+    """The first row below a line most of whose cells in columns of readings hold readings."""
     judged = [row.cells for row in rows[-_judged(rows) :] if len(row.cells) == count]
     columns = []
     for i in range(count):
@@ -149,7 +152,9 @@ def _first_data_row(rows: Sequence[CellRow], count: int, decimal: str, label: st
         if full and 2 * sum(is_reading(cell, decimal) for cell in full) > len(full):
             columns.append(i)
     for index, row in enumerate(rows):
-        if len(row.cells) == count and _holds_readings([row.cells[i] for i in columns], decimal):
+        if row.line <= below or len(row.cells) != count:
+            continue
+        if _holds_readings([row.cells[i] for i in columns], decimal):
             return index
     raise CampaignError(
         "no row of numbers",
@@ -199,7 +204,7 @@ def _told_head(
         row
         for row in above
         if len(row.cells) in (count, count - 1)
-        and 2 * sum(map(bool, row.cells)) > count
+        and (2 * sum(map(bool, row.cells)) > count or _is_units(row.cells))
         and not any(is_reading(cell, form.decimal) for cell in row.cells)
     ]
     if not full:

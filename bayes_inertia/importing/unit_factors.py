@@ -1,8 +1,8 @@
 """Units of raw logs: spelled as the field spells them, read by pint, turned into SI and radians.
 
-An angle counts as a dimension of its own, so that a rate in hertz or in 1/s, which could mean turns
-or radians, is refused. The spellings that pint does not know (mNm, Nms, N.m, deg/sec, RPM, s-1)
-are rewritten before it reads them. The units of a campaign folder are fewer and stand in
+To pint an angle has no dimension. Here a rate needs one, so that hertz or 1/s, which could mean
+turns or radians, is refused. The spellings that pint does not know (mNm, Nms, N.m, deg/sec, RPM,
+s-1) are rewritten before it reads them. The units of a campaign folder are fewer and stand in
 `campaign.units`.
 """
 
@@ -67,14 +67,29 @@ _EXACT: Mapping[str, str] = MappingProxyType({"G": "(1e-4*tesla)", "mG": "(1e-7*
 _NEWTON_METRE = re.compile(r"([munkcµμ]?)N(m)(s?)")
 
 
+_ANGLES = frozenset(
+    {"radian", "degree", "arcminute", "arcsecond", "milliarcsecond", "turn", "grade"}
+)
+_OF_ANGLES = frozenset({"angle", "rate", "wheel_speed"})
+
+
 @cache
 def _registry() -> Any:
-    """Pint's units, with the angle as a dimension; built once, as that takes 0.3 s."""
+    """Pint's units; built once, as that takes 0.3 s."""
     import pint
 
-    registry = pint.UnitRegistry(on_redefinition="ignore")
-    registry.define("radian = [angle] = rad")
-    return registry
+    return pint.UnitRegistry()
+
+
+def _powers_of_angle(value: Any) -> float:
+    """The exponent of units of angle in a quantity of pint."""
+    total = 0.0
+    for name, exponent in value.unit_items():
+        for _, base, _ in _registry().parse_unit_name(name):
+            if base in _ANGLES:
+                total += exponent
+                break
+    return total
 
 
 def _word(text: str) -> str:
@@ -156,8 +171,11 @@ def unit_factor(quantity: str, unit: str) -> float:
         raise CampaignError("no unit is given", where=where, advice=advice)
     registry = _registry()
     try:
-        value = registry.Quantity(1.0, registry.parse_expression(spelled_for_pint(unit)))
+        # An expression may hold a factor of its own, as that of the gauss does.
+        value = registry.Quantity(1.0) * registry.parse_expression(spelled_for_pint(unit))
         factor = float(value.to(si).magnitude)
+        if _powers_of_angle(value) != (quantity in _OF_ANGLES):
+            raise pint.DimensionalityError(unit, si)
     except pint.DimensionalityError as error:
         what = f"is no unit of a {quantity.replace('_', ' ')}"
         raise CampaignError(what, where=where, advice=advice) from error
