@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -15,13 +16,15 @@ from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effect_declaration import check_declaration, guarded, require_of_effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import N_BASE
-from bayes_inertia.physics.prediction import Prediction, predict_all
+from bayes_inertia.physics.prediction import Data, Prediction, Structure, predict_all
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.small_campaign import small_campaign
 
 _DRAWS = 8  # of the prior, where telemetry and derivatives are tried
 _SEED = 20250
 _DIFFERENCE_STEP = 1e-4  # of differences [prior sds]
+# Functions here run a few dozen times: compiling them well costs more than it saves.
+_COMPILED_QUICKLY = {"xla_backend_optimization_level": 0}
 
 
 @dataclass(frozen=True)
@@ -71,8 +74,10 @@ def check_effect(effect: Effect, campaign: Campaign | None = None) -> CheckedEff
     Examples
     --------
     >>> from bayes_inertia.physics.effects import ConstantTorque
-    >>> check_effect(ConstantTorque()).name
-    'constant_torque'
+    >>> check_effect(ConstantTorque)
+    Traceback (most recent call last):
+    ...
+    bayes_inertia.errors.EffectError: constant_torque: this is not an instance of Effect; ...
     """
     campaign = small_campaign() if campaign is None else campaign
     check_declaration(effect, campaign)
@@ -110,20 +115,7 @@ class _Bench:
     """Telemetry as a function of one effect's parameters alone, J and K at their prior means."""
 
     model: Model
-    sigma: np.ndarray = field(init=False)
-
-    def __post_init__(self):
-        campaign, nulls = self.model.campaign, jnp.asarray(self.model.space.nulls[N_BASE:])
-        shapes, tracker = jax.eval_shape(self._predict, nulls), campaign.star_tracker
-        momentum = np.array([w.momentum_sigma or np.inf for w in campaign.wheels]) * np.ones(
-            shapes.momentum.shape
-        )
-        if self.model.drive == "measured":
-            momentum = np.full(shapes.momentum.shape, np.inf)
-        rate = np.array(campaign.rate_sensor.sigma) * np.ones(shapes.rate.shape)
-        attitude = np.full(shapes.attitude.shape, 0.5 * tracker.sigma_cross if tracker else np.inf)
-        sigma = np.concatenate([a.ravel() for a in (rate, attitude, momentum)])
-        object.__setattr__(self, "sigma", sigma)
+    sigma: np.ndarray  # of the noise of all numbers
 
     def _predict(self, x: Array) -> Prediction:
         model = self.model
@@ -133,7 +125,37 @@ class _Bench:
 
     def __call__(self, x: Array) -> Array:
         """Telemetry (numbers,) in units of its noise."""
-        return jnp.concatenate([a.ravel() for a in self._predict(x)]) / self.sigma
+        return _flat(self._predict(x)) / self.sigma
+
+
+@partial(jax.jit, static_argnums=0, compiler_options=_COMPILED_QUICKLY)
+def _prediction(structure: Structure, theta: Array, local: Array, data: Data) -> Prediction:
+    return predict_all(structure, theta, local, jnp.zeros(3), data)
+
+
+def _undisturbed(campaign: Campaign, drive: Drive, step: float | None) -> Prediction:
+    """Telemetry without the effect, on its grid; compiled once for all effects with that grid."""
+    model = Model(campaign, (_Inert(step),), drive)
+    local = jnp.zeros((model.n_slews, model.structure.n_local))
+    return _prediction(model.structure, jnp.asarray(model.space.mean), local, model.data)
+
+
+def _noise_sigma(model: Model, shapes: Prediction) -> np.ndarray:
+    """Noise (numbers,) of telemetry in these shapes; infinite where nothing is compared."""
+    campaign, tracker = model.campaign, model.campaign.star_tracker
+    momentum = np.array([w.momentum_sigma or np.inf for w in campaign.wheels]) * np.ones(
+        shapes.momentum.shape
+    )
+    if model.drive == "measured":
+        momentum = np.full(shapes.momentum.shape, np.inf)
+    rate = np.array(campaign.rate_sensor.sigma) * np.ones(shapes.rate.shape)
+    attitude = np.full(shapes.attitude.shape, 0.5 * tracker.sigma_cross if tracker else np.inf)
+    return np.concatenate([a.ravel() for a in (rate, attitude, momentum)])
+
+
+def _flat(prediction: Prediction) -> Array:
+    """All numbers of predicted telemetry."""
+    return jnp.concatenate([a.ravel() for a in prediction])
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,14 +172,16 @@ class _Trial:
 def _in_drive(effect: Effect, campaign: Campaign, drive: Drive, thorough: bool) -> dict[str, float]:
     """All checks in one drive (of the hooks' style only if `thorough`); the fingerprint."""
     step = guarded(effect, "max_step(campaign)", lambda: effect.max_step(campaign))
-    bench = guarded(effect, "building the model", lambda: _Bench(Model(campaign, (effect,), drive)))
+    model = guarded(effect, "building the model", lambda: Model(campaign, (effect,), drive))
+    undisturbed = _undisturbed(campaign, drive, step)
+    bench = _Bench(model, _noise_sigma(model, undisturbed))
     draws = bench.model.draw_prior(np.random.default_rng(_SEED), _DRAWS)[:, N_BASE:]
     points = np.concatenate([bench.model.space.nulls[None, N_BASE:], draws])
     pushed = _compiled(lambda x, v: jax.jvp(bench, (x,), (v,)))
     telemetry = guarded(
         effect, "predicting telemetry", lambda: np.array([pushed(x, 0.0 * x)[0] for x in points])
     )
-    without = np.array(_compiled(_Bench(Model(campaign, (_Inert(step),), drive)))(jnp.zeros(0)))
+    without = np.array(_flat(undisturbed)) / bench.sigma
     bad = ~np.isfinite(telemetry).all(axis=1)
     require_of_effect(
         not bad.any(),
@@ -263,8 +287,7 @@ def _compare_with_difference(
 
 
 def _compiled(function: Callable) -> Callable:
-    # Each function runs a few dozen times: compiling it well costs more than it saves.
-    return jax.jit(function, compiler_options={"xla_backend_optimization_level": 0})
+    return jax.jit(function, compiler_options=_COMPILED_QUICKLY)
 
 
 def _show(point: np.ndarray) -> str:

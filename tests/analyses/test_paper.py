@@ -67,6 +67,7 @@ def test_quick_variants_say_what_the_full_ones_say(quick):
     assert numbers["claim_rate"]["sd_at_1"] < 0.2 * numbers["claim_rate"]["sd_at_0.05"]
 
 
+@pytest.mark.slow
 def test_a_figure_drawn_again_has_the_same_bytes(load, quick, tmp_path):
     _, out = quick
     common = load("common")
@@ -76,6 +77,7 @@ def test_a_figure_drawn_again_has_the_same_bytes(load, quick, tmp_path):
     assert b"tIME" not in path.read_bytes()
 
 
+@pytest.mark.slow
 def test_the_page_names_every_analysis_and_figure_and_is_idempotent(load, quick):
     _, out = quick
     common = load("common")

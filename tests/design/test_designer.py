@@ -32,6 +32,7 @@ def by_limit(found) -> dict:
     return {m.limit: m for m in found}
 
 
+@pytest.mark.slow
 def test_design_beats_slews_like_the_papers_and_random_plans_within_all_limits(designed, mission):
     assert designed.gain > 1.5
     assert designed.value < 0.9 * designed.best_random
@@ -57,6 +58,7 @@ def test_same_seed_same_plan(designed, mission):
     assert again.plan == designed.plan
 
 
+@pytest.mark.slow
 def test_designed_plan_round_trips_and_flies_within_its_limits(designed, mission, tmp_path):
     plan = read_plan(write_plan(designed.plan, tmp_path / "plan.toml"))
     assert plan == designed.plan

@@ -22,6 +22,7 @@ def evidence_in(estimate):
     return driven_evidence(torque_response(estimate), estimate.linearised())
 
 
+@pytest.mark.slow
 def test_coasting_wheels_are_no_driver():
     campaign = small_campaign()
     coasting = replace(
@@ -34,6 +35,7 @@ def test_coasting_wheels_are_no_driver():
     assert np.isfinite(list(evidence.values())).all()
 
 
+@pytest.mark.slow
 def test_the_campaigns_clock_may_count_from_any_epoch():
     """With seconds counted from 1970 the time in the campaign is no twin of a constant."""
     campaign = small_campaign()

@@ -31,6 +31,7 @@ def test_perfect_campaigns_give_uniform_p_values(flying):
     assert n <= stats.binom.ppf(0.9999, len(fits), SIGNIFICANT_P_VALUE)
 
 
+@pytest.mark.slow
 def test_replicates_have_the_covariance_that_a_fit_leaves(flown):
     fit = fitted(flown.campaign).linearised()
     drawn = fit.replicates(np.random.default_rng(1), 400, np.ones_like(fit.weight))
@@ -77,6 +78,7 @@ def test_more_noise_is_energy_everywhere_and_none_against_the_measured_noise(fly
     assert scan_residuals(louder).p_value < 1e-6  # the stated noise is still wrong
 
 
+@pytest.mark.slow
 def test_measured_drive_without_star_tracker(flying, setup_type):
     campaign = flying(4, setup_type(fix_rows=(), rows=160)).campaign
     found = scan_residuals(fitted(campaign, "measured"))

@@ -68,6 +68,7 @@ def test_correction_slews_shrink_with_knowledge_of_the_scale_factors(mission, cr
     assert np.median(angles) > 500 * ARCSECOND
 
 
+@pytest.mark.slow
 def test_predictions_are_flights(mission, craft, novice):
     plan = paper_like_plan()
     flight = fly(plan, mission, None)

@@ -128,6 +128,7 @@ def test_missing_and_saturated_readings_count_for_nothing(flown):
     assert np.all(np.abs(fitted.theta - flown.truth.theta) < 6.0 * fitted.sd)
 
 
+@pytest.mark.slow
 def test_a_tachometer_with_gaps_can_drive_the_model(flown):
     """Gaps are bridged on a straight line: the fit moves by less than a fraction of its sd."""
 
@@ -244,6 +245,7 @@ def attitude_chi2(flying, setup_type):
     return totals
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("channel", [0, 1], ids=["rate", "attitude"])
 def test_tachometer_noise_is_accounted_for_as_process_noise(attitude_chi2, channel):
     chi2, dof = attitude_chi2["treated"][2 * channel : 2 * channel + 2]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from bayes_inertia.inference.laplace import marginal
 from bayes_inertia.inference.likelihood import residuals, sensitivities
@@ -70,6 +71,7 @@ def compare(one, other):
     return of_mean.max(), of_sd.max()
 
 
+@pytest.mark.slow
 def test_the_marginal_posterior_is_that_of_sampling_every_nuisance(small):
     rng, d, n = np.random.default_rng(31), len(small.theta), 3000
     model = small.model

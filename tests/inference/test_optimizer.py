@@ -20,6 +20,7 @@ from bayes_inertia.physics.forward_model import Model
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drive", ["commanded", "measured"])
 def test_starts_thirty_percent_wrong_end_at_the_same_optimum(flown, drive):
     model = Model(flown.campaign, drive=drive)

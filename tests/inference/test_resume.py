@@ -25,6 +25,7 @@ from bayes_inertia.inference.chain_file import load_chain, save_chain
 from bayes_inertia.inference.sampler import Settings, sample
 
 
+@pytest.mark.slow
 def test_a_run_killed_when_some_ensembles_are_ahead_goes_on_to_the_same_bits(small_at, tmp_path):
     longer = replace(SHORT, max_steps=24)
     whole = sample(small_at, longer, folder=tmp_path / "whole")

@@ -49,6 +49,24 @@ CANONICAL = [
 ]
 
 
+# One effect for each kind of hook; the others are tried in the slow tests.
+ONE_OF_EACH_KIND = {
+    "constant_torque",
+    "inertia_change",
+    "rate_bias_drift",
+    "star_tracker_misalignment",
+    "wheel_command_lag",
+}
+
+
+def slow_unless(fast: set[str]) -> list:
+    """The library as parameters of a test, slow but for the effects named."""
+    return [
+        pytest.param(e, id=e.name, marks=() if e.name in fast else pytest.mark.slow)
+        for e in LIBRARY
+    ]
+
+
 def test_the_library_has_the_canonical_names():
     assert [effect.name for effect in LIBRARY] == CANONICAL
 
@@ -60,7 +78,7 @@ def test_unknown_names_are_refused_with_the_nearest_ones():
         by_name(["rate_bias", "rate_bias"])
 
 
-@pytest.mark.parametrize("effect", LIBRARY, ids=lambda e: e.name)
+@pytest.mark.parametrize("effect", slow_unless(ONE_OF_EACH_KIND))
 def test_every_library_effect_keeps_the_contract(effect, campaign):
     fingerprint = check_effect(effect, campaign).fingerprint
     assert set(fingerprint) == {"commanded", "measured"}
