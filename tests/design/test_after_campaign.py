@@ -15,7 +15,7 @@ from bayes_inertia.app.commands.design import show_design
 from bayes_inertia.app.design_folder import run_design
 from bayes_inertia.app.design_request import DesignRequest
 from bayes_inertia.campaign.writer import write_campaign
-from bayes_inertia.design import designer
+from bayes_inertia.design import correction_slew, designer
 from bayes_inertia.design.after_campaign import final_wheel_momentum, plan_after
 from bayes_inertia.design.designer import next_slew
 from bayes_inertia.flight.follow_on import following_plan
@@ -67,6 +67,21 @@ def test_the_fit_knows_the_wheel_momentum_at_the_end(flight, estimate):
     error = np.linalg.norm(final_wheel_momentum(estimate) - truth)
     assert error < 0.1 * np.linalg.norm(truth)
     assert plan_after(estimate).wheel_momentum == tuple(final_wheel_momentum(estimate).tolist())
+
+
+def test_the_correction_forecast_begins_with_the_momentum_that_the_fit_knows(estimate, monkeypatch):
+    """Wheels at rest, where the last slew left some spinning, would turn without torque."""
+    flown = []
+
+    def predict_correction_slew(thetas, plan, *arguments, **keywords):
+        flown.append(plan)
+        return np.ones(len(thetas))
+
+    monkeypatch.setattr(correction_slew, "predict_correction_slew", predict_correction_slew)
+    assert correction_slew.correction_forecast(estimate, estimate, draws=2)
+    expected = tuple(final_wheel_momentum(estimate).tolist())
+    assert np.abs(expected).max() > 1e-3
+    assert {plan.wheel_momentum for plan in flown} == {expected}
 
 
 def test_tachometers_are_believed_before_the_fit(flight):
