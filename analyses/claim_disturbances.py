@@ -52,18 +52,18 @@ def stale(offsets: np.ndarray, seeds: int) -> dict[str, np.ndarray]:
     "trusted": the snapshot is taken as exact, as the paper does. "fitted": the bias is one of the
     unknowns.
     """
-    found = {"trusted": [], "fitted": []}
+    errors_by_case = {"trusted": [], "fitted": []}
     for offset in offsets:
         for seed in range(seeds):
             campaign = flown(
                 paper_like_plan(), spacecraft_of(TRUTH, bias=(offset,) * 3), seed=seed
             ).campaign
             for kind, sigma in (("trusted", 1e-9), ("fitted", 1e-3)):
-                at = estimate(
+                fitted = estimate(
                     Model(with_sensor(campaign, bias_sigma=(sigma,) * 3)), starts=1, discount=False
                 )
-                found[kind].append(at.theta - TRUTH)
-    return {k: np.array(v).reshape(len(offsets), seeds, 9) for k, v in found.items()}
+                errors_by_case[kind].append(fitted.theta - TRUTH)
+    return {k: np.array(v).reshape(len(offsets), seeds, 9) for k, v in errors_by_case.items()}
 
 
 def plan_of(pause: float, argument: float) -> Plan:
@@ -81,24 +81,26 @@ def dipole_errors(pause: float, arguments: np.ndarray) -> dict[str, np.ndarray]:
     """rms errors (arguments, 9) over dipoles of any direction, and the sd with the dipole fitted;
     to first order.
     """
-    found = {"not modelled": [], "constant torque fitted": [], "dipole fitted (sd)": []}
+    errors_by_case = {"not modelled": [], "constant torque fitted": [], "dipole fitted (sd)": []}
     for argument in arguments:
         campaign = flown(
             plan_of(pause, argument), spacecraft_of(TRUTH, bias=(0.0, 0.0, 0.0)), seed=None
         ).campaign
-        at = estimate(
+        fitted = estimate(
             Model(campaign, EFFECTS),
             starts=1,
             start=np.concatenate([TRUTH, np.zeros(6)]),
             free=BASE,
         )
-        every = Everything.of(at)
-        found["not modelled"].append(DIPOLE * np.linalg.norm(every.unmodelled(BASE, FIELD), axis=1))
-        found["constant torque fitted"].append(
+        every = Everything.of(fitted)
+        errors_by_case["not modelled"].append(
+            DIPOLE * np.linalg.norm(every.unmodelled(BASE, FIELD), axis=1)
+        )
+        errors_by_case["constant torque fitted"].append(
             DIPOLE * np.linalg.norm(every.unmodelled(np.arange(12), FIELD)[:9], axis=1)
         )
-        found["dipole fitted (sd)"].append(every.sd(np.concatenate([BASE, FIELD]))[:9])
-    return {k: np.array(v) for k, v in found.items()}
+        errors_by_case["dipole fitted (sd)"].append(every.sd(np.concatenate([BASE, FIELD]))[:9])
+    return {k: np.array(v) for k, v in errors_by_case.items()}
 
 
 def refitted(pause: float, arguments: np.ndarray) -> np.ndarray:
@@ -123,7 +125,7 @@ def refitted(pause: float, arguments: np.ndarray) -> np.ndarray:
 
 
 @style.styled
-def stale_picture(offsets: np.ndarray, found: dict[str, np.ndarray]) -> Figure:
+def stale_picture(offsets: np.ndarray, errors_by_case: dict[str, np.ndarray]) -> Figure:
     """Errors of J and K against the staleness of the bias."""
     figure = Figure(figsize=(style.WIDTH, 3.6), layout="constrained")
     panels = figure.subplots(1, 3)
@@ -138,7 +140,7 @@ def stale_picture(offsets: np.ndarray, found: dict[str, np.ndarray]) -> Figure:
             ("trusted", style.VERMILLION, "o"),
             ("fitted", style.BLUE, "s"),
         ):
-            each = np.sqrt(np.mean(np.square(found[kind][..., index] * scale), axis=2))
+            each = np.sqrt(np.mean(np.square(errors_by_case[kind][..., index] * scale), axis=2))
             ax.fill_between(hours, each.min(1), each.max(1), color=color, alpha=0.2, lw=0)
             rms = np.sqrt(np.mean(each**2, axis=1))
             name = {"trusted": "snapshot taken as exact", "fitted": "bias fitted along"}[kind]

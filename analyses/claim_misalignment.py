@@ -48,15 +48,15 @@ def by_angle(angles: np.ndarray, seeds: int) -> np.ndarray:
     slews = tuple(PlannedSlew((1.0, 0.0, 0.0), a, duration=265.0) for a in angles)
     plan = Plan("angles", slews, wheel_momentum=paper_like_plan().wheel_momentum)
     effect = RateSensorMisalignment()
-    found = []
+    errors = []
     for seed in range(seeds):
         craft = spacecraft_of(
             TRUTH, effects=(effect,), values={effect.name: {"angle": np.array([0.0, TURN, 0.0])}}
         )
         mission = Mission(craft, prior_of(TRUTH))
         flight = fly(plan, mission, seed, controller=controller_of(TRUTH))
-        found.append(flight.final_error_B)
-    return np.array(found)
+        errors.append(flight.final_error_B)
+    return np.array(errors)
 
 
 def turned(angle_B: np.ndarray) -> np.ndarray:
@@ -82,9 +82,9 @@ def soaked(sizes: np.ndarray, direction: np.ndarray, seeds: int) -> tuple[np.nda
             campaign = with_sensor(
                 flown(paper_like_plan(), craft, seed=seed).campaign, axes=np.eye(3)
             )
-            at = estimate(Model(campaign), starts=1, discount=False)
-            errors.append(at.theta - TRUTH)
-            chi2.append(at.tests["rate"].reduced_chi2)
+            fitted = estimate(Model(campaign), starts=1, discount=False)
+            errors.append(fitted.theta - TRUTH)
+            chi2.append(fitted.tests["rate"].reduced_chi2)
     shape = (len(sizes), seeds)
     return np.array(errors).reshape(*shape, 9), np.array(chi2).reshape(shape)
 

@@ -61,9 +61,9 @@ def begun(
         return None
 
 
-def distance(at: Estimate | None) -> float:
+def distance(fitted: Estimate | None) -> float:
     """Largest of the nine errors in sd; inf where there is no estimate."""
-    return np.inf if at is None else float(np.max(np.abs(at.theta - TRUTH) / at.sd))
+    return np.inf if fitted is None else float(np.max(np.abs(fitted.theta - TRUTH) / fitted.sd))
 
 
 def tried(
@@ -77,10 +77,10 @@ def tried(
         own, begin, chi2 = [], [], []
         for _ in range(count):
             J, K = wrong_tensor(rng, size), 1.0 + 0.03 * rng.uniform(-1.0, 1.0, 3)
-            at = begun(campaign, J, K, size)
-            once = distance(at)
+            fitted = begun(campaign, J, K, size)
+            once = distance(fitted)
             own.append([once, once if once < LIMIT else distance(begun(campaign, J, K, size, 3))])
-            chi2.append(np.inf if at is None else at.tests["total"].reduced_chi2)
+            chi2.append(np.inf if fitted is None else fitted.tests["total"].reduced_chi2)
             begin.append(
                 np.concatenate(
                     [

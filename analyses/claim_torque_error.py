@@ -83,7 +83,7 @@ def gain_errors(gains: np.ndarray, seeds: int, quick: bool) -> dict[str, np.ndar
     kinds = ["no tachometers, wheels start at rest", "without tachometers", "with tachometers"] + (
         [] if quick else ["tachometers as input", "gain fitted"]
     )
-    found = {kind: [] for kind in kinds}
+    errors_by_case = {kind: [] for kind in kinds}
     for g in gains:
         for seed in range(seeds):
             campaign = flight_with(GAIN, gain_of(g), seed).campaign
@@ -102,24 +102,26 @@ def gain_errors(gains: np.ndarray, seeds: int, quick: bool) -> dict[str, np.ndar
                 "gain fitted": lambda c=campaign: estimate(Model(c, (GAIN,)), starts=1),
             }
             for kind in kinds:
-                found[kind].append((estimates[kind]().theta[:9] - TRUTH) / np.abs(TRUTH))
-    return {k: np.array(v).reshape(len(gains), seeds, 9) for k, v in found.items()}
+                errors_by_case[kind].append((estimates[kind]().theta[:9] - TRUTH) / np.abs(TRUTH))
+    return {k: np.array(v).reshape(len(gains), seeds, 9) for k, v in errors_by_case.items()}
 
 
 def lag_errors(lags: np.ndarray, seeds: int) -> dict[str, np.ndarray]:
     """Errors of J and K (lags, seeds, 9): lag not modelled, known, fitted; and the reduced chi^2
     (lags, seeds) of the first.
     """
-    found = {"not modelled": [], "known": [], "fitted": [], "chi2": []}
+    errors_by_case = {"not modelled": [], "known": [], "fitted": [], "chi2": []}
     for tau in lags:
         for seed in range(seeds):
             campaign = flight_with(LAG, {"tau": tau}, seed).campaign
             plain = wls(campaign)
-            found["not modelled"].append(plain.theta - TRUTH)
-            found["chi2"].append(plain.tests["total"].reduced_chi2)
-            found["known"].append(known(campaign, LAG, np.array([tau])).theta[:9] - TRUTH)
-            found["fitted"].append(estimate(Model(campaign, (LAG,)), starts=1).theta[:9] - TRUTH)
-    return {k: np.array(v).reshape(len(lags), seeds, -1) for k, v in found.items()}
+            errors_by_case["not modelled"].append(plain.theta - TRUTH)
+            errors_by_case["chi2"].append(plain.tests["total"].reduced_chi2)
+            errors_by_case["known"].append(known(campaign, LAG, np.array([tau])).theta[:9] - TRUTH)
+            errors_by_case["fitted"].append(
+                estimate(Model(campaign, (LAG,)), starts=1).theta[:9] - TRUTH
+            )
+    return {k: np.array(v).reshape(len(lags), seeds, -1) for k, v in errors_by_case.items()}
 
 
 def tracking(flight: Flight) -> tuple[float, float]:
@@ -156,7 +158,7 @@ def backup(error: float, seeds: int) -> list[list[str]]:
     )
     rows = []
     for label, believed, gain in cases:
-        found = np.array(
+        errors = np.array(
             [
                 tracking(flight_with(GAIN, gain_of(gain), 100 + s, plan, believed))
                 for s in range(seeds)
@@ -168,7 +170,7 @@ def backup(error: float, seeds: int) -> list[list[str]]:
                 f"{100 * (believed[0] / TRUTH[0] - 1):+.2f} %",
                 *(
                     f"{m:.0f} ± {s:.0f}"
-                    for m, s in zip(found.mean(0), found.std(0, ddof=1), strict=True)
+                    for m, s in zip(errors.mean(0), errors.std(0, ddof=1), strict=True)
                 ),
             ]
         )
@@ -185,12 +187,12 @@ _LOOKS = {
 
 
 @style.styled
-def gain_picture(gains: np.ndarray, found: dict[str, np.ndarray]) -> Figure:
+def gain_picture(gains: np.ndarray, errors_by_case: dict[str, np.ndarray]) -> Figure:
     """Error of Jxx against the torque error of wheel x."""
     figure = Figure(figsize=(style.WIDTH, 3.7), layout="constrained")
     left, right = figure.subplots(1, 2)
     percent = 100 * gains
-    for kind, errors in found.items():
+    for kind, errors in errors_by_case.items():
         color, marker = _LOOKS[kind]
         look = {"color": color, "marker": marker, "ms": 5, "lw": 1.2, "capsize": 2, "label": kind}
         for ax, i in ((left, 0), (right, 6)):
@@ -217,7 +219,7 @@ def gain_picture(gains: np.ndarray, found: dict[str, np.ndarray]) -> Figure:
 
 
 @style.styled
-def lag_picture(lags: np.ndarray, found: dict[str, np.ndarray]) -> Figure:
+def lag_picture(lags: np.ndarray, errors_by_case: dict[str, np.ndarray]) -> Figure:
     """Errors against the lag: not modelled, known and fitted."""
     figure = Figure(figsize=(style.WIDTH, 3.7), layout="constrained")
     panels = figure.subplots(1, 3)
@@ -227,7 +229,7 @@ def lag_picture(lags: np.ndarray, found: dict[str, np.ndarray]) -> Figure:
         "fitted": (style.BLUE, "s"),
     }
     for kind, (color, marker) in looks.items():
-        errors = found[kind]
+        errors = errors_by_case[kind]
         dot = {"ms": 10, "mfc": "none", "mew": 1.4} if kind == "known" else {"ms": 5}
         for ax, index in ((panels[0], slice(0, 3)), (panels[1], slice(3, 6))):
             each = np.sqrt(np.mean(np.square(errors[..., index]), axis=2))
@@ -238,7 +240,12 @@ def lag_picture(lags: np.ndarray, found: dict[str, np.ndarray]) -> Figure:
         ax.set(yscale="log", xlabel="command lag [s]", ylabel="rms error [kg m²]", title=title)
     panels[0].legend()
     panels[2].plot(
-        lags, found["chi2"][..., 0].mean(1), color=style.VERMILLION, marker="o", ms=5, lw=1.2
+        lags,
+        errors_by_case["chi2"][..., 0].mean(1),
+        color=style.VERMILLION,
+        marker="o",
+        ms=5,
+        lw=1.2,
     )
     panels[2].axhline(1.0, color=style.MUTED, lw=0.8, ls=(0, (4, 3)))
     panels[2].set(
