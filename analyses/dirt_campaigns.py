@@ -40,6 +40,11 @@ from bayes_inertia.physics.forward_model import Model
 
 ARCSEC = np.radians(1.0 / 3600.0)  # [rad]
 SPACECRAFT = ("three_wheels", "four_wheels", "no_tachometers")
+# Slews that speed up and brake within two rows, with and without torque commands: what an effect
+# leaves there is as short as an outlier.
+PULSED = ("pulses", "pulses_no_commands")
+# Of the telemetry [s]: no multiple of it but zero is exact with 32 bits.
+_PERIOD = 0.48
 # A hidden effect is so strong that an ideal test would miss it once in a million campaigns.
 _POWER, _LEVEL = 1.0 - 1e-6, 1e-4
 # Without a trace when fixes are taken at rest; of second order, so without a score.
@@ -49,8 +54,15 @@ HIDDEN = tuple(e.name for e in LIBRARY if e.name not in _NOT_HIDDEN)
 
 def plan(spacecraft: str) -> Plan:
     """Five slews like the paper's, a row every 0.48 s (which 32 bits cannot count exactly)."""
-    momentum = (0.05, -0.03, 0.07, 0.04)[: 4 if spacecraft == "four_wheels" else 3]
-    return replace(paper_like_plan(), telemetry_period=0.48, wheel_momentum=momentum)
+    paper, momentum = paper_like_plan(), (0.05, -0.03, 0.07)
+    if spacecraft == "four_wheels":
+        momentum = (*momentum, 0.04)
+    if spacecraft in PULSED:
+        sudden = tuple(replace(s, acceleration=np.radians(1.0)) for s in paper.slews)
+        paper = replace(paper, slews=sudden)
+    # Rests and fixes fall on rows.
+    times = {"rest_before": 19.2, "first_fix": 7.68, "fix_spacing": 0.96, "settle": 33.12}
+    return replace(paper_like_plan(), telemetry_period=_PERIOD, wheel_momentum=momentum, **times)
 
 
 def four_wheels() -> Mission:
@@ -72,6 +84,9 @@ def four_wheels() -> Mission:
 def template(spacecraft: str) -> Campaign:
     """Hardware, prior and planned slews of a spacecraft."""
     mission = four_wheels() if spacecraft == "four_wheels" else most_like_mission()
+    if spacecraft in PULSED:
+        strong = tuple(replace(w, max_torque=None) for w in mission.spacecraft.wheels)
+        mission = replace(mission, spacecraft=replace(mission.spacecraft, wheels=strong))
     return planned_campaign(plan(spacecraft), mission)
 
 
@@ -79,12 +94,17 @@ def flown(
     spacecraft: str, index: int, effects: tuple[Effect, ...] = (), values: dict | None = None
 ) -> Flight:
     """One campaign: J, K, bias, angles and senses of its slews drawn; what else acts by values."""
-    seed = np.random.SeedSequence(20261, spawn_key=(SPACECRAFT.index(spacecraft), index))
+    seed = np.random.SeedSequence(
+        20261, spawn_key=((*SPACECRAFT, *PULSED).index(spacecraft), index)
+    )
     flight = draw_flight(
         template(spacecraft), plan(spacecraft), seed, effects=effects, values=values or {}
     )
     if spacecraft == "no_tachometers":
         return replace(flight, campaign=without_tachometers(flight.campaign))
+    if spacecraft == "pulses_no_commands":
+        slews = tuple(replace(s, wheel_torque=None) for s in flight.campaign.slews)
+        return replace(flight, campaign=replace(flight.campaign, slews=slews))
     return flight
 
 
@@ -103,6 +123,12 @@ def strengths(spacecraft: str) -> dict[str, dict]:
         unit = max(float(step @ scores.matrix[np.ix_(own, own)] @ step), 1e-12)
         values[effect.name] = scaled(along, float(np.clip(np.sqrt(wanted / unit), 1e-9, 30.0)))
     return values
+
+
+def can_act(name: str, spacecraft: str) -> bool:
+    """Whether an effect of the library acts on a spacecraft's campaign."""
+    acts_at_command = name in ("wheel_torque_gain", "wheel_command_lag", "wheel_friction")
+    return not (acts_at_command and spacecraft == "pulses_no_commands")
 
 
 def acts_on(effect: Effect, campaign: Campaign) -> bool:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 from dirt import RawCampaign, read_raw, write_raw
-from dirt_campaigns import HIDDEN, SPACECRAFT, truth_in, written
+from dirt_campaigns import HIDDEN, PULSED, SPACECRAFT, can_act, truth_in, written
 from dirt_kinds import KINDS, Kind
 from dirt_pipeline import NAMES, Outcome, diagnosed, fitted, guarded, judged, uncleaned
 
@@ -49,7 +49,7 @@ class Case:
 
     def folder(self, work: Path) -> Path:
         """Of the campaign before dirt."""
-        if self.origin in SPACECRAFT:
+        if self.origin in (*SPACECRAFT, *PULSED):
             return written(work, self.origin, self.index, self.hidden, self.strength)
         return Path(self.origin)
 
@@ -162,19 +162,22 @@ def _random(number: int, treatment: str) -> Case:
 
 
 # With a hidden effect: dirt whose treatment could swallow it.
-_WITH_HIDDEN = ((), ("outliers in rate",), ("coloured rate, phi 0.9",), ("quantised rate",))
+_WITH_HIDDEN = (("outliers in rate",), ("coloured rate, phi 0.9",), ("quantised rate",))
 _STRENGTHS = (1.0, 4.0, 30.0)
 
 
 def _hidden() -> list[Case]:
     """Every effect of the library, easily found, alone and with dirt."""
+    first, *others = SPACECRAFT
+    plans = [(first, strength, ()) for strength in _STRENGTHS]
+    plans += [(origin, 4.0, ()) for origin in (*others, *PULSED)]
+    plans += [(origin, 30.0, ()) for origin in PULSED]
+    plans += [(first, 4.0, dirt) for dirt in _WITH_HIDDEN]
     return [
         Case(origin, 0, tuple((kind, 1.0) for kind in dirt), "judged", name, strength, 12)
-        for origin in SPACECRAFT[:2]
-        for strength in _STRENGTHS
-        for dirt in (_WITH_HIDDEN if strength == 4.0 else ((),))
+        for origin, strength, dirt in plans
         for name in HIDDEN
-        if origin == SPACECRAFT[0] or not dirt
+        if can_act(name, origin)
     ]
 
 
