@@ -44,6 +44,14 @@ _PUBLIC = {
     "ConventionChange": "conventions.check",
     "ConventionsCheck": "conventions.check",
     "check_conventions": "conventions.check",
+    # Raw logs of any mission.
+    "DroppedPart": "importing.slew_cutting",
+    "ImportedCampaign": "importing.import_logs",
+    "NoiseFit": "importing.noise_fit",
+    "RestNoise": "importing.rest_noise",
+    "SlewCut": "importing.slew_cutting",
+    "SlewWindow": "importing.slew_cutting",
+    "import_logs": "importing.import_logs",
     # The model: parameters, effects, simulated motion.
     "CheckedEffect": "physics.check_effect",
     "Drive": "physics.simulator",

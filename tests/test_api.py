@@ -22,6 +22,7 @@ import bayes_inertia as bi
 PUBLIC = set(
     """
     Campaign Dirt InertiaPrior RateSensor Slew StarTracker Wheel read_campaign write_campaign
+    DroppedPart ImportedCampaign NoiseFit RestNoise SlewCut SlewWindow import_logs
     ConventionChange ConventionsCheck check_conventions
     CheckedEffect Drive Effect LIBRARY LogNormal Model Normal Parameter ParameterSpace
     SlewContext State Trajectory check_effect scalar vector
@@ -42,7 +43,9 @@ PUBLIC = set(
 
 # Fields that a user hands on and does not take apart: what they hold is the engine's own.
 ENGINE_FIELDS = {
+    "ImportedCampaign": {"logs"},
     "Model": {"structure", "data"},
+    "SlewCut": {"scan"},
     "Estimate": {"point", "stated", "white", "information", "starts"},
 }
 

@@ -92,7 +92,7 @@ def _shade(axes, cut: SlewCut) -> None:
 
 
 def _motions(cut: SlewCut) -> list:
-    """Dropped parts that are motions, not rest."""
+    """DroppedPart parts that are motions, not rest."""
     assert cut.scan is not None
     edges = {float(edge) for motion in cut.scan.motions for edge in motion}
     return [part for part in cut.dropped if part.start in edges and part.end in edges]

@@ -7,6 +7,8 @@ against the rate at rest. A motion is where they pass `high`; it lasts as long a
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from scipy.ndimage import median_filter, uniform_filter1d
 
@@ -21,7 +23,11 @@ _OUTLIER_ROWS = 5  # The running median: two rows in a row may be outliers.
 _SLOWEST = 0.2
 # A log whose rates do not exceed their noise at rest by this factor shows no slew.
 _VISIBLE = 8.0
+# `low` is this factor above the median at rest, but at most this share of `high`.
+_ABOVE_REST = 4.0
 _LOW_OVER_HIGH = 1.0 / 3.0
+# A slower moment shorter than this, as between braking and settling, is no rest [s].
+_DIP_S = 5.0
 # `high` is at most this share of the largest rate.
 _LARGEST_THRESHOLD = 0.1
 _SIGMAS_OF_REST = 3.0
@@ -121,8 +127,9 @@ def scan_motion(rate: LoggedStream, *, threshold: float | None, pause: float) ->
     largest = float(speed.max())
     high = threshold or _threshold(floor, largest, rate)
     at_rest = speed[speed < high]
-    level = float(np.quantile(at_rest, 0.5)) if len(at_rest) else 0.0
-    low = min(high, max(_LOW_OVER_HIGH * high, 2.0 * level))
+    level = float(np.median(at_rest)) if len(at_rest) else 0.0
+    # Near the noise, so that a slew is over only when it has settled.
+    low = min(high, max(min(_LOW_OVER_HIGH * high, _ABOVE_REST * level), 2.0 * level, 1e-3 * high))
     motions = _hysteresis(rate.time, speed, segment, low, high)
     return MotionScan(rate.time, speed, segment, low, high, motions, rest_rate)
 
@@ -174,7 +181,7 @@ def _hysteresis(
     time: np.ndarray, speed: np.ndarray, segment: np.ndarray, low: float, high: float
 ) -> np.ndarray:
     """Start and end (m, 2) of the runs above `low` that pass `high`."""
-    above = speed > low
+    above = _without_dips(time, speed > low, segment)
     new = np.concatenate([[True], (np.diff(above) != 0) | (np.diff(segment) != 0)])
     starts = np.flatnonzero(new)
     ends = np.append(starts[1:], len(time)) - 1
@@ -184,3 +191,13 @@ def _hysteresis(
         if above[i] and speed[i : j + 1].max() > high
     ]
     return np.array(runs).reshape(-1, 2)
+
+
+def _without_dips(time: np.ndarray, above: np.ndarray, segment: np.ndarray) -> np.ndarray:
+    """Which rows are above, short dips between two of them included."""
+    rows = np.flatnonzero(above)
+    closed = above.copy()
+    for i, j in pairwise(rows.tolist()):
+        if j - i > 1 and time[j] - time[i] < _DIP_S and segment[i] == segment[j]:
+            closed[i:j] = True
+    return closed

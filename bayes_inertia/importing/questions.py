@@ -29,10 +29,18 @@ QUESTIONS: Mapping[str, str] = MappingProxyType(
             'zero; "file" if each file starts its own clock.'
         ),
         "streams.names": "Which columns, in the order x, y, z (or of [[wheels]])?",
-        "streams.unit": (
-            "Which unit? A slew of 1 deg/s reads 0.017 in rad/s; a small reaction wheel turns "
-            "some 1000 rpm = 105 rad/s; its torque is some mN m."
+        "streams.unit": "Which unit? (of scale and offset, where the columns are counts)",
+        "streams.rate.unit": (
+            "Which unit: rad/s, deg/s, arcsec/s, ...? A slew of 1 deg/s reads 0.017 in rad/s."
         ),
+        "streams.wheel_torque.unit": (
+            "Which unit: N m, mN m, ...? A small reaction wheel has some mN m."
+        ),
+        "streams.wheel_momentum.unit": "Which unit: N m s, mN m s, ...?",
+        "streams.wheel_speed.unit": (
+            "Which unit: rpm, rad/s, ...? 1000 rpm are 105 rad/s; most wheels stay below 6000 rpm."
+        ),
+        "streams.attitude.unit": "Which unit: deg or rad?",
         "streams.rate.frame": (
             '"body": the readings are along body axes already; "sensor": along the axes of the '
             "sensor, whose mounting then stands beside it."

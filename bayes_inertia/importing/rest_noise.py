@@ -58,7 +58,13 @@ class RestNoise:
         )
 
     def toml(self) -> str:
-        """The line of the description that states the seen noise."""
+        """The line of the description that states the seen noise.
+
+        Returns
+        -------
+        str
+            TOML.
+        """
         name = self.key.rpartition(".")[2]
         numbers = [f"{value:.2g}" for value in self.seen]
         value = numbers[0] if len(set(numbers)) == 1 else f"[{', '.join(numbers)}]"

@@ -64,7 +64,7 @@ class SlewWindow:
 
 
 @dataclass(frozen=True)
-class Dropped:
+class DroppedPart:
     """A part of a log that becomes no slew.
 
     Parameters
@@ -88,7 +88,7 @@ class SlewCut:
     ----------
     windows : tuple of SlewWindow
         The slews, in the order of time.
-    dropped : tuple of Dropped
+    dropped : tuple of DroppedPart
         What is left out.
     scan : MotionScan or None
         The rates that decided; None where they show no motion and need not.
@@ -97,7 +97,7 @@ class SlewCut:
     """
 
     windows: tuple[SlewWindow, ...]
-    dropped: tuple[Dropped, ...]
+    dropped: tuple[DroppedPart, ...]
     scan: MotionScan | None
     by: str
 
@@ -228,7 +228,9 @@ def _turned(scan: MotionScan, start: float, end: float) -> float:
     return float(np.trapezoid(scan.speed[rows], scan.time[rows]))
 
 
-def _at_rests(scan: MotionScan, logs: Logs, cut: CutPart) -> tuple[list[SlewWindow], list[Dropped]]:
+def _at_rests(
+    scan: MotionScan, logs: Logs, cut: CutPart
+) -> tuple[list[SlewWindow], list[DroppedPart]]:
     """Windows around the motions that have a rest on either side."""
     fixes = _fixes(logs)
     step = float(np.median(np.diff(fixes))) if len(fixes) > 1 else 0.0
@@ -239,7 +241,7 @@ def _at_rests(scan: MotionScan, logs: Logs, cut: CutPart) -> tuple[list[SlewWind
     turned = [_turned(scan, *motion) for motion in motions]
     before, after = _wanted_rests(motions, fixes, cut, shortest)
     windows: list[SlewWindow] = []
-    dropped: list[Dropped] = []
+    dropped: list[DroppedPart] = []
     for k, (start, end) in enumerate(motions):
         span = scan.segment_span(start)
         # Two slews share the rest between them: no reading is used twice.
@@ -259,7 +261,7 @@ def _at_rests(scan: MotionScan, logs: Logs, cut: CutPart) -> tuple[list[SlewWind
         )
         reason = _why_not(turned[k], max(turned), rest_before, rest_after, shortest)
         if reason:
-            dropped.append(Dropped(start, end, reason))
+            dropped.append(DroppedPart(start, end, reason))
             continue
         window = SlewWindow(f"slew {len(windows) + 1}", start - rest_before, end + rest_after)
         windows.append(_with_motion(window, scan, fixes))
@@ -327,7 +329,9 @@ def _why_not(turned: float, largest: float, before: float, after: float, shortes
     return ""
 
 
-def _left_over(windows: list[SlewWindow], scan: MotionScan | None, reason: str) -> list[Dropped]:
+def _left_over(
+    windows: list[SlewWindow], scan: MotionScan | None, reason: str
+) -> list[DroppedPart]:
     """Parts of the log that no window covers."""
     if scan is None:
         return []
@@ -338,13 +342,13 @@ def _left_over(windows: list[SlewWindow], scan: MotionScan | None, reason: str) 
         for window in windows:
             if window.end < cursor or window.start > time[-1]:
                 continue
-            left.append(Dropped(cursor, window.start, reason))
+            left.append(DroppedPart(cursor, window.start, reason))
             cursor = window.end
-        left.append(Dropped(cursor, float(time[-1]), reason))
+        left.append(DroppedPart(cursor, float(time[-1]), reason))
     return [part for part in left if part.end > part.start]
 
 
-def _without(parts: list[Dropped], taken: list[Dropped]) -> list[Dropped]:
+def _without(parts: list[DroppedPart], taken: list[DroppedPart]) -> list[DroppedPart]:
     """Parts less the motions that are dropped for another reason."""
     for motion in taken:
         pieces = []
@@ -352,7 +356,7 @@ def _without(parts: list[Dropped], taken: list[Dropped]) -> list[Dropped]:
             if motion.end <= part.start or motion.start >= part.end:
                 pieces.append(part)
                 continue
-            pieces.append(Dropped(part.start, motion.start, part.reason))
-            pieces.append(Dropped(motion.end, part.end, part.reason))
+            pieces.append(DroppedPart(part.start, motion.start, part.reason))
+            pieces.append(DroppedPart(motion.end, part.end, part.reason))
         parts = [part for part in pieces if part.end > part.start]
     return parts

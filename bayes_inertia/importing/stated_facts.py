@@ -13,7 +13,7 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.attitude_forms import COLUMNS_OF_FORM, AttitudeConvention
 from bayes_inertia.importing.mapping_schema import AttitudeStream
 from bayes_inertia.importing.questions import question_at
-from bayes_inertia.importing.raw_table import RawTable, StatedAttitude
+from bayes_inertia.importing.raw_table import RawTable
 from bayes_inertia.importing.unit_factors import unit_factor
 
 # Names of frames as CCSDS (SANA registry) and ground systems write them, in capitals.
@@ -146,18 +146,16 @@ def agreed_attitude(
     CampaignError
         If something is stated by neither, or file and mapping contradict each other.
     """
-    stated = table.attitude
-    says = {} if stated is None else _said_by(stated, table.label)
+    says = stated_attitude(table)
     unit = _angle_unit(table, part, says, where)
 
     def value(key: str) -> Any:
         mapped = getattr(part, key)
         mapped = mapped.lower() if key == "sequence" else mapped
-        found = agreed(says.get(key), mapped, f"{where}.{key}", table.label)
-        if found in (None, "", []):
-            question = question_at(("streams", "attitude", key))
-            raise CampaignError("missing key", where=f"{where}.{key}", advice=f"add it: {question}")
-        return found
+        both = agreed(says.get(key), mapped, f"{where}.{key}", table.label)
+        if not both:
+            raise _unanswered(key, where)
+        return both
 
     form = value("form")
     names = list(value("names"))
@@ -167,23 +165,24 @@ def agreed_attitude(
             where=f"{where}.names",
             advice=f"name {COLUMNS_OF_FORM[form]} columns in their order",
         )
+    euler = form == "euler"
     convention = AttitudeConvention(
         form,
         value("maps"),
         scalar=value("scalar") if form == "quaternion" else "last",
-        sequence=value("sequence") if form == "euler" else "",
-        turns=value("turns") if form == "euler" else "intrinsic",
-        radians=_factor("angle", unit, f"{where}.unit") if form == "euler" else 1.0,
+        sequence=value("sequence") if euler else "",
+        turns=value("turns") if euler else "intrinsic",
+        radians=_factor("angle", unit, f"{where}.unit") if euler else 1.0,
     )
     of_tracker = value("frame") == "tracker"
     if of_tracker and part.body_from_tracker is None:
-        question = question_at(("streams", "attitude", "body_from_tracker"))
-        raise CampaignError(
-            "missing key",
-            where=f"{where}.body_from_tracker",
-            advice=f"add it, as the file states the tracker's axes: {question}",
-        )
+        raise _unanswered("body_from_tracker", where)
     return names, convention, of_tracker
+
+
+def _unanswered(key: str, where: str) -> CampaignError:
+    question = question_at(("streams", "attitude", key))
+    return CampaignError("missing key", where=f"{where}.{key}", advice=f"add it: {question}")
 
 
 def _angle_unit(table: RawTable, part: AttitudeStream, says: dict[str, Any], where: str) -> str:
@@ -196,8 +195,27 @@ def _angle_unit(table: RawTable, part: AttitudeStream, says: dict[str, Any], whe
     return agreed_unit(table, first, "angle", part.unit, where)
 
 
-def _said_by(stated: StatedAttitude, label: str) -> dict[str, Any]:
-    """What a file states of its attitudes, in the keys of a mapping."""
+def stated_attitude(table: RawTable) -> dict[str, Any]:
+    """What a file states of its attitudes, in the keys of a mapping.
+
+    Parameters
+    ----------
+    table : RawTable
+        The table.
+
+    Returns
+    -------
+    dict of str to Any
+        Values by key; empty where it states nothing.
+
+    Raises
+    ------
+    CampaignError
+        If neither of its frames is inertial.
+    """
+    stated = table.attitude
+    if stated is None:
+        return {}
     start, end = stated.from_frame.upper(), stated.to_frame.upper()
     says: dict[str, Any] = {
         "names": list(stated.names),
@@ -214,7 +232,7 @@ def _said_by(stated: StatedAttitude, label: str) -> dict[str, Any]:
     raise CampaignError(
         f"the attitudes are between the frames {stated.from_frame} and {stated.to_frame}, "
         "of which none is inertial",
-        where=label,
+        where=table.label,
         advice="export the attitude relative to inertial axes, such as EME2000 or ICRF",
     )
 

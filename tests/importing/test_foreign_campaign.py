@@ -74,7 +74,7 @@ def test_the_log_is_cut_at_its_rests(logs, tmp_path):
         moving = np.linalg.norm(native.rate, axis=1) > 10 * native.rate[:20].std()
         start, end = native.start + native.time[[moving.argmax(), -moving[::-1].argmax() - 1]]
         assert window.motion[0] == pytest.approx(start, abs=3.0)
-        assert window.motion[1] == pytest.approx(end, abs=10.0)
+        assert end - 3.0 < window.motion[1] < end + 30.0  # the slew settles first
         assert window.turned == pytest.approx(native.angle, rel=0.05)
         assert 8.0 <= window.motion[0] - window.start < 20.0
         fixes = slew.start + slew.time[slew.fixes]

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from bayes_inertia.importing.slew_cutting import SlewWindow
 
 _WIDTH = 80  # Columns of the terminal that the output fits.
+_SPANS_SHOWN = 6
 
 RawFiles = Annotated[list[Path], typer.Argument(help="Raw logs, of any format.")]
 Using = Annotated[Path | None, typer.Option(help="The mapping that says what the logs hold.")]
@@ -108,18 +109,22 @@ def _show_streams(console: Console, imported: ImportedCampaign) -> None:
 
 def _show_slews(console: Console, imported: ImportedCampaign) -> None:
     cut = imported.cut
-    table = Table("slew", "from [s]", "to [s]", "rest before", "rest after", "turned [deg]")
+    table = Table("slew", "from [s]", "to [s]", "before (fixes)", "after (fixes)", "turned [deg]")
     for window in cut.windows:
         table.add_row(
             window.name,
-            f"{window.start:.2f}",
-            f"{window.end:.2f}",
+            f"{window.start:.1f}",
+            f"{window.end:.1f}",
             *_rests(window),
             "?" if window.turned is None else f"{np.degrees(window.turned):.1f}",
         )
     console.print(table)
-    for part in cut.dropped:
-        console.print(f"  left out: {part.start:.1f} to {part.end:.1f} s, {part.reason}")
+    for reason in dict.fromkeys(part.reason for part in cut.dropped):
+        parts = [part for part in cut.dropped if part.reason == reason]
+        seconds = sum(part.end - part.start for part in parts)
+        spans = ", ".join(f"{part.start:.0f} to {part.end:.0f}" for part in parts[:_SPANS_SHOWN])
+        more = f" and {len(parts) - _SPANS_SHOWN} more" if len(parts) > _SPANS_SHOWN else ""
+        console.print(f"left out, {reason}: {seconds:.0f} s ({spans} s{more})")
 
 
 def _rests(window: SlewWindow) -> tuple[str, str]:
@@ -128,8 +133,7 @@ def _rests(window: SlewWindow) -> tuple[str, str]:
         return "?", "?"
     lengths = (window.motion[0] - window.start, window.end - window.motion[1])
     before, after = (
-        f"{seconds:.1f} s, {fixes} fixes"
-        for seconds, fixes in zip(lengths, window.fixes, strict=True)
+        f"{seconds:.1f} s ({fixes})" for seconds, fixes in zip(lengths, window.fixes, strict=True)
     )
     return before, after
 
