@@ -14,7 +14,6 @@ from bayes_inertia.campaign.schema import (
     PositionColumns,
     RateColumns,
     SpeedColumns,
-    TimeColumn,
     TorqueColumns,
 )
 from bayes_inertia.campaign.slew import bad_quaternion
@@ -45,7 +44,7 @@ def stream_from_table(
     Parameters
     ----------
     table : Table
-        The telemetry, in the file's own units.
+        The telemetry, in the file's own units and in the order of time.
     columns : ColumnsPart
         What each column means.
     stream : Stream
@@ -61,10 +60,9 @@ def stream_from_table(
     Raises
     ------
     CampaignError
-        If a cell is empty that must not be, times do not increase, or a quaternion is bad; the
-        error names the line.
+        If a cell is empty that must not be, or a quaternion is bad; the error names the line.
     """
-    time = _time(table, stream.time, rows=2 if "rate" in stream.keys else 0)
+    time = to_si(table.columns[stream.time.names[0]], "time", stream.time.unit)
     # Adding nothing would make a zero of -0.0.
     channels = {"time": time + stream.offset_s if stream.offset_s else time}
     readers = {
@@ -145,45 +143,6 @@ def _refuse_empty_cells(table: Table, names: Sequence[str], empty: np.ndarray, a
             where=table.place(row, names[int(np.argmax(empty[row]))]),
             advice=advice,
         )
-
-
-def _time(table: Table, column: TimeColumn, rows: int) -> np.ndarray:
-    name = column.names[0]
-    raw = table.columns[name]
-    if len(raw) < rows:
-        raise CampaignError(
-            f"{len(raw)} row(s) of telemetry", where=table.label, advice="a slew needs at least two"
-        )
-    if len(raw) < 2:
-        return to_si(raw, "time", column.unit)
-    _refuse_empty_columns(table, [name])
-    advice = "every row needs its time: remove or repair the row"
-    _refuse_empty_cells(table, [name], np.isnan(raw)[:, None], advice)
-    with np.errstate(over="ignore"):
-        step = np.diff(raw)
-    bad = step <= 0.0
-    if name in table.single and float(np.spacing(np.float32(np.abs(raw).max()))) > 0.01 * abs(
-        float(np.median(step))
-    ):
-        raise CampaignError(
-            "times stored with 32 bits are too coarse for their spacing",
-            where=f"{table.label}, column {name}",
-            advice="store time with 64 bits, or count it from the start of the slew",
-        )
-    if bad.any():
-        row = int(np.argmax(bad)) + 1
-        now, before = (repr(float(x)) for x in (raw[row], raw[row - 1]))
-        what = (
-            f"the time {now} is repeated"
-            if step[row - 1] == 0.0
-            else f"the time goes back from {before} to {now}"
-        )
-        raise CampaignError(
-            f"{what} (after {table.row(row - 1)})",
-            where=table.place(row, name),
-            advice="sort the rows and drop repeated times",
-        )
-    return to_si(raw, "time", column.unit)
 
 
 def _attitude(table: Table, column: AttitudeColumns) -> np.ndarray | None:

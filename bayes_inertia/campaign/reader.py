@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import reprlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +16,13 @@ from bayes_inertia.campaign.channels import stream_from_table
 from bayes_inertia.campaign.commands import held_commands
 from bayes_inertia.campaign.csv_table import read_table
 from bayes_inertia.campaign.description import parse_description
+from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
 from bayes_inertia.campaign.inertia_prior import InertiaPrior
-from bayes_inertia.campaign.schema import CampaignPart, SlewPart
+from bayes_inertia.campaign.row_order import ordered_rows
+from bayes_inertia.campaign.schema import CampaignPart, ColumnsPart, SlewPart
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.campaign.streams import streams_of, union
+from bayes_inertia.campaign.streams import Stream, streams_of, union
 from bayes_inertia.campaign.table import Table
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import (
@@ -63,12 +66,13 @@ def read_campaign(path: str | Path) -> Campaign:
         hardware = _hardware(parsed)
     except CampaignError as error:
         raise error.inside(str(description)) from None
-    channels = [_channels(part, tables, parsed, hardware["wheels"]) for part in parsed.slews]
+    read = [_channels(part, tables, parsed, hardware["wheels"]) for part in parsed.slews]
+    dirt = tuple(record for _, records in read for record in records)
     try:
         slews = tuple(
-            _slew(part, values) for part, values in zip(parsed.slews, channels, strict=True)
+            _slew(part, values) for part, (values, _) in zip(parsed.slews, read, strict=True)
         )
-        return Campaign(name=parsed.name, slews=slews, **hardware)
+        return Campaign(name=parsed.name, slews=slews, dirt=dirt, **hardware)
     except CampaignError as error:
         raise error.inside(str(description)) from None
 
@@ -194,28 +198,58 @@ def _hardware(parsed: CampaignPart) -> dict[str, Any]:
     }
 
 
-def _channels(
-    part: SlewPart, paths: dict[str, Path], parsed: CampaignPart, wheels: tuple[Wheel, ...]
-) -> dict[str, Any]:
-    """Start and channels of a slew on one list of times, with a torque in every row."""
-    streams = streams_of(part, parsed.columns)
+def _tables(part: SlewPart, paths: dict[str, Path], parsed: CampaignPart) -> dict[str, Table]:
+    """The tables of a slew by their names in the description, with the columns that count."""
     names: dict[str, dict[str, None]] = {}
-    for stream in streams:
-        entries = [stream.time, *(getattr(parsed.columns, key) for key in stream.keys)]
+    for stream in streams_of(part, parsed.columns):
         columns = names.setdefault(stream.file, {})
-        columns |= dict.fromkeys(name for entry in entries for name in entry.names)
-    tables: dict[str, Table] = {
+        columns |= dict.fromkeys(_columns(stream, parsed.columns))
+    tables = {
         file: read_table(paths[file], list(columns), group=part.name)
         for file, columns in names.items()
     }
+    rows = len(tables[part.file_of("rate") or ""].columns[parsed.columns.rate.names[0]])
+    if rows < 2:
+        raise CampaignError(
+            f"{rows} row(s) of telemetry",
+            where=tables[part.file_of("rate") or ""].label,
+            advice="a slew needs at least two",
+        )
+    return tables
+
+
+def _columns(stream: Stream, columns: ColumnsPart) -> list[str]:
+    """The columns of a stream, its time first."""
+    names = [name for key in stream.keys for name in getattr(columns, key).names]
+    return [stream.time.names[0], *names]
+
+
+def _channels(
+    part: SlewPart, paths: dict[str, Path], parsed: CampaignPart, wheels: tuple[Wheel, ...]
+) -> tuple[dict[str, Any], list[Dirt]]:
+    """Start and channels of a slew on one list of times, with a torque in every row."""
+    tables = _tables(part, paths, parsed)
     spin_inertias = np.array([wheel.spin_inertia for wheel in wheels])
-    readings = [
-        stream_from_table(tables[stream.file], parsed.columns, stream, spin_inertias)
-        for stream in streams
-    ]
+    readings, disorder = [], []
+    for stream in streams_of(part, parsed.columns):
+        time, *names = _columns(stream, parsed.columns)
+        table, dirt = ordered_rows(tables[stream.file], time, names)
+        readings.append(stream_from_table(table, parsed.columns, stream, spin_inertias))
+        disorder += [(record, readings[-1]["time"][list(record.rows)]) for record in dirt]
     joined = union(readings, f"slews.{part.name}")
     held = held_commands(joined)
-    return {**held, "start": part.start + float(held["time"][0] - joined["time"][0])}
+    start = part.start + float(held["time"][0] - joined["time"][0])
+    records = [
+        replace(record, slew=part.name, rows=_nearest_rows(held["time"], times))
+        for record, times in disorder
+    ]
+    return {**held, "start": start}, records
+
+
+def _nearest_rows(time: np.ndarray, wanted: np.ndarray) -> tuple[int, ...]:
+    """The rows of increasing times (n,) that are next to other times."""
+    rows = np.searchsorted(0.5 * (time[1:] + time[:-1]), wanted)
+    return tuple(np.unique(rows).tolist())
 
 
 def _slew(part: SlewPart, channels: dict[str, Any]) -> Slew:

@@ -1,0 +1,207 @@
+"""Rows of a table as time orders them: sent twice, out of order, or with a stamp that is wrong.
+
+Rows that only came late are put in their place. A row that was sent twice, or in parts, becomes
+one. A single stamp that fits nowhere is left out. What needs knowledge of the clock is refused.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NoReturn
+
+import numpy as np
+
+from bayes_inertia.campaign.dirt import Dirt
+from bayes_inertia.campaign.table import Table
+from bayes_inertia.errors import CampaignError
+
+# More wrong stamps than this share of all rows are no single glitches.
+_GLITCHES = 0.02
+# A late row fits where its neighbours are this many steps away.
+_NEAREST, _FARTHEST = 0.75, 3.0
+# Stamps of 32 bits may be coarse by this share of their spacing.
+_COARSE = 0.01
+
+
+def ordered_rows(table: Table, time: str, names: Sequence[str]) -> tuple[Table, list[Dirt]]:
+    """The rows of a table in the order of their strictly increasing times.
+
+    Parameters
+    ----------
+    table : Table
+        The telemetry.
+    time : str
+        The column of times.
+    names : sequence of str
+        The columns whose content counts.
+
+    Returns
+    -------
+    table : Table
+        The same table if its times increase strictly; else its rows in order.
+    dirt : list of Dirt
+        What was done; `rows` counts the rows of the table that is returned, `slew` is empty.
+
+    Raises
+    ------
+    CampaignError
+        If a time is empty or too coarse, is given twice with different content, or the clock jumps
+        back; the error names the line.
+
+    Examples
+    --------
+    >>> late = Table("a", {"t": np.array([0., 2., 1., 3.]), "w": np.array([5., 7., 6., 8.])})
+    >>> ordered_rows(late, "t", ["w"])[0].columns["w"].tolist()
+    [5.0, 6.0, 7.0, 8.0]
+    """
+    stamps = table.columns[time]
+    _refuse_empty_times(table, time)
+    with np.errstate(over="ignore"):
+        steps = np.diff(stamps)
+    _refuse_coarse_times(table, time, steps)
+    if np.all(steps > 0.0):
+        return table, []
+    kept, glitches = _without_glitches(table, time)
+    order = kept[np.argsort(stamps[kept], kind="stable")]
+    late = _late_rows(stamps[kept])
+    joined, doubled = _joined(_rows(table, order), time, names)
+    times = joined.columns[time]
+    dirt = []
+    if len(glitches):
+        rows = np.searchsorted(times, stamps[np.maximum(glitches - 1, 0)])
+        note = f"{_rows_text(len(glitches))} with a stamp out of all order left out"
+        dirt.append(_dirt("clock", rows, len(times), "masked", note))
+    if len(late):
+        rows = np.searchsorted(times, stamps[kept][late])
+        note = f"{_rows_text(len(late))} came late and stand in their place now"
+        dirt.append(_dirt("clock", rows, len(times), "ignored", note))
+    if len(doubled):
+        note = f"{_rows_text(len(doubled))} with the time of another joined with it"
+        dirt.append(_dirt("duplicate", doubled, len(times), "masked", note))
+    return joined, dirt
+
+
+def _dirt(kind, rows: np.ndarray, length: int, treated, note: str) -> Dirt:
+    clipped = np.unique(np.clip(rows, 0, length - 1))
+    return Dirt(kind, "time", "", tuple(clipped.tolist()), treated, note)
+
+
+def _rows_text(count: int) -> str:
+    return "1 row" if count == 1 else f"{count} rows"
+
+
+def _rows(table: Table, rows: np.ndarray) -> Table:
+    return replace(
+        table,
+        columns={name: values[rows] for name, values in table.columns.items()},
+        lines=None if table.lines is None else table.lines[rows],
+    )
+
+
+def _refuse_empty_times(table: Table, time: str) -> None:
+    empty = np.isnan(table.columns[time])
+    if empty.any():
+        raise CampaignError(
+            "every cell is empty" if empty.all() else "the cell is empty",
+            where=f"{table.label}, column {time}"
+            if empty.all()
+            else table.place(int(np.argmax(empty)), time),
+            advice="every row needs its time: remove or repair the row",
+        )
+
+
+def _refuse_coarse_times(table: Table, time: str, steps: np.ndarray) -> None:
+    if time not in table.single or not len(steps):
+        return
+    resolution = float(np.spacing(np.float32(np.abs(table.columns[time]).max())))
+    if resolution > _COARSE * abs(float(np.median(steps))):
+        raise CampaignError(
+            "times stored with 32 bits are too coarse for their spacing",
+            where=f"{table.label}, column {time}",
+            advice="store time with 64 bits, or count it from the start of the slew",
+        )
+
+
+def _late_rows(stamps: np.ndarray) -> np.ndarray:
+    """The fewest rows without which times never go back; they came late or carry wrong stamps."""
+    tails: list[float] = []
+    length = np.empty(len(stamps), dtype=int)
+    for i, stamp in enumerate(stamps.tolist()):
+        # The longest non-decreasing subsequence; equal times are another matter.
+        length[i] = at = bisect_right(tails, stamp)
+        tails[at : at + 1] = [stamp]
+    in_order = np.zeros(len(stamps), dtype=bool)
+    wanted, bound = len(tails) - 1, np.inf
+    for i in range(len(stamps) - 1, -1, -1):
+        if length[i] == wanted and stamps[i] <= bound:
+            in_order[i] = True
+            wanted, bound = wanted - 1, stamps[i]
+    return np.flatnonzero(~in_order)
+
+
+def _without_glitches(table: Table, time: str) -> tuple[np.ndarray, np.ndarray]:
+    """The rows (n,) whose stamps can be right, and those (m,) whose cannot."""
+    stamps = table.columns[time]
+    rows = np.arange(len(stamps))
+    late = _late_rows(stamps)
+    steps = np.diff(stamps)
+    step = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
+    wrong = late[~_fits(stamps, late, step)]
+    if not len(wrong):
+        return rows, wrong
+    alone = np.all(np.diff(wrong) > 1)
+    if not alone or len(wrong) > _GLITCHES * len(stamps):
+        _refuse_jump(table, time, int(wrong[0]))
+    return np.delete(rows, wrong), wrong
+
+
+def _fits(stamps: np.ndarray, late: np.ndarray, step: float) -> np.ndarray:
+    """Which late rows fill a hole among the others, or repeat the time of one of them."""
+    others = np.delete(stamps, late)
+    inside = (stamps[late] >= others.min() - _FARTHEST * step) & (
+        stamps[late] <= others.max() + _FARTHEST * step
+    )
+    bounds = np.concatenate([[-np.inf], np.unique(stamps), [np.inf]])
+    at = np.searchsorted(bounds, stamps[late])
+    nearest = np.minimum(stamps[late] - bounds[at - 1], bounds[at + 1] - stamps[late])
+    fills = inside & (nearest >= _NEAREST * step) & (nearest <= _FARTHEST * step)
+    return fills | np.isin(stamps[late], others)
+
+
+def _refuse_jump(table: Table, time: str, row: int) -> NoReturn:
+    stamps = table.columns[time]
+    row = row if row and stamps[row] < stamps[row - 1] else int(np.argmax(np.diff(stamps) < 0)) + 1
+    now, before = float(stamps[row]), float(stamps[row - 1])
+    raise CampaignError(
+        f"the time goes back from {before!r} to {now!r} (after {table.row(row - 1)})",
+        where=table.place(row, time),
+        advice=f"if the clock was set back by {before - now:.6g}, add that to the times from this "
+        "row on; else remove the rows with wrong times",
+    )
+
+
+def _joined(table: Table, time: str, names: Sequence[str]) -> tuple[Table, np.ndarray]:
+    """One row a time: rows of one time are joined if no cell is given twice with two values."""
+    stamps = table.columns[time]
+    is_new = np.concatenate([[True], np.diff(stamps) > 0.0])
+    if is_new.all():
+        return table, np.zeros(0, dtype=int)
+    first, group = np.flatnonzero(is_new), np.cumsum(is_new) - 1
+    columns = {name: values[first].copy() for name, values in table.columns.items()}
+    for row in np.flatnonzero(~is_new):
+        for name in names:
+            value, kept = table.columns[name][row], columns[name][group[row]]
+            if np.isnan(kept):
+                columns[name][group[row]] = value
+            elif not np.isnan(value) and value != kept:
+                raise CampaignError(
+                    f"the time {float(stamps[row])!r} is repeated with another content "
+                    f"(after {table.row(row - 1)})",
+                    where=table.place(row, time),
+                    advice="remove the row that is wrong, or mend its time",
+                )
+    lines = None if table.lines is None else table.lines[first]
+    joined = replace(table, columns={**table.columns, **columns}, lines=lines)
+    return joined, group[~is_new]
