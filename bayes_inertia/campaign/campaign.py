@@ -10,6 +10,7 @@ import numpy as np
 from bayes_inertia.campaign.checks import require
 from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
+from bayes_inertia.campaign.impossible import FASTEST_RATE
 from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.campaign.slew import Slew
 
@@ -148,7 +149,7 @@ class Campaign:
         return replace(self, slews=slews, dirt=tuple(d for d in self.dirt if d.slew in kept))
 
     def valid_readings(self, slew: Slew) -> np.ndarray:
-        """Which readings of the rate sensor count: numbers inside its range.
+        """Which readings of the rate sensor count: possible numbers inside its range.
 
         Parameters
         ----------
@@ -160,7 +161,7 @@ class Campaign:
         (n, 3) array of bool
             False where a reading is missing or saturated.
         """
-        limit = _SATURATED * (self.rate_sensor.range or np.inf)
+        limit = min(_SATURATED * (self.rate_sensor.range or np.inf), FASTEST_RATE)
         rate = np.asarray(slew.rate)
         return np.isfinite(rate) & (np.abs(np.nan_to_num(rate)) < limit)
 

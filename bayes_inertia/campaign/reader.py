@@ -13,12 +13,13 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.channels import stream_from_table
-from bayes_inertia.campaign.commands import held_commands
+from bayes_inertia.campaign.commands import Negligible, with_known_torques
 from bayes_inertia.campaign.csv_table import read_table
 from bayes_inertia.campaign.description import parse_description
 from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
 from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.row_order import ordered_rows
 from bayes_inertia.campaign.schema import CampaignPart, ColumnsPart, SlewPart
 from bayes_inertia.campaign.slew import Slew
@@ -33,6 +34,11 @@ from bayes_inertia.files import (
     text_of,
     write_atomically,
 )
+
+# Errors below these shares of the noise of one reading are not told by all readings together.
+_OF_RATE_NOISE, _OF_ATTITUDE_NOISE = 0.02, 0.1
+# A record without rows, and the times [s] that it concerns.
+_TimedDirt = tuple[Dirt, np.ndarray]
 
 
 def read_campaign(path: str | Path) -> Campaign:
@@ -66,15 +72,20 @@ def read_campaign(path: str | Path) -> Campaign:
         hardware = _hardware(parsed)
     except CampaignError as error:
         raise error.inside(str(description)) from None
-    read = [_channels(part, tables, parsed, hardware["wheels"]) for part in parsed.slews]
-    dirt = tuple(record for _, records in read for record in records)
+    slews, dirt = [], []
+    for part in parsed.slews:
+        channels, records = _channels(part, tables, parsed, hardware["wheels"])
+        try:
+            parts, unknown = _slews(part, channels, hardware)
+        except CampaignError as error:
+            raise error.inside(str(description)) from None
+        slews += parts
+        dirt += _located(records + unknown, part.name, parts)
     try:
-        slews = tuple(
-            _slew(part, values) for part, (values, _) in zip(parsed.slews, read, strict=True)
-        )
-        return Campaign(name=parsed.name, slews=slews, dirt=dirt, **hardware)
+        campaign = Campaign(name=parsed.name, slews=tuple(slews), dirt=tuple(dirt), **hardware)
     except CampaignError as error:
         raise error.inside(str(description)) from None
+    return with_dirt_masked(campaign)
 
 
 def campaign_sha256(path: str | Path) -> str:
@@ -226,8 +237,8 @@ def _columns(stream: Stream, columns: ColumnsPart) -> list[str]:
 
 def _channels(
     part: SlewPart, paths: dict[str, Path], parsed: CampaignPart, wheels: tuple[Wheel, ...]
-) -> tuple[dict[str, Any], list[Dirt]]:
-    """Start and channels of a slew on one list of times, with a torque in every row."""
+) -> tuple[dict[str, np.ndarray], list[_TimedDirt]]:
+    """The channels of a slew on one list of times, and faults of its rows with their times."""
     tables = _tables(part, paths, parsed)
     spin_inertias = np.array([wheel.spin_inertia for wheel in wheels])
     readings, disorder = [], []
@@ -236,23 +247,68 @@ def _channels(
         table, dirt = ordered_rows(tables[stream.file], time, names)
         readings.append(stream_from_table(table, parsed.columns, stream, spin_inertias))
         disorder += [(record, readings[-1]["time"][list(record.rows)]) for record in dirt]
-    joined = union(readings, f"slews.{part.name}")
-    held = held_commands(joined)
-    start = part.start + float(held["time"][0] - joined["time"][0])
-    records = [
-        replace(record, slew=part.name, rows=_nearest_rows(held["time"], times))
-        for record, times in disorder
-    ]
-    return {**held, "start": start}, records
+    return union(readings, f"slews.{part.name}"), disorder
 
 
-def _nearest_rows(time: np.ndarray, wanted: np.ndarray) -> tuple[int, ...]:
-    """The rows of increasing times (n,) that are next to other times."""
-    rows = np.searchsorted(0.5 * (time[1:] + time[:-1]), wanted)
-    return tuple(np.unique(rows).tolist())
-
-
-def _slew(part: SlewPart, channels: dict[str, Any]) -> Slew:
+def _slews(
+    part: SlewPart, channels: dict[str, np.ndarray], hardware: dict[str, Any]
+) -> tuple[list[Slew], list[_TimedDirt]]:
+    """The slew, or its parts where it must be cut."""
+    momentum = channels.get("wheel_momentum")
+    is_read = momentum is not None and bool(np.isfinite(momentum).any(axis=0).all())
+    is_read = is_read and all(w.momentum_sigma is not None for w in hardware["wheels"])
+    limits = _negligible(channels["time"], hardware)
+    pieces, dirt = with_known_torques(channels, is_read, limits)
+    if not pieces:
+        raise CampaignError(
+            "hardly any row has a known torque",
+            where=f"key slews.{part.name}",
+            advice="record commands or wheel momentum without gaps, or leave the slew out",
+        )
     angle = None if part.angle_deg is None else math.radians(part.angle_deg)
     axis: Any = None if part.axis is None else tuple(part.axis)
-    return Slew(name=part.name, axis_B=axis, angle=angle, **channels)
+    slews = []
+    for i, piece in enumerate(pieces):
+        later = float(piece["time"][0] - channels["time"][0])
+        start = part.start + later if later else part.start
+        name = f"{part.name} (part {i + 1} of {len(pieces)})"
+        if len(pieces) == 1:
+            slews.append(Slew(name=part.name, start=start, axis_B=axis, angle=angle, **piece))
+        else:
+            slews.append(Slew(name=name, start=start, **piece))
+    return slews, dirt
+
+
+def _negligible(time: np.ndarray, hardware: dict[str, Any]) -> Negligible:
+    """Errors of wheel momentum that stay far below the noise of the rates and of the attitude."""
+    inertia = float(np.linalg.eigvalsh(hardware["inertia"].tensor)[0])
+    rate = inertia * min(hardware["rate_sensor"].sigma)
+    tracker = hardware["star_tracker"]
+    angle = np.inf if tracker is None else inertia * tracker.sigma_cross
+    duration = max(float(time[-1] - time[0]), np.finfo(float).tiny)
+    return Negligible(
+        impulse=min(_OF_RATE_NOISE * rate, _OF_ATTITUDE_NOISE * angle / duration),
+        momentum=5.0 * _OF_RATE_NOISE * rate,
+        angular_impulse=5.0 * _OF_ATTITUDE_NOISE * angle,
+    )
+
+
+def _located(records: list[_TimedDirt], name: str, slews: list[Slew]) -> list[Dirt]:
+    """Records with the names and rows of the slews that hold the times they concern."""
+    dirt = []
+    for record, times in records:
+        # A gap is recorded at its ends, which may be just outside of the parts.
+        nearest = [
+            min(range(len(slews)), key=lambda i: _distance(slews[i], at)) for at in times.tolist()
+        ]
+        for i in sorted(set(nearest)):
+            time = slews[i].time
+            own = times[np.array(nearest) == i]
+            rows = np.unique(np.searchsorted(0.5 * (time[1:] + time[:-1]), own))
+            dirt.append(replace(record, slew=slews[i].name, rows=tuple(rows.tolist())))
+    return dirt
+
+
+def _distance(slew: Slew, at: float) -> float:
+    """From a time to the telemetry of a slew [s]."""
+    return max(float(slew.time[0]) - at, at - float(slew.time[-1]), 0.0)

@@ -13,7 +13,7 @@ from typing import NoReturn
 
 import numpy as np
 
-from bayes_inertia.campaign.dirt import Dirt
+from bayes_inertia.campaign.dirt import Dirt, DirtKind, Treatment
 from bayes_inertia.campaign.table import Table
 from bayes_inertia.errors import CampaignError
 
@@ -21,6 +21,8 @@ from bayes_inertia.errors import CampaignError
 _GLITCHES = 0.02
 # A late row fits where its neighbours are this many steps away.
 _NEAREST, _FARTHEST = 0.75, 3.0
+# Neighbours of a wrong stamp are two steps apart, within this share of a step.
+_REGULAR = 0.1
 # Stamps of 32 bits may be coarse by this share of their spacing.
 _COARSE = 0.01
 
@@ -63,29 +65,32 @@ def ordered_rows(table: Table, time: str, names: Sequence[str]) -> tuple[Table, 
     _refuse_coarse_times(table, time, steps)
     if np.all(steps > 0.0):
         return table, []
-    kept, glitches = _without_glitches(table, time)
+    table, kept, wrong = _without_wrong_stamps(table, time)
+    stamps = table.columns[time]
+    late = kept[_late_rows(stamps[kept])]
     order = kept[np.argsort(stamps[kept], kind="stable")]
-    late = _late_rows(stamps[kept])
     joined, doubled = _joined(_rows(table, order), time, names)
     times = joined.columns[time]
-    dirt = []
-    if len(glitches):
-        rows = np.searchsorted(times, stamps[np.maximum(glitches - 1, 0)])
-        note = f"{_rows_text(len(glitches))} with a stamp out of all order left out"
-        dirt.append(_dirt("clock", rows, len(times), "masked", note))
-    if len(late):
-        rows = np.searchsorted(times, stamps[kept][late])
-        note = f"{_rows_text(len(late))} came late and stand in their place now"
-        dirt.append(_dirt("clock", rows, len(times), "ignored", note))
-    if len(doubled):
-        note = f"{_rows_text(len(doubled))} with the time of another joined with it"
-        dirt.append(_dirt("duplicate", doubled, len(times), "masked", note))
-    return joined, dirt
+    mended = np.intersect1d(wrong, kept)
+    lost = np.setdiff1d(wrong, kept)
+    before_lost = stamps[np.maximum(lost - 1, 0)]
+    records = [
+        ("clock", stamps[mended], "modelled", "with a wrong stamp given that between neighbours"),
+        ("clock", before_lost, "masked", "with a wrong stamp left out"),
+        ("clock", stamps[late], "ignored", "out of order put in place"),
+        ("duplicate", times[doubled], "masked", "with the time of another joined with it"),
+    ]
+    return joined, [
+        _dirt(kind, np.searchsorted(times, at), len(times), treated, note)
+        for kind, at, treated, note in records
+        if len(at)
+    ]
 
 
-def _dirt(kind, rows: np.ndarray, length: int, treated, note: str) -> Dirt:
+def _dirt(kind: DirtKind, rows: np.ndarray, length: int, treated: Treatment, note: str) -> Dirt:
     clipped = np.unique(np.clip(rows, 0, length - 1))
-    return Dirt(kind, "time", "", tuple(clipped.tolist()), treated, note)
+    text = f"{_rows_text(len(rows))} {note}"
+    return Dirt(kind, "time", "", tuple(clipped.tolist()), treated, text)
 
 
 def _rows_text(count: int) -> str:
@@ -141,20 +146,28 @@ def _late_rows(stamps: np.ndarray) -> np.ndarray:
     return np.flatnonzero(~in_order)
 
 
-def _without_glitches(table: Table, time: str) -> tuple[np.ndarray, np.ndarray]:
-    """The rows (n,) whose stamps can be right, and those (m,) whose cannot."""
+def _without_wrong_stamps(table: Table, time: str) -> tuple[Table, np.ndarray, np.ndarray]:
+    """The table with single wrong stamps mended, the rows (n,) to keep, and the wrong ones (m,).
+
+    Between neighbours two steps apart a regular clock leaves one place; else the row is lost.
+    """
     stamps = table.columns[time]
     rows = np.arange(len(stamps))
     late = _late_rows(stamps)
-    steps = np.diff(stamps)
-    step = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
+    steps = np.diff(np.unique(stamps))
+    step = float(np.median(steps)) if len(steps) else 0.0
     wrong = late[~_fits(stamps, late, step)]
     if not len(wrong):
-        return rows, wrong
-    alone = np.all(np.diff(wrong) > 1)
-    if not alone or len(wrong) > _GLITCHES * len(stamps):
+        return table, rows, wrong
+    if np.any(np.diff(wrong) == 1) or len(wrong) > _GLITCHES * len(stamps):
         _refuse_jump(table, time, int(wrong[0]))
-    return np.delete(rows, wrong), wrong
+    inner = wrong[(wrong > 0) & (wrong < len(stamps) - 1)]
+    hole = stamps[inner + 1] - stamps[inner - 1]
+    regular = inner[np.abs(hole - 2.0 * step) <= _REGULAR * step]
+    mended = stamps.copy()
+    mended[regular] = 0.5 * (stamps[regular - 1] + stamps[regular + 1])
+    table = replace(table, columns={**table.columns, time: mended})
+    return table, np.setdiff1d(rows, np.setdiff1d(wrong, regular)), wrong
 
 
 def _fits(stamps: np.ndarray, late: np.ndarray, step: float) -> np.ndarray:

@@ -120,8 +120,8 @@ def campaigns(draw) -> Campaign:
     for name in draw(st.lists(st.text(max_size=5), min_size=1, max_size=3, unique=True)):
         time = np.array(sorted(draw(st.lists(NUMBER, min_size=2, max_size=5, unique=True))))
         rows = len(time)
-        rate = arrays(draw, rows, 3, gaps=True)
-        rate[0] = draw(NUMBER)
+        rate = arrays(draw, rows, 3, gaps=True) * 1e-3
+        rate[0] = 1e-3 * draw(NUMBER)
         fixes = np.array(
             [unit(draw, 4) if draw(st.booleans()) else (np.nan,) * 4 for _ in range(rows)]
         )
@@ -169,5 +169,6 @@ def test_any_campaign_survives_writing(tmp_path, campaign):
     folder = tmp_path / "round_trip"
     shutil.rmtree(folder, ignore_errors=True)
     again = read_campaign(write_campaign(campaign, folder))
-    assert_same(campaign, again)
+    # Random numbers may look like coarse readings: that is recorded, and changes nothing.
+    assert_same(campaign, replace(again, dirt=()))
     write_campaign(again, folder)  # identical to the last byte, or it would refuse

@@ -1,0 +1,172 @@
+"""Gaps in telemetry: rows that a regular stream lacks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from bayes_inertia.campaign.dirt import Dirt
+from bayes_inertia.campaign.slew import Slew
+
+# A step this many times the median lacks a row.
+LONGEST_STEP = 1.5
+# A stream is regular if this share of its steps is within that fraction of the median.
+_REGULAR, _JITTER = 0.8, 0.2
+_FEWEST_STEPS = 5
+
+
+def missing_rows(time: np.ndarray) -> tuple[np.ndarray, float]:
+    """Where a regular stream lacks rows.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Times of its readings [s], strictly increasing.
+
+    Returns
+    -------
+    before : (m,) array of int
+        The rows before the gaps; none if the stream is not regular, as a log of changes is.
+    step : float
+        The median step [s]; 0 with fewer than two rows.
+
+    Examples
+    --------
+    >>> missing_rows(np.array([0., 1., 2., 3., 4., 7., 8.]))
+    (array([4]), 1.0)
+    """
+    steps = np.diff(time)
+    if not len(steps):
+        return np.zeros(0, dtype=int), 0.0
+    step = float(np.median(steps))
+    if not is_regular(time):
+        return np.zeros(0, dtype=int), step
+    return np.flatnonzero(steps > LONGEST_STEP * step), step
+
+
+def is_regular(time: np.ndarray) -> bool:
+    """Whether rows come at one step, but for jitter and gaps.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Times [s], strictly increasing.
+
+    Returns
+    -------
+    bool
+        False with fewer than six rows.
+
+    Examples
+    --------
+    >>> is_regular(np.arange(9.0)), is_regular(np.arange(9.0) ** 2)
+    (True, False)
+    """
+    steps = np.diff(time)
+    if len(steps) < _FEWEST_STEPS:
+        return False
+    step = np.median(steps)
+    return bool(np.mean(np.abs(steps - step) <= _JITTER * step) >= _REGULAR)
+
+
+def gap_records(slew: Slew) -> list[Dirt]:
+    """Gaps in the readings of the rate sensor and the tachometers.
+
+    They cost information and nothing else: the motion is integrated across them.
+
+    Parameters
+    ----------
+    slew : Slew
+        The telemetry.
+
+    Returns
+    -------
+    list of Dirt
+        At most one a channel; its rows are those before the gaps.
+
+    Examples
+    --------
+    >>> time = np.array([0., 1., 2., 3., 4., 7., 8.])
+    >>> gap_records(Slew("a", 0.0, time, rate=np.zeros((7, 3))))[0].note
+    '1 gap, the longest of 3 s'
+    """
+    records = []
+    for channel, values in (("rate", slew.rate), ("momentum", slew.wheel_momentum)):
+        if values is None:
+            continue
+        rows = np.flatnonzero(np.isfinite(values).any(axis=1))
+        before, _ = missing_rows(slew.time[rows])
+        if len(before):
+            longest = float(np.diff(slew.time[rows])[before].max())
+            note = gap_note(len(before), longest)
+            records.append(
+                Dirt("gap", channel, slew.name, tuple(rows[before].tolist()), "ignored", note)
+            )
+    return records
+
+
+def gap_note(count: int, longest: float) -> str:
+    """How many gaps there are, and how long they are.
+
+    Parameters
+    ----------
+    count : int
+        How many.
+    longest : float
+        Length of the longest [s].
+
+    Returns
+    -------
+    str
+        Such as "3 gaps, the longest of 2.5 s".
+
+    Examples
+    --------
+    >>> gap_note(3, 2.5)
+    '3 gaps, the longest of 2.5 s'
+    """
+    return f"{count} gap{'' if count == 1 else 's'}, the longest of {longest:.3g} s"
+
+
+def without_intervals(
+    channels: dict[str, np.ndarray], intervals: Sequence[tuple[float, float]], fewest: int
+) -> list[dict[str, np.ndarray]]:
+    """Channels cut where nothing may lead across.
+
+    Parameters
+    ----------
+    channels : dict of str to array
+        Channels (n, width) and "time" (n,) [s].
+    intervals : sequence of (float, float)
+        From the last time before to the first time after each cut [s]; rows between are left out.
+        Infinite where rows before the first time or after the last are left out.
+    fewest : int
+        Parts with fewer rows that hold a rate are left out.
+
+    Returns
+    -------
+    list of dict of str to array
+        The parts, in order.
+
+    Examples
+    --------
+    >>> parts = without_intervals({"time": np.arange(6.0)}, [(1.0, 3.0)], 1)
+    >>> [part["time"].tolist() for part in parts]
+    [[0.0, 1.0], [3.0, 4.0, 5.0]]
+    """
+    if not intervals:
+        return [channels]
+    time = channels["time"]
+    part_of = np.zeros(len(time), dtype=int)
+    for after, before in intervals:
+        part_of[(time > after) & (time < before) & (part_of >= 0)] = -1
+        part_of[(time >= before) & (part_of >= 0)] += 1
+    parts = []
+    for part in range(len(intervals) + 1):
+        rows = part_of == part
+        rate = channels.get("rate")
+        useful = rows if rate is None else rows & np.isfinite(rate).any(axis=1)
+        if useful.sum() >= max(fewest, 2):
+            parts.append({name: values[rows] for name, values in channels.items()})
+    return parts
