@@ -67,7 +67,8 @@ class Contents:
         unit : str, optional
             Its unit.
         """
-        array = np.asarray(value)
+        array: np.ndarray | None = np.asarray(value)
+        assert array is not None
         if array.dtype.names:
             for name in array.dtype.names:
                 self.add(f"{path}/{name}", array[name], unit)
@@ -173,7 +174,11 @@ def read_netcdf(path: str, into: Contents) -> None:
 
     with open(path, "rb") as file:
         modern = file.read(4) == b"\x89HDF"
-    options = {"decode_times": False, "mask_and_scale": True, "decode_coords": False}
+    options: dict[str, Any] = {
+        "decode_times": False,
+        "mask_and_scale": True,
+        "decode_coords": False,
+    }
     if modern:
         read_hdf5(path, Contents(into.left), load=False)
         groups = xarray.open_groups(path, engine="h5netcdf", **options)
@@ -308,7 +313,7 @@ def main(kind: str, path: str, output: str, limit: str) -> int:
     index = json.dumps({"names": names, "units": into.units, "closed": into.closed})
     arrays = {f"a{i}": into.arrays[name] for i, name in enumerate(names)}
     with open(output, "wb") as file:
-        np.savez(file, index=np.array(index), **arrays)
+        np.savez(file, allow_pickle=False, index=np.array(index), **arrays)
     return 0
 
 

@@ -186,7 +186,8 @@ def _xml_segment(node: ElementTree.Element, version: str, label: str) -> AemSegm
         for leaf in part:
             if _tag(leaf) != "COMMENT":
                 _add(meta, _tag(leaf), (leaf.text or "").strip(), label)
-    rows, names = [], ()
+    rows: list[tuple[str, ...]] = []
+    names: tuple[str, ...] = ()
     for index, state in enumerate(s for s in node.iter() if _tag(s) == "attitudeState"):
         cells = _xml_cells(state, f"{label}, attitude {index + 1}")
         own = tuple(name for name in cells if name != "EPOCH")

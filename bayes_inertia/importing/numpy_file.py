@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import zipfile
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
@@ -31,16 +32,16 @@ def numpy_arrays(path: Path) -> dict[str, np.ndarray]:
         If the file is damaged, too large, or holds Python objects.
     """
     try:
-        if zipfile.is_zipfile(path):
-            with zipfile.ZipFile(path) as members:
-                total = sum(member.file_size for member in members.infolist())
-            if total > _LARGEST:
-                raise ValueError(f"{total / 2**30:.0f} GiB of arrays")
-            with np.load(path, allow_pickle=False) as stored:
-                arrays = {name: stored[name] for name in stored.files}
-        else:
-            arrays = {"array": np.load(path, allow_pickle=False, mmap_mode="r")}
-            arrays = {name: np.array(array) for name, array in arrays.items()}
+        # Opened here: of a damaged archive numpy forgets to close the file.
+        with path.open("rb") as file:
+            if zipfile.is_zipfile(file):
+                _check_size(file)
+                file.seek(0)
+                with np.load(file, allow_pickle=False) as stored:
+                    arrays = {name: stored[name] for name in stored.files}
+            else:
+                file.seek(0)
+                arrays = {"array": np.load(file, allow_pickle=False)}
         return _fields(arrays)
     except Exception as error:  # Of a damaged file numpy and zipfile raise whatever they meet.
         reason = (str(error).splitlines() or [""])[0][:200] or type(error).__name__
@@ -51,6 +52,13 @@ def numpy_arrays(path: Path) -> dict[str, np.ndarray]:
         raise CampaignError(
             f"cannot be read as a NumPy file ({reason})", where=str(path), advice=advice
         ) from error
+
+
+def _check_size(file: BinaryIO) -> None:
+    with zipfile.ZipFile(file) as members:
+        total = sum(member.file_size for member in members.infolist())
+    if total > _LARGEST:
+        raise ValueError(f"{total / 2**30:.0f} GiB of arrays")
 
 
 def _fields(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from decimal import Decimal, InvalidOperation
+from functools import partial
 from types import MappingProxyType
 
 import numpy as np
@@ -215,7 +216,7 @@ def _from_texts(table: RawTable, name: str, kind: str) -> tuple[np.ndarray, np.n
     leap = np.zeros(table.rows, dtype=bool)
     missing = np.zeros(table.rows, dtype=bool)
     for row, cell in enumerate(column.values.tolist()):
-        read = text_to_ns(cell, utc=kind == "utc", place=lambda row=row: table.place(row, name))
+        read = text_to_ns(cell, utc=kind == "utc", place=partial(table.place, row, name))
         if read is None:
             missing[row] = True
         else:

@@ -17,6 +17,7 @@ _FORM = re.compile(
     r"\s*(?P<zone>Z|z|UTC|[+-]\d{2}:?\d{2})?"
 )
 _FIRST_DAY = date(1958, 1, 1).toordinal()
+_YEARS = (1958, 2199)  # Nanoseconds of other years may not fit 64 bits.
 _ADVICE = (
     "write times as 2024-05-01T12:34:56.789, with Z or an offset such as +01:00 where it is UTC, "
     "or by day of year, 2024-122T12:34:56.789"
@@ -84,6 +85,8 @@ def text_to_ns(cell: str, *, utc: bool, place: Callable[[], str]) -> tuple[int, 
 def _day_number(match: re.Match[str]) -> int:
     """Days since 1958-01-01."""
     year = int(match["year"])
+    if not _YEARS[0] <= year <= _YEARS[1]:
+        raise ValueError("no year of space flight")
     if match["doy"]:
         count = int(match["doy"])
         last = date(year, 12, 31).timetuple().tm_yday
