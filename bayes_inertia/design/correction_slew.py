@@ -12,6 +12,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.design.after_campaign import draw_bodies, plan_after
+from bayes_inertia.design.feasibility import axes_of_control
 from bayes_inertia.flight.final_errors import predict_correction_slew
 from bayes_inertia.flight.follow_on import spacecraft_at
 from bayes_inertia.flight.mission import Mission
@@ -116,9 +117,7 @@ def correction_forecast(
 
 def _can_slew(campaign: Campaign) -> bool:
     """Whether correction slews are measured, and wheels turn the spacecraft about all axes."""
-    if campaign.star_tracker is None or not campaign.wheels:
-        return False
-    return bool(np.linalg.matrix_rank(campaign.wheel_axes_B, tol=1e-6) == 3)
+    return campaign.star_tracker is not None and axes_of_control(campaign.wheel_axes_B) == 3
 
 
 def _fully_fitted_effects(estimate: Estimate) -> tuple[Effect, ...]:

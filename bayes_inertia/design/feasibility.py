@@ -10,9 +10,10 @@ import numpy as np
 from bayes_inertia.design.feasible_region import FeasibleRegion
 from bayes_inertia.design.limits import Limits
 from bayes_inertia.design.margins import broken_limits, planned_margins
-from bayes_inertia.errors import DesignError
+from bayes_inertia.errors import BayesInertiaError, DesignError
 from bayes_inertia.flight.plan import Plan, PlannedSlew
 from bayes_inertia.flight.spacecraft import Spacecraft
+from bayes_inertia.maths.values import AnyArray
 
 # A slew that hardly turns [rad]: it shows what the start alone demands.
 _NEGLIGIBLE_ANGLE = 1e-6
@@ -42,13 +43,7 @@ def require_feasible(
         If the wheels do not span three axes, the time is too short, or the start or the end itself
         breaks a limit.
     """
-    axes = np.linalg.matrix_rank(spacecraft.wheel_axes_B, tol=1e-6) if spacecraft.wheels else 0
-    if axes < 3:
-        raise DesignError(
-            f"the wheels turn the spacecraft about {axes} of three axes",
-            where="wheels",
-            advice="slews are designed for three",
-        )
+    require_three_axes(spacecraft.wheel_axes_B, DesignError)
     smallest = PlannedSlew((1.0, 0.0, 0.0), region.angles[0], region.rate, region.acceleration)
     _require_time(replace(base, slews=(smallest,) * n_slews), limits)
     still = replace(smallest, angle=_NEGLIGIBLE_ANGLE)
@@ -56,6 +51,55 @@ def require_feasible(
     if limits.end_attitude is not None:
         at_end = replace(base, start_attitude=limits.end_attitude, slews=(still,))
         _require_end(at_end, spacecraft, limits)
+
+
+def axes_of_control(wheel_axes_B: AnyArray) -> int:
+    """About how many axes wheels turn a spacecraft.
+
+    Parameters
+    ----------
+    wheel_axes_B : (3, wheels) array
+        Unit spin axes in its columns.
+
+    Returns
+    -------
+    int
+        0 to 3.
+
+    Examples
+    --------
+    >>> axes_of_control(np.eye(3)[:, :2])
+    2
+    """
+    return int(np.linalg.matrix_rank(wheel_axes_B, tol=1e-6)) if wheel_axes_B.size else 0
+
+
+def require_three_axes(wheel_axes_B: AnyArray, error: type[BayesInertiaError]) -> None:
+    """Raise where the wheels cannot turn the spacecraft about all axes.
+
+    Parameters
+    ----------
+    wheel_axes_B : (3, wheels) array
+        Unit spin axes in its columns.
+    error : type of BayesInertiaError
+        What to raise.
+
+    Raises
+    ------
+    BayesInertiaError
+        Of the type `error`.
+
+    Examples
+    --------
+    >>> require_three_axes(np.eye(3), DesignError)
+    """
+    axes = axes_of_control(wheel_axes_B)
+    if axes < 3:
+        raise error(
+            f"the wheels turn the spacecraft about {axes} of three axes",
+            where="wheels",
+            advice="slews are designed for three",
+        )
 
 
 def _require_time(shortest: Plan, limits: Limits) -> None:

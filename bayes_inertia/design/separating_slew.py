@@ -18,8 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.design.after_campaign import plan_after
+from bayes_inertia.design.feasibility import require_three_axes
 from bayes_inertia.design.feasible_region import (
     SMALLEST_FRACTIONS,
     FeasibleRegion,
@@ -114,7 +114,7 @@ def separating_slew(
         If the wheels do not span three axes, or no feasible slew was found (it names the limit).
     """
     campaign = estimate.model.campaign
-    _require_three_axes(campaign)
+    require_three_axes(campaign.wheel_axes_B, CampaignError)
     longest = max(slew.duration for slew in campaign.slews)
     limits = limits or Limits(rate=1.1 * campaign.largest_rate(), total_time=2.0 * longest)
     task = forecast_separation(estimate, a, b)
@@ -136,17 +136,6 @@ def separating_slew(
         raise CampaignError(f"{what}: {margin.says}", where="limits", advice="loosen it")
     correlation, power = _separation(task, information)
     return Separation(slew, (a.name, b.name), correlation, power, margins)
-
-
-def _require_three_axes(campaign: Campaign) -> None:
-    """An error where the wheels cannot turn the spacecraft about all axes."""
-    axes = np.linalg.matrix_rank(campaign.wheel_axes_B, tol=1e-6) if campaign.wheels else 0
-    if axes < 3:
-        raise CampaignError(
-            f"the wheels turn the spacecraft about {axes} of three axes",
-            where="wheels",
-            advice="slews are designed for three",
-        )
 
 
 def _separation(

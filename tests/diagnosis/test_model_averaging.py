@@ -6,18 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.refits import refitted
 
 from bayes_inertia.app.diagnosed_fit import next_fit
 from bayes_inertia.app.diagnosis_json import next_fit_from
 from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.app.investigation import Investigation
-from bayes_inertia.diagnosis.candidates import ranked_candidates, score_candidates
 from bayes_inertia.diagnosis.model_averaging import (
     AlternativeParameters,
     alternative_parameters,
     averaged_posterior,
 )
-from bayes_inertia.diagnosis.refitting import ScoredRound, refit
 from bayes_inertia.diagnosis.residual_scan import scan_residuals
 from bayes_inertia.diagnosis.result import AlternativeEffect, Step
 from bayes_inertia.inference.optimizer import estimate
@@ -28,19 +27,6 @@ from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
 from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict
 from bayes_inertia.report.fit_sections import standard_sections
-
-
-def scored(estimate):
-    """All candidates at an estimate; none is significant or not."""
-    tests = score_candidates(estimate)
-    return ScoredRound(estimate, tests, ranked_candidates(tests), 1.0, None)
-
-
-def refitted(estimate, effect):
-    """The fit with one effect more."""
-    begun = scored(estimate)
-    (candidate,) = (c for c in begun.candidates if c.effect == effect)
-    return refit(begun, candidate)
 
 
 @pytest.mark.slow

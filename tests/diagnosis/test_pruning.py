@@ -2,25 +2,11 @@
 
 import numpy as np
 import pytest
+from support.refits import refitted
 
-from bayes_inertia.diagnosis.candidates import ranked_candidates, score_candidates
 from bayes_inertia.diagnosis.pruning import drop_needless
-from bayes_inertia.diagnosis.refitting import ScoredRound, refit
 from bayes_inertia.diagnosis.result import Step
 from bayes_inertia.diagnosis.rules import Rules
-
-
-def scored(estimate):
-    """All candidates at an estimate; none is significant or not."""
-    tests = score_candidates(estimate)
-    return ScoredRound(estimate, tests, ranked_candidates(tests), 1.0, None)
-
-
-def refitted(estimate, effect):
-    """The fit with one effect more."""
-    begun = scored(estimate)
-    (candidate,) = (c for c in begun.candidates if c.effect == effect)
-    return refit(begun, candidate)
 
 
 @pytest.mark.slow

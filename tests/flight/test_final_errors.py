@@ -13,12 +13,11 @@ import pytest
 from bayes_inertia.flight.closed_loop import fly_slew
 from bayes_inertia.flight.closed_loop_inputs import closed_loop_inputs
 from bayes_inertia.flight.final_errors import predict_correction_slew, predict_final_errors
-from bayes_inertia.flight.mission import Mission, most_like_mission
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
 from bayes_inertia.flight.spacecraft import (
     Controller,
-    Spacecraft,
 )
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.effects import (
@@ -27,16 +26,6 @@ from bayes_inertia.physics.effects import (
 
 ARCSECOND = math.radians(1.0 / 3600.0)
 DIAGONAL = np.array([1.0, -2.0, 2.0]) / 3.0
-
-
-@pytest.fixture(scope="module")
-def mission() -> Mission:
-    return most_like_mission()
-
-
-@pytest.fixture(scope="module")
-def craft(mission) -> Spacecraft:
-    return mission.spacecraft
 
 
 @pytest.fixture(scope="module")

@@ -14,12 +14,10 @@ import pytest
 import bayes_inertia
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError, EffectError
-from bayes_inertia.flight.mission import Mission, most_like_mission
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import Flight, fly
 from bayes_inertia.flight.spacecraft import (
     Controller,
-    Spacecraft,
 )
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.effect import Effect
@@ -31,16 +29,6 @@ from bayes_inertia.physics.parameters import Normal, scalar
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 ARCSECOND = math.radians(1.0 / 3600.0)
 DIAGONAL = np.array([1.0, -2.0, 2.0]) / 3.0
-
-
-@pytest.fixture(scope="module")
-def mission() -> Mission:
-    return most_like_mission()
-
-
-@pytest.fixture(scope="module")
-def craft(mission) -> Spacecraft:
-    return mission.spacecraft
 
 
 @pytest.fixture(scope="module")

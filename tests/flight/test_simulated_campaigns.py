@@ -12,25 +12,12 @@ import pytest
 import bayes_inertia
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import OutputError
-from bayes_inertia.flight.mission import Mission, most_like_mission
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight, draw_spacecraft, simulate
-from bayes_inertia.flight.spacecraft import (
-    Spacecraft,
-)
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
-
-
-@pytest.fixture(scope="module")
-def mission() -> Mission:
-    return most_like_mission()
-
-
-@pytest.fixture(scope="module")
-def craft(mission) -> Spacecraft:
-    return mission.spacecraft
 
 
 def test_simulated_campaign_is_written_with_its_truth(mission, craft, tmp_path):
