@@ -6,7 +6,10 @@ from typing import NamedTuple
 
 from jax import Array
 
+from bayes_inertia.maths.values import array_tuple
 
+
+@array_tuple
 class SlewContext(NamedTuple):
     """What an effect may know about the slew it acts in, on the integration grid of n points.
 
@@ -49,6 +52,7 @@ class SlewContext(NamedTuple):
     rate_axes: Array
 
 
+@array_tuple
 class State(NamedTuple):
     """The state at one instant, as an effect sees it.
 
@@ -79,6 +83,7 @@ class State(NamedTuple):
     position_N: Array
 
 
+@array_tuple
 class Trajectory(NamedTuple):
     """The simulated slew on the integration grid of n points.
 

@@ -9,6 +9,7 @@ import pkgutil
 import re
 from collections.abc import Iterator
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -25,6 +26,7 @@ from bayes_inertia.flight.spacecraft import Controller, Spacecraft
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths.values import array_dataclass, equal
+from bayes_inertia.physics.slew_context import SlewContext, State, Trajectory
 
 
 def classes() -> Iterator[type]:
@@ -182,3 +184,18 @@ def test_trees_of_data_compare_as_a_whole():
     assert (tree(1.0) == tree(1.0)) is True
     assert (tree(1.0) == tree(2.0)) is False
     assert hash(tree(1.0)) == hash(tree(1.0))
+
+
+@pytest.mark.parametrize("cls", [SlewContext, State, Trajectory])
+def test_named_tuples_of_arrays_compare_as_a_whole(cls):
+    def one(value):
+        return cls(*(jnp.array([value, np.nan]) for _ in cls._fields))
+
+    assert (one(1.0) == one(1.0)) is True
+    assert (one(1.0) != one(1.0)) is False
+    assert (one(1.0) == one(2.0)) is False
+    assert (one(1.0) != one(2.0)) is True
+    assert (one(1.0) == tuple(one(1.0))) is False
+    assert hash(one(1.0)) == hash(one(1.0))
+    doubled = jax.jit(lambda x: jax.tree.map(lambda a: 2.0 * a, x))(one(1.0))
+    assert doubled == one(2.0)
