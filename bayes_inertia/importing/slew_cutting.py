@@ -131,11 +131,7 @@ def cut_into_slews(logs: Logs, mapping: MappingPart, label: str) -> SlewCut:
     pause = cut.gap_s or max(_PAUSE_S, _PAUSE_STEPS * rate.step)
     by = cut.by or ("files" if len(rate.files) > 1 else "rest")
     if mapping.slews or by == "files":
-        windows = (
-            [_stated(slew, logs, label) for slew in mapping.slews]
-            if mapping.slews
-            else _of_files(logs)
-        )
+        windows = _stated_windows(logs, mapping, label) if mapping.slews else _of_files(logs)
         scan = _scan_if_any(logs, cut, pause)
         windows = [_with_motion(window, scan, _fixes(logs)) for window in windows]
         dropped = _left_over(windows, scan, "no slew is stated here") if mapping.slews else []
@@ -198,14 +194,28 @@ def _of_files(logs: Logs) -> list[SlewWindow]:
         if len(time):
             windows.append(SlewWindow(PurePath(file).stem, float(time[0]), float(time[-1])))
     windows.sort(key=lambda window: window.start)
+    _refuse_overlap(
+        windows,
+        'write by = "rest" in [cut] if the files are no slews, or epoch = "file" if each file has '
+        "a clock of its own",
+    )
+    return windows
+
+
+def _refuse_overlap(windows: list[SlewWindow], advice: str) -> None:
+    """Raise an error if two slews, in the order of time, share readings."""
     for before, after in pairwise(windows):
         if after.start <= before.end:
             raise CampaignError(
-                f"the times of {before.name} and {after.name} overlap",
-                where="rates",
-                advice='write by = "rest" in [cut] if the files are no slews, or '
-                'epoch = "file" if each file has a clock of its own',
+                f"the times of {before.name} and {after.name} overlap", where="slews", advice=advice
             )
+
+
+def _stated_windows(logs: Logs, mapping: MappingPart, label: str) -> list[SlewWindow]:
+    """The windows that the mapping states, in the order of time."""
+    windows = [_stated(slew, logs, label) for slew in mapping.slews]
+    windows.sort(key=lambda window: window.start)
+    _refuse_overlap(windows, "end one before the other, as no reading may count twice")
     return windows
 
 
@@ -263,7 +273,10 @@ def _at_rests(
         if reason:
             dropped.append(DroppedPart(start, end, reason))
             continue
-        window = SlewWindow(f"slew {len(windows) + 1}", start - rest_before, end + rest_after)
+        begin = start - rest_before
+        if windows and windows[-1].end >= begin:
+            windows[-1] = replace(windows[-1], end=float(np.nextafter(begin, -np.inf)))
+        window = SlewWindow(f"slew {len(windows) + 1}", begin, end + rest_after)
         windows.append(_with_motion(window, scan, fixes))
     spare = _left_over(windows, scan, "rest that no slew needs")
     return windows, sorted([*dropped, *_without(spare, dropped)], key=lambda part: part.start)
