@@ -133,6 +133,9 @@ def read_hdf5(path: str, into: Contents, *, load: bool = True) -> None:
                 into.closed[inner] = "a link to another file"
                 continue
             item = node.get(name)
+            if item is not None and item.file.filename != node.file.filename:
+                into.closed[inner] = "a link to another file"
+                continue
             if isinstance(item, h5py.Group):
                 number = h5py.h5o.get_info(item.id).addr
                 if number in above:

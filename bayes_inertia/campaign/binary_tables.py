@@ -1,22 +1,20 @@
 """Parquet, HDF5 and MAT tables; their libraries are imported only when such a file is read.
 
-On a damaged file these libraries raise whatever they stumble over, so all exceptions of theirs are
-caught here.
+HDF5 and MAT files are read in a process of their own, which a damaged file may crash. Of Parquet
+all exceptions of the library are caught here.
 """
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from bayes_inertia.campaign.isolated_arrays import ArrayKind, read_arrays
 from bayes_inertia.campaign.table import Table, check_columns_present
 from bayes_inertia.errors import CampaignError
-
-_MAX_GROUP_DEPTH = 4  # of groups inside groups; a group may contain itself
 
 
 def read_parquet(path: Path, names: Sequence[str]) -> Table:
@@ -102,64 +100,29 @@ def read_hdf5(path: Path, names: Sequence[str], group: str = "") -> Table:
     CampaignError
         If the file is damaged, or a column is absent, links elsewhere, or holds no numbers.
     """
-    import h5py
+    return _from_arrays(path, "hdf5", names, group)
 
+
+def _from_arrays(path: Path, kind: ArrayKind, names: Sequence[str], group: str) -> Table:
+    """The columns of the one group that holds them all."""
     label = str(path)
-    try:
-        with h5py.File(path, "r") as file:
-            groups = _hdf5_groups(file, h5py)
-            chosen = _choose(groups, names, group, label)
-            return _table(
-                {name: _hdf5_dataset(file, f"{chosen}/{name}", h5py, label) for name in names},
-                label,
-            )
-    except CampaignError:
-        raise
-    except Exception as error:
-        raise _unreadable(label, "an HDF5 file", error) from error
-
-
-def _hdf5_groups(file: Any, h5py: Any) -> dict[str, list[str]]:
+    held = read_arrays(path, kind)
     groups: dict[str, list[str]] = {}
-
-    def visit(node: Any, path: str, depth: int) -> None:
-        members = list(node)
-        groups[path] = members
-        for name in members:
-            hard = isinstance(node.get(name, getlink=True), h5py.HardLink)
-            if (
-                hard
-                and depth < _MAX_GROUP_DEPTH
-                and isinstance(node[name], h5py.Group)
-                and not name.startswith("#")
-            ):
-                visit(node[name], f"{path}/{name}", depth + 1)
-
-    visit(file, "", 0)
-    return groups
-
-
-def _hdf5_dataset(file: Any, path: str, h5py: Any, label: str) -> np.ndarray:
-    column = path.rsplit("/", 1)[-1]
-    dataset = None if isinstance(file.get(path, getlink=True), h5py.ExternalLink) else file[path]
-    if dataset is None or (
-        isinstance(dataset, h5py.Dataset)
-        and (dataset.is_virtual or dataset.external or dataset.file.filename != file.filename)
-    ):
-        raise CampaignError(
-            "links to another file",
-            where=f"{label}, column {column}",
-            advice="store the numbers in the table itself",
-        )
-    if (
-        not isinstance(dataset, h5py.Dataset)
-        or dataset.dtype.kind not in "iuf"
-        or dataset.attrs.get("MATLAB_class") in (b"char", b"cell")
-    ):
-        raise CampaignError(
-            "does not hold numbers", where=f"{label}, column {column}", advice=_ADVICE
-        )
-    return dataset[()]
+    for place in (*held.arrays, *held.closed):
+        parent, _, name = place.rpartition("/")
+        groups.setdefault(f"/{parent}" if parent else "", []).append(name)
+    chosen = _choose(groups, names, group, label) if groups else ""
+    if not groups:
+        check_columns_present(names, [], label)
+    prefix = f"{chosen.removeprefix('/')}/" if chosen else ""
+    for name in names:
+        if prefix + name in held.closed:
+            raise CampaignError(
+                held.closed[prefix + name].replace("a link", "links", 1),
+                where=f"{label}, column {name}",
+                advice="store the numbers in the table itself",
+            )
+    return _table({name: held.arrays[prefix + name] for name in names}, label)
 
 
 def read_mat(path: Path, names: Sequence[str], group: str = "") -> Table:
@@ -184,30 +147,7 @@ def read_mat(path: Path, names: Sequence[str], group: str = "") -> Table:
     CampaignError
         If the file is damaged, or a column is absent or holds no numbers.
     """
-    import h5py
-    import scipy.io
-
-    label = str(path)
-    if h5py.is_hdf5(path):
-        return read_hdf5(path, names, group)
-    try:
-        with warnings.catch_warnings():
-            # The reader only warns of a doubled variable, and drops one of the two.
-            warnings.simplefilter("error")
-            content = scipy.io.loadmat(path, appendmat=False, simplify_cells=True)
-    except Exception as error:
-        raise _unreadable(label, "a MAT file", error) from error
-    groups: dict[str, Mapping[str, Any]] = {}
-
-    def visit(node: Mapping[str, Any], place: str, depth: int) -> None:
-        groups[place] = {name: value for name, value in node.items() if not name.startswith("__")}
-        for name, value in groups[place].items():
-            if isinstance(value, dict) and depth < _MAX_GROUP_DEPTH:
-                visit(value, f"{place}/{name}", depth + 1)
-
-    visit(content, "", 0)
-    chosen = groups[_choose(groups, names, group, label)]
-    return _table({name: np.asarray(chosen[name]) for name in names}, label)
+    return _from_arrays(path, "mat", names, group)
 
 
 _ADVICE = "store each column as a vector of plain numbers"

@@ -163,6 +163,14 @@ def test_damaged_binary_tables(tmp_path, suffix, content):
     assert caught.value.advice
 
 
+def test_a_table_that_ends_the_process_of_its_library(tmp_path):
+    folder = with_table(tmp_path, ".mat")
+    for name in "ab":
+        shutil.copy(Path(__file__).parents[1] / "data/damaged.mat", folder / f"{name}.mat")
+    with pytest.raises(CampaignError, match=r"a\.mat: cannot be read as a MAT file"):
+        read_campaign(folder)
+
+
 @pytest.mark.parametrize("soft", [False, True], ids=["external", "through a soft link"])
 def test_hdf5_links_may_not_leave_the_file(tmp_path, soft):
     save_hdf5(tmp_path / "outside.h5", COLUMN)
