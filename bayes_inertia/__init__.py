@@ -34,6 +34,7 @@ _PUBLIC = {
     "Campaign": "campaign.campaign",
     "Dirt": "campaign.dirt",
     "InertiaPrior": "campaign.inertia_prior",
+    "CorrelatedNoise": "campaign.hardware",
     "RateSensor": "campaign.hardware",
     "Slew": "campaign.slew",
     "StarTracker": "campaign.hardware",

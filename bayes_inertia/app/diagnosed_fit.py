@@ -14,12 +14,12 @@ from pathlib import Path
 
 from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.app.investigation import Investigation, investigate
-from bayes_inertia.app.measured_noise import with_measured_noise
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.model_averaging import AlternativeParameters, averaged_posterior
 from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.inference.fit_context import FitContext
+from bayes_inertia.inference.measured_noise import with_measured_noise
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.sampler import Progress, Settings
 from bayes_inertia.physics.effect import Effect

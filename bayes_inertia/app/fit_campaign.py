@@ -13,6 +13,7 @@ from time import perf_counter
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.flexible_mode_search import restarted_with_mode
 from bayes_inertia.inference import optimizer
+from bayes_inertia.inference.cleaning import clean_fit
 from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.posterior_groups import build_posterior
@@ -31,6 +32,7 @@ def fit(
     settings: Settings | None = None,
     chains: Path | None = None,
     context: FitContext | None = None,
+    as_stated: bool = False,
     progress: Progress | None = None,
 ) -> Posterior:
     """Estimate J, K and the parameters of active effects, and sample their posterior.
@@ -51,6 +53,8 @@ def fit(
         Folder in which the chains are kept while they grow. A killed fit goes on there.
     context : FitContext or None
         Where the campaign comes from and what a diagnosis said before.
+    as_stated : bool
+        Take telemetry and noise as they are stated: leave no outlier out, measure no noise.
     progress : callable or None
         Called with (what, done, of).
 
@@ -86,8 +90,15 @@ def fit(
     model = Model(campaign, tuple(effects), drive)
     # A flexible mode explains nothing near its null value: it begins at the ringing that is there.
     estimate = restarted_with_mode(optimizer.estimate(model, seed=settings.seed))
+    context = context or FitContext()
+    dirt = (*campaign.dirt, *context.dirt)
+    if not as_stated:
+        cleaned = clean_fit(estimate, seed=settings.seed)
+        if cleaned.estimate is not estimate:
+            estimate, dirt = restarted_with_mode(cleaned.estimate), (*dirt, *cleaned.treatment.dirt)
+    context = replace(context, dirt=dirt)
     samples = sample(estimate, settings, folder=chains, progress=progress)
-    posterior = build_posterior(estimate, samples, context or FitContext(), settings.seed)
+    posterior = build_posterior(estimate, samples, context, settings.seed)
     return _with_seconds(posterior, perf_counter() - began)
 
 

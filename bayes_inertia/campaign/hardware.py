@@ -54,6 +54,47 @@ class Wheel:
             require_positive(getattr(self, key), f"wheels.{self.name}.{key}", optional=True)
 
 
+@dataclass(frozen=True)
+class CorrelatedNoise:
+    """The part of a sensor's noise that lasts from one reading to the next: a Gauss-Markov process.
+
+    Two readings of one axis, t seconds apart, have the correlation share exp(-t / time). The rest
+    of the noise is white.
+
+    Parameters
+    ----------
+    share : (3,) array_like
+        Share of each axis' variance that is correlated, 0 to 1.
+    time : (3,) array_like
+        Correlation time of each axis [s].
+
+    Raises
+    ------
+    CampaignError
+        If a share is not between 0 and 1, or a time is not positive.
+
+    Examples
+    --------
+    >>> CorrelatedNoise(1.0, 2.0).time
+    (2.0, 2.0, 2.0)
+    """
+
+    share: Vector
+    time: Vector
+
+    def __post_init__(self) -> None:
+        for key in ("share", "time"):
+            numbers = triple(getattr(self, key), f"rate_sensor.correlated_noise.{key}")
+            object.__setattr__(self, key, numbers)
+        require(
+            all(0.0 <= share <= 1.0 for share in self.share),
+            "rate_sensor.correlated_noise.share",
+            f"{self.share} is no share",
+            "give numbers between 0 and 1",
+        )
+        require_positive(self.time, "rate_sensor.correlated_noise.time")
+
+
 @array_dataclass
 class RateSensor:
     """Three-axis rate sensor: K w_meas = C_rate w + b, K = diag(K1, K2, K3) (paper eq 12).
@@ -74,6 +115,8 @@ class RateSensor:
         Prior mean of b [rad/s].
     bias_sigma : float or (3,) array_like, optional
         Prior standard deviation of b [rad/s].
+    correlated_noise : CorrelatedNoise, optional
+        How the noise is correlated in time; None: it is white.
 
     Raises
     ------
@@ -93,6 +136,7 @@ class RateSensor:
     scale_factor_sigma: Vector = (0.03, 0.03, 0.03)
     bias: Vector = (0.0, 0.0, 0.0)
     bias_sigma: Vector = (1e-5, 1e-5, 1e-5)
+    correlated_noise: CorrelatedNoise | None = None
 
     def __post_init__(self) -> None:
         axes = np.array(self.axes, dtype=float)

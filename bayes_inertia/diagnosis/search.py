@@ -21,7 +21,6 @@ from bayes_inertia.diagnosis.candidates import (
     score_candidates,
 )
 from bayes_inertia.diagnosis.conclusion import conclude
-from bayes_inertia.diagnosis.noise_level import noise_factors
 from bayes_inertia.diagnosis.precompilation import precompile
 from bayes_inertia.diagnosis.pruning import drop_needless
 from bayes_inertia.diagnosis.refitting import ScoredRound, best_step
@@ -29,6 +28,7 @@ from bayes_inertia.diagnosis.result import Diagnosis, Step
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.noise_level import noise_factors
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, FlexibleMode
 from bayes_inertia.physics.forward_model import Model

@@ -17,6 +17,7 @@ from jax import Array
 
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.likelihood import Residuals
+from bayes_inertia.inference.noise_memory import Memory, innovations
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.prediction import Data, Structure, start_of
@@ -92,6 +93,7 @@ class TorqueResponse:
         white = np.asarray(self.estimate.white.rate)
         slews = np.arange(len(error))[:, None]
         of_rate = np.einsum("snij,snjk->snik", white, error[slews, np.asarray(telemetry.sample)])
+        of_rate = _innovations(of_rate, self.estimate.white.memory)
         still = np.zeros((*error.shape[:2], 3, 1))
         numbers = sum(np.shape(x)[1] for x in self._whitened(still, still))
         columns = np.zeros((len(of_rate), numbers, error.shape[-1]))
@@ -110,6 +112,7 @@ class TorqueResponse:
         scale_factors = self.estimate.theta[6:9][:, None]
         sensed = np.einsum("ij,snjk->snik", campaign.rate_sensor.axes, rate_B) / scale_factors
         of_rate = -np.einsum("snij,snjk->snik", np.asarray(white.rate), sensed)
+        of_rate = _innovations(of_rate, white.memory)
         of_attitude = -np.einsum(
             "sfij,sfjk->sfik", np.asarray(white.attitude), turn[slews, sample[slews, fix]]
         )
@@ -124,6 +127,13 @@ class TorqueResponse:
             of_momentum = of_momentum[:, :, :0]
         channels = (of_rate, of_attitude, of_momentum)
         return Residuals(*(x.reshape(len(sample), -1, rate_B.shape[-1]) for x in channels))
+
+
+def _innovations(of_rate: np.ndarray, memory: Memory | None) -> np.ndarray:
+    """Changes (slews, n, 3, k) of the whitened rates, without what the noise before tells."""
+    if memory is None:
+        return of_rate
+    return np.moveaxis(np.asarray(innovations(jnp.moveaxis(of_rate, -1, 0), memory)), 0, -1)
 
 
 def torque_response(estimate: Estimate) -> TorqueResponse:

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from bayes_inertia.inference.noise_memory import innovations
 from bayes_inertia.inference.noise_model import Whitening, n_data
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import quaternion
@@ -96,6 +97,8 @@ def whitened(
     rate = jnp.stack(
         [sum(white.rate[..., i, j] * gap[..., j] for j in range(i + 1)) for i in range(3)], -1
     )
+    if white.memory is not None:
+        rate = innovations(rate, white.memory)
     turn = quaternion.error(prediction.attitude, telemetry.attitude)
     attitude = jnp.einsum("...ij,...j->...i", white.attitude, turn)
     momentum = white.momentum * (telemetry.momentum - prediction.momentum)

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from bayes_inertia.inference.noise_memory import Memory, rate_noise_memory
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.forward_model import Model
 
@@ -23,11 +24,14 @@ class Whitening(NamedTuple):
         Of the star tracker's fixes [1/rad], body axes.
     momentum : (slews, n, wheels) array
         Of the tachometers [1/(N m s)].
+    memory : Memory, optional
+        What the noise of the rates keeps of the readings before; None where it is white.
     """
 
     rate: Array
     attitude: Array
     momentum: Array
+    memory: Memory | None = None
 
 
 def whitening(model: Model, theta: np.ndarray) -> Whitening:
@@ -60,6 +64,7 @@ def whitening(model: Model, theta: np.ndarray) -> Whitening:
         jnp.asarray(_whiten_rows(covariance, np.asarray(telemetry.rate_valid))),
         jnp.asarray(attitude),
         jnp.asarray(momentum),
+        rate_noise_memory(model),
     )
 
 
@@ -135,6 +140,7 @@ def discounted(white: Whitening, factors: np.ndarray) -> Whitening:
         white.rate * root[:, 0, None, None, None],
         white.attitude * root[:, 1, None, None, None],
         white.momentum * root[:, 2, None, None],
+        white.memory,
     )
 
 

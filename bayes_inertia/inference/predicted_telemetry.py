@@ -9,6 +9,7 @@ from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.marginal_posterior import conditional_point
+from bayes_inertia.inference.noise_memory import correlated_noise
 from bayes_inertia.inference.noise_model import rate_noise_covariance
 from bayes_inertia.inference.sampler import Chains
 from bayes_inertia.maths import quaternion
@@ -41,15 +42,22 @@ def predicted_telemetry(
     """
     thinned = _thinned(chains, rng)
     frozen, structure = marginal(estimate), estimate.model.structure
+    # Correlated noise: what was measured differs from predictions by more than what is new in it.
+    memory = estimate.stated.memory
+    plain = None if memory is None else estimate.stated._replace(memory=None)
     predictions: dict[str, list[np.ndarray]] = {c: [] for c in CHANNELS}
     squares: dict[str, list[np.ndarray]] = {c: [] for c in CHANNELS}
     for theta in thinned:
         point = conditional_point(structure, frozen, theta, rng.standard_normal(len(frozen.root)))
         r = residuals(structure, point, estimate.model.data, estimate.stated)
-        gaps = {c: np.asarray(value) for c, value in zip(CHANNELS, r, strict=True)}
+        new = {c: np.asarray(value) for c, value in zip(CHANNELS, r, strict=True)}
+        gaps = new
+        if plain is not None:
+            r = residuals(structure, point, estimate.model.data, plain)
+            gaps = {c: np.asarray(value) for c, value in zip(CHANNELS, r, strict=True)}
         for c, values in _predicted(estimate, gaps).items():
             predictions[c].append(values)
-            squares[c].append(np.square(gaps[c]).reshape(*values.shape[:2], -1).sum(-1))
+            squares[c].append(np.square(new[c]).reshape(*values.shape[:2], -1).sum(-1))
     shape = (len(chains.samples), _DRAWS_OF_EACH_ENSEMBLE)
     predicted = {
         c: np.stack(v).reshape(*shape, *v[0].shape)
@@ -110,6 +118,8 @@ def _log_norms(estimate: Estimate) -> dict[str, np.ndarray]:
     white = estimate.stated
     matrices = (np.diagonal(w, axis1=-2, axis2=-1) for w in (white.rate, white.attitude))
     norms = [*(norm(m) for m in matrices), norm(np.asarray(white.momentum))]
+    if white.memory is not None:
+        norms[0] = norms[0] + np.log(np.asarray(white.memory.scale)).sum(-1)
     return dict(zip(CHANNELS, norms, strict=True))
 
 
@@ -137,7 +147,10 @@ def with_measurement_noise(
     noisy = {}
     if "rate" in predicted:
         root = np.linalg.cholesky(rate_noise_covariance(estimate.model, estimate.theta))
-        noise = rng.standard_normal(predicted["rate"].shape) @ root.T
+        noise = rng.standard_normal(predicted["rate"].shape)
+        if estimate.stated.memory is not None:
+            noise = correlated_noise(noise, estimate.stated.memory)
+        noise = noise @ root.T
         values = predicted["rate"] + noise.astype(np.float32)
         noisy["rate"] = np.where(telemetry.rate_valid, values, np.float32(np.nan))
     tracker = campaign.star_tracker

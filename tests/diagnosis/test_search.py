@@ -9,11 +9,11 @@ import pytest
 
 from bayes_inertia.app.diagnosed_fit import fitted_effects
 from bayes_inertia.app.diagnosis_json import next_fit_from
-from bayes_inertia.app.measured_noise import with_measured_noise
 from bayes_inertia.diagnosis.conclusion import nameless_lead
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.diagnosis.unexplained import unexplained_signal
+from bayes_inertia.inference.measured_noise import with_measured_noise
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import ConstantTorque
 from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict, headline

@@ -41,9 +41,9 @@ def noise_factors(estimate: Estimate) -> dict[str, float]:
     series = dict(estimate.residual_series)
     times = [slew.time[slew.fixes] for slew in estimate.model.campaign.slews]
     series["attitude"] = [
-        burst
+        slew[burst]
         for time, slew in zip(times, series["attitude"], strict=True)
-        for burst in _bursts(time, slew[: len(time)])
+        for burst in bursts_of(time)
     ]
     return {channel: white_factor(pieces) for channel, pieces in series.items()}
 
@@ -96,15 +96,30 @@ def _squares(pieces: list[np.ndarray], order: int) -> list[np.ndarray]:
     return [column[np.isfinite(column)] for column in np.concatenate(squares).T]
 
 
-def _bursts(time: np.ndarray, series: np.ndarray) -> list[np.ndarray]:
-    """A series of fixes split at its gaps.
+def bursts_of(time: np.ndarray) -> list[np.ndarray]:
+    """Star-tracker fixes of a slew, split at its gaps.
 
     What differs between before and after a slew is not noise.
+
+    Parameters
+    ----------
+    time : (fixes,) array
+        Of the fixes [s].
+
+    Returns
+    -------
+    list of arrays of int
+        Which fixes belong together.
+
+    Examples
+    --------
+    >>> [burst.tolist() for burst in bursts_of(np.array([0.0, 1.0, 2.0, 50.0, 51.0]))]
+    [[0, 1, 2], [3, 4]]
     """
-    gaps = np.diff(time)
+    gaps, every = np.diff(time), np.arange(len(time))
     if not len(gaps):
-        return [series]
-    return np.split(series, 1 + np.flatnonzero(gaps > _GAP_IN_SPACINGS * np.quantile(gaps, 0.25)))
+        return [every]
+    return np.split(every, 1 + np.flatnonzero(gaps > _GAP_IN_SPACINGS * np.quantile(gaps, 0.25)))
 
 
 def _clipped_power(squares: np.ndarray, order: int) -> float:

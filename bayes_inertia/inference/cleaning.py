@@ -1,0 +1,170 @@
+"""Dirt seen in the residuals of a fit: outliers are left out, the noise takes its own shape.
+
+One place decides for every fit and every diagnosis. Outliers are looked for always; level and
+colour of the noise only where the residuals are not what the stated noise predicts. They are
+measured from what is fast, where a missing effect is not, and believed where they are alike in all
+slews, at rest and in motion. Where nothing is found, the estimate is the very object given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from bayes_inertia.campaign.dirt import Dirt
+from bayes_inertia.inference import optimizer
+from bayes_inertia.inference.gate_limits import REJECT_BELOW
+from bayes_inertia.inference.laplace import Estimate, residual_series
+from bayes_inertia.inference.noise_colour import colour_of, is_alike_everywhere
+from bayes_inertia.inference.noise_level import bursts_of, noise_factors
+from bayes_inertia.inference.outliers import away_from_switches, outlying_fixes, outlying_readings
+from bayes_inertia.inference.treatment import Treatment, treated
+from bayes_inertia.physics.forward_model import Model
+
+# Outliers hide each other; so often they are looked for again.
+_ROUNDS_OF_MASKS = 3
+
+
+@dataclass(frozen=True)
+class CleanFit:
+    """An estimate from which dirt was kept away.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Its model's campaign is the treated one.
+    treatment : Treatment
+        What was done to the campaign.
+    """
+
+    estimate: Estimate
+    treatment: Treatment
+
+
+def clean_fit(
+    estimate: Estimate, *, seed: int = 0, level: bool = True, discount: bool = True
+) -> CleanFit:
+    """Look for dirt in an estimate's residuals, and repeat the estimate without it.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Of a campaign as stated.
+    seed : int
+        Of the optimizer's starts.
+    level : bool
+        Whether the level of white noise is measured too.
+    discount : bool
+        Whether misfit that is left discounts the slews.
+
+    Returns
+    -------
+    CleanFit
+        With the same estimate where nothing was found.
+
+    Raises
+    ------
+    EstimateError
+        If the optimizer finds no usable estimate.
+    """
+    first = CleanFit(estimate, Treatment())
+    repeat = partial(_repeated, estimate.model, seed=seed, discount=discount)
+    fit = _without_outliers(first, repeat)
+    for measured in (_with_colour, _with_level) if level else (_with_colour,):
+        if not any(test.too_large for test in fit.estimate.tests.values()):
+            break
+        again = repeat(fit, measured(fit))
+        fit = fit if again is fit else _without_outliers(again, repeat)
+    return fit
+
+
+def _repeated(
+    stated: Model, fit: CleanFit, treatment: Treatment, *, seed: int, discount: bool
+) -> CleanFit:
+    """The fit with another treatment of the campaign as stated."""
+    if treatment == fit.treatment:
+        return fit
+    drive = stated.structure.drive
+    model = Model(treated(stated.campaign, treatment, drive), stated.effects, drive)
+    return CleanFit(optimizer.estimate(model, seed=seed, discount=discount), treatment)
+
+
+def _without_outliers(fit: CleanFit, repeat: Callable[..., CleanFit]) -> CleanFit:
+    """The fit with every outlier masked."""
+    for _ in range(_ROUNDS_OF_MASKS):
+        masked = _with_masks(fit.treatment.masked, _outliers(fit.estimate))
+        if masked == fit.treatment.masked:
+            break
+        fit = repeat(fit, replace(fit.treatment, masked=masked))
+    return fit
+
+
+def _with_masks(old: tuple[Dirt, ...], new: tuple[Dirt, ...]) -> tuple[Dirt, ...]:
+    """Masks of both, one record a channel and slew."""
+    rows: dict[tuple[str, str], set[int]] = {}
+    for mask in (*old, *new):
+        rows.setdefault((mask.channel, mask.slew), set()).update(mask.rows)
+    return tuple(
+        Dirt(
+            "outliers",
+            channel,
+            slew,
+            tuple(sorted(numbers)),
+            "masked",
+            f"{len(numbers)} row{'s' if len(numbers) > 1 else ''} far beyond the readings "
+            "before and after",
+        )
+        for (channel, slew), numbers in rows.items()
+    )
+
+
+def _outliers(estimate: Estimate) -> tuple[Dirt, ...]:
+    """Outliers among an estimate's residuals."""
+    slews, series = estimate.model.campaign.slews, _plain_series(estimate)
+    hit = {}
+    for channel in ("rate", "momentum"):
+        if any(values.size for values in series[channel]):
+            flags = away_from_switches(slews, outlying_readings(series[channel]))
+            hit[channel] = [np.flatnonzero(flag.any(axis=1)) for flag in flags]
+    fix_rows = [np.flatnonzero(slew.fixes) for slew in slews]
+    fixes = [x[: len(rows)] for x, rows in zip(series["attitude"], fix_rows, strict=True)]
+    bursts = [bursts_of(slew.time[rows]) for slew, rows in zip(slews, fix_rows, strict=True)]
+    flags = outlying_fixes(fixes, bursts)
+    hit["attitude"] = [rows[flag] for rows, flag in zip(fix_rows, flags, strict=True)]
+    return tuple(
+        Dirt("outliers", channel, slew.name, tuple(rows.tolist()), "masked")
+        for channel, found in hit.items()
+        for slew, rows in zip(slews, found, strict=True)
+        if len(rows)
+    )
+
+
+def _plain_series(estimate: Estimate) -> dict[str, list[np.ndarray]]:
+    """Residuals in sigmas, those of correlated noise as they are."""
+    white = estimate.stated._replace(memory=None)
+    return residual_series(estimate.model, estimate.point, white)
+
+
+def _with_colour(fit: CleanFit) -> Treatment:
+    """The treatment with correlated noise of the rate sensor, if that is what there is."""
+    tests = fit.estimate.tests["rate"]
+    if tests.p_white is None or tests.p_white >= REJECT_BELOW:
+        return fit.treatment
+    slews = fit.estimate.model.campaign.slews
+    colour = colour_of(slews, _plain_series(fit.estimate)["rate"])
+    return replace(fit.treatment, colour=colour)
+
+
+def _with_level(fit: CleanFit) -> Treatment:
+    """The treatment with the measured level of each channel's noise, where that is noise."""
+    series, slews = fit.estimate.residual_series, fit.estimate.model.campaign.slews
+    factors = noise_factors(fit.estimate)
+    level = dict(fit.treatment.level)
+    for channel, factor in factors.items():
+        alike = channel == "attitude" or is_alike_everywhere(slews, series[channel])
+        if factor > 1.0 and alike:
+            level[channel] *= factor
+    return replace(fit.treatment, level=level)

@@ -1,0 +1,326 @@
+"""Correlated noise of a sensor, from what is fast in the residuals.
+
+A missing effect is slow, or tied to the motion. So the noise is measured from the fast cosine
+components of stretches of rest and of motion (Whittle's likelihood), and believed only where one
+noise serves them all: rest and motion, and every slew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy import fft, optimize, stats
+
+from bayes_inertia.campaign.slew import Slew
+
+# Components of a longer period [readings] than this are left to the model.
+_LONGEST_PERIOD = 100.0
+# Stretches of fewer readings tell nothing.
+_FEWEST_READINGS = 24
+# Groups of stretches with fewer components are not compared.
+_FEWEST_COMPONENTS = 60
+# By how much the log likelihood must prefer correlated noise to white, in the clearest axis and in
+# every other.
+_CLEAR_LEAD = 12.0
+_LEAST_LEAD = 4.0
+# Correlation over one reading that can be told from the model's own slow errors.
+_MOST_CORRELATION = 0.975
+# p-value below which noise at rest and in motion, or of the slews, is not alike.
+_ALIKE_ABOVE = 1e-3
+# Differences of the noise that matter for nothing [share of its power].
+_NO_MATTER = 0.25
+# Norm of the rates, as a share of the slew's largest, below which the body rests.
+_RESTS_BELOW = 0.05
+
+
+class ColourOfAxis(NamedTuple):
+    """Noise of one component: white plus Gauss-Markov.
+
+    Parameters
+    ----------
+    sd : float
+        Of all of it, in stated sigmas.
+    share : float
+        Share of the variance that is correlated.
+    correlation : float
+        Of the correlated part over one reading.
+    lead : float
+        Log likelihood beyond that of white noise of any level.
+    """
+
+    sd: float
+    share: float
+    correlation: float
+    lead: float
+
+
+@dataclass(frozen=True)
+class Colour:
+    """Correlated noise of the rate sensor.
+
+    Parameters
+    ----------
+    axes : tuple of ColourOfAxis
+        One an axis.
+    spacing : float
+        Time from reading to reading [s].
+    """
+
+    axes: tuple[ColourOfAxis, ...]
+    spacing: float
+
+    @property
+    def times(self) -> tuple[float, ...]:
+        """Correlation times [s]."""
+        return tuple(-self.spacing / float(np.log(axis.correlation)) for axis in self.axes)
+
+
+class Stretch(NamedTuple):
+    """Readings of one slew, all at rest or all in motion.
+
+    Parameters
+    ----------
+    slew : str
+        Name of the slew.
+    rests : bool
+        Whether the body rests.
+    readings : (n,) array
+        Residuals of one axis.
+    """
+
+    slew: str
+    rests: bool
+    readings: np.ndarray
+
+
+def colour_of(slews: Sequence[Slew], residuals: Sequence[np.ndarray]) -> Colour | None:
+    """The correlated noise that residuals of the rates show.
+
+    Parameters
+    ----------
+    slews : sequence of Slew
+        The slews, for their times and their motion.
+    residuals : sequence of (rows, 3) arrays
+        In stated sigmas, white where the noise is as stated; NaN where nothing was measured.
+
+    Returns
+    -------
+    Colour or None
+        None where the noise is white, or where what looks like noise is not alike in all slews,
+        at rest and in motion.
+    """
+    axes, gain, parameters = [], 0.0, 0
+    for axis in range(3):
+        stretches = stretches_of(slews, [values[:, axis] for values in residuals])
+        if not stretches:
+            return None
+        axes.append(gauss_markov_noise(_whole(residuals, axis)))
+        for key in ("rests", "slew"):
+            more = _gain_apart(stretches, key, axes[-1])
+            gain, parameters = gain + more[0], parameters + more[1]
+    spacings = [float(np.median(np.diff(slew.time))) for slew in slews]
+    uneven = max(spacings) > 1.5 * min(spacings)
+    if uneven or max(a.lead for a in axes) < _CLEAR_LEAD:
+        return None
+    if parameters and stats.chi2.sf(2.0 * gain, parameters) < _ALIKE_ABOVE:
+        return None
+    clear = tuple(a if a.lead > _LEAST_LEAD else a._replace(share=0.0) for a in axes)
+    return Colour(clear, _spacing_of_readings(slews, residuals))
+
+
+def _whole(residuals: Sequence[np.ndarray], axis: int) -> list[np.ndarray]:
+    """The readings of one axis, by slew."""
+    series = [values[np.isfinite(values[:, axis]), axis] for values in residuals]
+    return [x for x in series if len(x) >= _FEWEST_READINGS]
+
+
+def _spacing_of_readings(slews: Sequence[Slew], residuals: Sequence[np.ndarray]) -> float:
+    """Median time [s] from one reading to the next."""
+    steps = [
+        np.diff(slew.time[np.isfinite(values[: len(slew.time)]).any(axis=1)])
+        for slew, values in zip(slews, residuals, strict=True)
+    ]
+    return float(np.median(np.concatenate(steps)))
+
+
+def stretches_of(slews: Sequence[Slew], residuals: Sequence[np.ndarray]) -> list[Stretch]:
+    """Cut residuals of one axis into stretches of rest and of motion.
+
+    Parameters
+    ----------
+    slews : sequence of Slew
+        Their rates say where the body rests.
+    residuals : sequence of (rows,) arrays
+        NaN where nothing was measured.
+
+    Returns
+    -------
+    list of Stretch
+        Those that are long enough to tell something.
+    """
+    stretches = []
+    for slew, values in zip(slews, residuals, strict=True):
+        rows = np.flatnonzero(np.isfinite(values[: len(slew.time)]))
+        rest = at_rest(slew)[rows]
+        for part in np.split(np.arange(len(rows)), 1 + np.flatnonzero(np.diff(rest))):
+            if len(part) >= _FEWEST_READINGS:
+                stretches.append(Stretch(slew.name, bool(rest[part[0]]), values[rows[part]]))
+    return stretches
+
+
+def at_rest(slew: Slew) -> np.ndarray:
+    """Rows in which the body hardly turns.
+
+    Parameters
+    ----------
+    slew : Slew
+        With rates.
+
+    Returns
+    -------
+    (n,) array of bool
+        A few rows of rest amid motion count as motion, and the other way round.
+    """
+    rows, rates = slew.complete_rates()
+    if not len(rows):
+        return np.zeros(len(slew.time), bool)
+    speed = np.interp(slew.time, slew.time[rows], np.linalg.norm(rates, axis=1))
+    rests = speed < _RESTS_BELOW * float(np.quantile(speed, 0.95))
+    width = 2 * (_FEWEST_READINGS // 4) + 1
+    counts = np.convolve(
+        np.pad(rests.astype(float), width // 2, mode="edge"), np.ones(width), "valid"
+    )
+    return counts > 0.5 * width
+
+
+def gauss_markov_noise(series: Sequence[np.ndarray]) -> ColourOfAxis:
+    """White and Gauss-Markov noise that fast components of series show.
+
+    Parameters
+    ----------
+    series : sequence of (n,) arrays
+        Of even spacing.
+
+    Returns
+    -------
+    ColourOfAxis
+
+    Examples
+    --------
+    >>> from scipy.signal import lfilter
+    >>> white = np.random.default_rng(1).normal(size=(5, 500))
+    >>> noise = gauss_markov_noise(list(lfilter([0.8], [1.0, -0.6], white)))
+    >>> bool(noise.lead > 100.0), round(noise.correlation, 1), round(noise.sd, 1)
+    (True, 0.6, 1.0)
+    """
+    angle, power = _fast_components(series)
+    return _best_noise(angle, power, ((4.0, 0.5), (4.0, 2.5), (-1.0, 2.0)))
+
+
+def _fast_components(series: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Angular frequency [rad a reading] and power of the fast cosine components of series."""
+    angles, powers = [], []
+    for x in series:
+        angle = np.pi * np.arange(len(x)) / len(x)
+        fast = angle > 2.0 * np.pi / _LONGEST_PERIOD
+        angles.append(angle[fast])
+        powers.append(fft.dct(x - x.mean(), norm="ortho")[fast] ** 2)
+    return np.concatenate(angles), np.maximum(np.concatenate(powers), 1e-12)
+
+
+def _spectrum(x: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Power of noise with the log variance and the logits of share and correlation in x."""
+    share, correlation = _share_and_correlation(x)
+    lasting = (1.0 - correlation**2) / (1.0 - 2.0 * correlation * np.cos(angle) + correlation**2)
+    return np.exp(x[0]) * (1.0 - share + share * lasting)
+
+
+def _share_and_correlation(x: np.ndarray) -> tuple[float, float]:
+    share, correlation = 1.0 / (1.0 + np.exp(-np.asarray(x[1:])))
+    return float(share), float(_MOST_CORRELATION * correlation)
+
+
+def _best_noise(
+    angle: np.ndarray, power: np.ndarray, starts: Sequence[tuple[float, float]]
+) -> ColourOfAxis:
+    """The noise of greatest Whittle likelihood."""
+    mean = float(power.mean())
+
+    def cost(x: np.ndarray) -> float:
+        spectrum = _spectrum(x, angle)
+        return 0.5 * float(np.sum(np.log(spectrum) + power / spectrum))
+
+    level = float(np.log(mean))
+    bounds = [(level - 8.0, level + 8.0), (-6.0, 12.0), (-6.0, 8.0)]
+    fits = [optimize.minimize(cost, [level, *start], bounds=bounds) for start in starts]
+    best = min(fits, key=lambda result: result.fun)
+    white = 0.5 * len(power) * (level + 1.0)
+    return ColourOfAxis(
+        float(np.exp(0.5 * best.x[0])), *_share_and_correlation(best.x), float(white - best.fun)
+    )
+
+
+def _gain_apart(
+    stretches: Sequence[Stretch], key: str, together: ColourOfAxis
+) -> tuple[float, int]:
+    """Log likelihood that a noise for each group gains on one for all, and parameters more."""
+    groups: dict[object, list[np.ndarray]] = {}
+    for stretch in stretches:
+        groups.setdefault(getattr(stretch, key), []).append(stretch.readings)
+    parts = [part for part in map(_fast_components, groups.values()) if len(part[0])]
+    parts = [part for part in parts if len(part[0]) >= _FEWEST_COMPONENTS]
+    if len(parts) < 2:
+        return 0.0, 0
+    share = np.clip(together.share, 1e-3, 1.0 - 1e-5)
+    correlation = np.clip(together.correlation / _MOST_CORRELATION, 1e-3, 1.0 - 1e-3)
+    start = (float(np.log(share / (1 - share))), float(np.log(correlation / (1 - correlation))))
+
+    def log_likelihood(part: tuple[np.ndarray, np.ndarray]) -> float:
+        fitted = _best_noise(*part, (start,))
+        mean = float(part[1].mean())
+        return fitted.lead - 0.5 * len(part[1]) * (np.log(mean) + 1.0)
+
+    apart = sum(log_likelihood(part) for part in parts)
+    angle, power = (np.concatenate(x) for x in zip(*parts, strict=True))
+    return apart - log_likelihood((angle, power)), 3 * (len(parts) - 1)
+
+
+def is_alike_everywhere(slews: Sequence[Slew], residuals: Sequence[np.ndarray]) -> bool:
+    """Whether fast noise is as strong in all slews, and at rest as in motion.
+
+    Parameters
+    ----------
+    slews : sequence of Slew
+        Their rates say where the body rests.
+    residuals : sequence of (rows, components) arrays
+        White but for what the model misses; NaN where nothing was measured.
+
+    Returns
+    -------
+    bool
+        Also where there are too few numbers to tell.
+    """
+    statistic, freedom = 0.0, 0
+    for component in range(residuals[0].shape[1]):
+        stretches = stretches_of(slews, [values[:, component] for values in residuals])
+        for key in ("rests", "slew"):
+            groups: dict[object, list[np.ndarray]] = {}
+            for stretch in stretches:
+                groups.setdefault(getattr(stretch, key), []).append(stretch.readings)
+            more = _unlike(list(groups.values()))
+            statistic, freedom = statistic + more[0], freedom + more[1]
+    return not freedom or bool(stats.chi2.sf(statistic, freedom) > _ALIKE_ABOVE)
+
+
+def _unlike(groups: Sequence[Sequence[np.ndarray]]) -> tuple[float, int]:
+    """Bartlett's test of equal variances of fast components: statistic, degrees of freedom."""
+    parts = [_fast_components(group)[1] for group in groups]
+    parts = [part for part in parts if len(part) >= _FEWEST_COMPONENTS]
+    if len(parts) < 2:
+        return 0.0, 0
+    every = np.concatenate(parts)
+    apart = sum(len(part) * np.log(part.mean()) for part in parts)
+    return float(len(every) * np.log(every.mean()) - apart), len(parts) - 1

@@ -1,0 +1,206 @@
+"""Outliers among residuals: single readings, or runs of a few, that stand out from both sides.
+
+A reading is compared with the median of those before it and of those after it, each for itself.
+A missing effect cannot look like that: a slope lies above on one side and below on the other, a
+step agrees with one side, a ringing is as large all around. What stands out just where the wheels'
+torques change is left alone all the same, since an effect could do that where rows are few.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy import stats
+
+from bayes_inertia.campaign.slew import Slew
+
+# Readings on either side that a reading is compared with: runs of two are in the minority there.
+_NEIGHBOURS = 5
+# Probability of an outlier anywhere in a channel of Gaussian noise.
+_FALSE_ALARM = 1e-3
+# More outliers than this share of a channel's readings are no outliers but its noise.
+MOST_OUTLIERS = 0.03
+# The scale around a reading is taken from so many readings on either side.
+_READINGS_AROUND = 12
+_SD_OVER_MAD = 1.4826
+# MAD times 1.4826 of those distances in white unit noise that are not zero; their tail is normal.
+_SCALE_OF_WHITE = 0.94
+# A change of torque by this share of the slew's largest torque is a switch.
+_SWITCH = 0.2
+# Rows beside a switch in which nothing is taken for an outlier, if outliers gather there.
+_ROWS_AT_SWITCH = 3
+_GATHERED_P_VALUE = 1e-3
+
+
+def distance_from_both_sides(series: np.ndarray) -> np.ndarray:
+    """How far each reading lies beyond its neighbours on both sides.
+
+    Parameters
+    ----------
+    series : (n,) array
+        Without gaps.
+
+    Returns
+    -------
+    (n,) array
+        The lesser of the distances from the medians of the readings before and after; 0 where
+        they have opposite signs. At the ends the one side there is counts.
+
+    Examples
+    --------
+    >>> distance_from_both_sides(np.array([0., 0., 0., 9., 0., 0., 0.])).tolist()
+    [0.0, 0.0, 0.0, 9.0, 0.0, 0.0, 0.0]
+    >>> distance_from_both_sides(np.arange(7.0)[::-1].cumsum())[2:5].tolist()
+    [0.0, 0.0, 0.0]
+    """
+    before = series - _median_before(series)
+    after = series - _median_before(series[::-1])[::-1]
+    before, after = (np.where(np.isfinite(a), a, b) for a, b in ((before, after), (after, before)))
+    beyond = np.minimum(np.abs(before), np.abs(after)) * np.sign(before)
+    return np.where(np.sign(before) == np.sign(after), beyond, 0.0)
+
+
+def _median_before(series: np.ndarray) -> np.ndarray:
+    """Median of the readings before each; NaN where there are fewer than three."""
+    padded = np.concatenate([np.full(_NEIGHBOURS, np.nan), series[:-1]])
+    windows = sliding_window_view(padded, _NEIGHBOURS).copy()
+    few = np.isfinite(windows).sum(axis=1) < 3
+    windows[few] = 0.0
+    return np.where(few, np.nan, np.nanmedian(windows, axis=1))
+
+
+def outlying_readings(slews: list[np.ndarray]) -> list[np.ndarray]:
+    """Readings of one channel that stand out from their neighbours.
+
+    Parameters
+    ----------
+    slews : list of (rows, components) arrays
+        Residuals, NaN where nothing was measured.
+
+    Returns
+    -------
+    list of (rows, components) arrays of bool
+        None at all where they are so many that they are the noise itself.
+
+    Examples
+    --------
+    >>> calm = np.random.default_rng(1).normal(size=(400, 3))
+    >>> spiked = calm.copy()
+    >>> spiked[[50, 200, 201], [0, 1, 1]] += 12.0
+    >>> int(outlying_readings([calm])[0].sum())
+    0
+    >>> np.argwhere(outlying_readings([spiked])[0]).tolist()
+    [[50, 0], [200, 1], [201, 1]]
+    """
+    n = sum(int(np.isfinite(slew).sum()) for slew in slews)
+    limit = stats.norm.isf(0.5 * _FALSE_ALARM / max(n, 1))
+    flags = [np.zeros(slew.shape, bool) for slew in slews]
+    for component in range(slews[0].shape[1]):
+        rows = [np.flatnonzero(np.isfinite(slew[:, component])) for slew in slews]
+        distances = [
+            distance_from_both_sides(slew[k, component])
+            if len(k) > 2 * _NEIGHBOURS
+            else np.zeros(len(k))
+            for slew, k in zip(slews, rows, strict=True)
+        ]
+        overall = _scale(np.concatenate(distances))
+        for flag, k, distance in zip(flags, rows, distances, strict=True):
+            scale = np.maximum(overall, _scale_around(distance))
+            flag[k, component] = np.abs(distance) > limit * scale
+    share = sum(int(flag.sum()) for flag in flags) / max(n, 1)
+    return [flag & (share <= MOST_OUTLIERS) for flag in flags]
+
+
+def _scale(distance: np.ndarray) -> float:
+    """Standard deviation of white noise that would lie so far beyond its neighbours."""
+    beyond = np.abs(distance[distance != 0.0])
+    if len(beyond) < _READINGS_AROUND:
+        return np.inf
+    return float(np.median(beyond)) * _SD_OVER_MAD / _SCALE_OF_WHITE
+
+
+def _scale_around(distance: np.ndarray) -> np.ndarray:
+    """As `_scale`, of the readings around each."""
+    width = 2 * _READINGS_AROUND + 1
+    if len(distance) < width:
+        return np.zeros(len(distance))
+    beyond = np.where(distance != 0.0, np.abs(distance), np.nan)
+    padded = np.pad(beyond, _READINGS_AROUND, mode="reflect")
+    with np.errstate(all="ignore"):
+        windows = sliding_window_view(padded, width)
+        around = np.nanquantile(windows, 0.5, axis=1)
+    return np.nan_to_num(around) * _SD_OVER_MAD / _SCALE_OF_WHITE
+
+
+def outlying_fixes(slews: list[np.ndarray], bursts: list[list[np.ndarray]]) -> list[np.ndarray]:
+    """Star-tracker fixes that stand out from the others of their burst.
+
+    Parameters
+    ----------
+    slews : list of (fixes, 3) arrays
+        Residuals, NaN where there is no fix.
+    bursts : list of list of arrays of int
+        By slew, the fixes of each burst.
+
+    Returns
+    -------
+    list of (fixes,) arrays of bool
+        None of a burst of less than three fixes, where nobody can say which is wrong.
+    """
+    distances = [np.full(slew.shape, np.nan) for slew in slews]
+    for slew, distance, parts in zip(slews, distances, bursts, strict=True):
+        for part in parts:
+            if len(part) >= 2 * _NEIGHBOURS + 1:
+                for axis in range(3):
+                    distance[part, axis] = distance_from_both_sides(slew[part, axis])
+            elif len(part) >= 3:
+                for i in part:
+                    others = slew[part[part != i]]
+                    distance[i] = slew[i] - np.median(others, axis=0)
+    every = np.concatenate(distances)
+    every = every[np.isfinite(every)]
+    if len(every) < _READINGS_AROUND:
+        return [np.zeros(len(slew), bool) for slew in slews]
+    limit = stats.norm.isf(0.5 * _FALSE_ALARM / len(every))
+    # A quarter more: a median of a few others scatters itself. Never below what is stated.
+    scale = 1.25 * max(1.0, _SD_OVER_MAD * float(np.median(np.abs(every))))
+    flags = [(np.abs(np.nan_to_num(d)) > limit * scale).any(axis=1) for d in distances]
+    share = sum(int(flag.sum()) for flag in flags) / max(1, sum(map(len, flags)))
+    return [flag & (share <= 2.0 * MOST_OUTLIERS) for flag in flags]
+
+
+def away_from_switches(slews: tuple[Slew, ...], flags: list[np.ndarray]) -> list[np.ndarray]:
+    """Take back outliers at changes of torque, if they gather there.
+
+    Parameters
+    ----------
+    slews : tuple of Slew
+        With their torque commands.
+    flags : list of (rows, components) arrays of bool
+        By slew, from row 0.
+
+    Returns
+    -------
+    list of (rows, components) arrays of bool
+    """
+    near = [_near_switch(slew, len(flag)) for slew, flag in zip(slews, flags, strict=True)]
+    share = sum(int(rows.sum()) for rows in near) / max(1, sum(map(len, near)))
+    hit = [flag.any(axis=1) for flag in flags]
+    there = sum(int((rows & flag).sum()) for rows, flag in zip(near, hit, strict=True))
+    total = sum(int(flag.sum()) for flag in hit)
+    if not total or stats.binom.sf(there - 1, total, share) > _GATHERED_P_VALUE:
+        return flags
+    return [flag & ~rows[:, None] for flag, rows in zip(flags, near, strict=True)]
+
+
+def _near_switch(slew: Slew, rows: int) -> np.ndarray:
+    """Rows (rows,) beside a change of torque."""
+    near = np.zeros(rows, bool)
+    if slew.wheel_torque is None or len(slew.time) < 2:
+        return near
+    torque = slew.wheel_torque
+    change = np.abs(np.diff(torque, axis=0)).max(axis=1, initial=0.0)
+    largest = np.abs(torque).max(initial=0.0)
+    for row in np.flatnonzero(change > _SWITCH * largest) if largest > 0.0 else ():
+        near[max(0, row + 1 - _ROWS_AT_SWITCH) : row + 2 + _ROWS_AT_SWITCH] = True
+    return near

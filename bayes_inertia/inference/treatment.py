@@ -1,0 +1,164 @@
+"""What is done to a campaign because of dirt: readings left out, noise given its measured shape."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.dirt import Dirt
+from bayes_inertia.campaign.hardware import CorrelatedNoise, RateSensor
+from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.inference.measured_noise import with_measured_noise
+from bayes_inertia.inference.noise_colour import Colour, ColourOfAxis
+from bayes_inertia.physics.slew_input import Drive
+
+_KEY_OF_CHANNEL = {"rate": "rate", "attitude": "attitude", "momentum": "wheel_momentum"}
+_CALM: Mapping[str, float] = {"rate": 1.0, "attitude": 1.0, "momentum": 1.0}
+_SENSOR = {"rate": "rate sensor", "attitude": "star tracker", "momentum": "tachometers"}
+
+
+@dataclass(frozen=True)
+class Treatment:
+    """What is done to a campaign's telemetry and to the noise it states.
+
+    Parameters
+    ----------
+    masked : tuple of Dirt
+        Readings that are left out, by channel, slew and rows.
+    level : mapping of float
+        By channel, what its stated noise is multiplied by.
+    colour : Colour or None
+        Correlation and level of the rate sensor's noise.
+    """
+
+    masked: tuple[Dirt, ...] = ()
+    level: Mapping[str, float] = field(default_factory=lambda: dict(_CALM))
+    colour: Colour | None = None
+
+    @property
+    def is_nothing(self) -> bool:
+        """Whether the campaign stays as it is."""
+        return not self.masked and self.colour is None and not self.louder
+
+    @property
+    def louder(self) -> dict[str, float]:
+        """Channels whose noise exceeds what is stated, and the factor."""
+        return {channel: factor for channel, factor in self.level.items() if factor != 1.0}
+
+    @property
+    def dirt(self) -> tuple[Dirt, ...]:
+        """The treatment as a record."""
+        noise = [
+            Dirt(
+                "noise_level",
+                channel,
+                "",
+                (),
+                "modelled",
+                f"the noise of the {_SENSOR[channel]} is {factor:.2f} times what is stated",
+            )
+            for channel, factor in self.louder.items()
+        ]
+        if self.colour is not None:
+            colour = Dirt("coloured", "rate", "", (), "modelled", _colour_in_words(self.colour))
+            return (*self.masked, colour, *noise)
+        return (*self.masked, *noise)
+
+    def json(self) -> dict[str, Any]:
+        """The treatment as plain numbers.
+
+        Returns
+        -------
+        dict
+            That `treatment_from` reads.
+        """
+        colour = self.colour and {
+            "axes": [axis._asdict() for axis in self.colour.axes],
+            "spacing": self.colour.spacing,
+        }
+        masked = [dirt.json() for dirt in self.masked]
+        return {"masked": masked, "level": dict(self.level), "colour": colour}
+
+
+def treatment_from(content: Mapping[str, Any]) -> Treatment:
+    """The treatment that its JSON describes.
+
+    Parameters
+    ----------
+    content : mapping
+        Of `Treatment.json`.
+
+    Returns
+    -------
+    Treatment
+
+    Examples
+    --------
+    >>> treatment_from(Treatment().json()) == Treatment()
+    True
+    """
+    colour = content["colour"] and Colour(
+        tuple(ColourOfAxis(**axis) for axis in content["colour"]["axes"]),
+        content["colour"]["spacing"],
+    )
+    masked = tuple(Dirt(**{**row, "rows": tuple(row["rows"])}) for row in content["masked"])
+    return Treatment(masked, dict(content["level"]), colour or None)
+
+
+def treated(campaign: Campaign, treatment: Treatment, drive: Drive) -> Campaign:
+    """A campaign without what is masked, its noise as it was measured.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        As stated.
+    treatment : Treatment
+    drive : {"commanded", "measured"}
+        What drove the model when the noise was measured.
+
+    Returns
+    -------
+    Campaign
+        The very object where the treatment is nothing.
+    """
+    if treatment.is_nothing:
+        return campaign
+    slews = tuple(_masked(slew, treatment.masked) for slew in campaign.slews)
+    campaign = replace(campaign, slews=slews)
+    if treatment.colour is not None:
+        sensor = _with_colour(campaign.rate_sensor, treatment.colour)
+        campaign = replace(campaign, rate_sensor=sensor)
+    if treatment.louder:
+        campaign = with_measured_noise(campaign, treatment.level, drive)
+    return campaign
+
+
+def _masked(slew: Slew, masks: tuple[Dirt, ...]) -> Slew:
+    for mask in masks:
+        key = _KEY_OF_CHANNEL[mask.channel]
+        if mask.slew == slew.name and getattr(slew, key) is not None:
+            values = np.array(getattr(slew, key))
+            values[list(mask.rows)] = np.nan
+            slew = replace(slew, **{key: values})
+    return slew
+
+
+def _with_colour(sensor: RateSensor, colour: Colour) -> RateSensor:
+    x, y, z = (axis.sd * sigma for axis, sigma in zip(colour.axes, sensor.sigma, strict=True))
+    noise = CorrelatedNoise(tuple(axis.share for axis in colour.axes), colour.times)
+    return replace(sensor, sigma=(x, y, z), correlated_noise=noise)
+
+
+def _colour_in_words(colour: Colour) -> str:
+    axes = colour.axes
+    share, sd = (max(getattr(axis, key) for axis in axes) for key in ("share", "sd"))
+    longest = max(t for t, axis in zip(colour.times, axes, strict=True) if axis.share == share)
+    return (
+        "the noise of the rate sensor is correlated in time: "
+        f"{100.0 * share:.0f} % of its variance over {longest:.2g} s; "
+        f"its sd is {sd:.2f} times what is stated"
+    )
