@@ -1,4 +1,38 @@
-"""What is wrong with telemetry although the spacecraft is not to blame: a record of it."""
+"""What is wrong with telemetry although the spacecraft is not to blame: a record of it.
+
+What reading a campaign does about each fault:
+
+| Fault | Policy | Record |
+|---|---|---|
+| row sent twice, or in parts | one row a time; cells are joined | duplicate, masked |
+| one time with two contents | error that names the row | |
+| rows out of order | put in their place | clock, ignored |
+| single wrong stamp | given the time between its neighbours if they are two steps apart | clock, \
+modelled |
+| single wrong stamp beside a gap | the row is left out | clock, masked |
+| clock set back for more than a row | error that names the row and the size | |
+| clock set forward | looks like a gap | gap |
+| times of 32 bits too coarse for their spacing | error | |
+| empty cell, "nan" | no reading; every vector but the rate as a whole | |
+| infinite value | error that names the row and the column | |
+| rate axis or wheel without any reading | error that names the column | |
+| rate above 1000 rad/s, momentum above 100 times the wheel's limit | masked | outliers, masked |
+| reading at the sensor's range | masked | saturated, masked |
+| same value to the last digit for longer than noise explains (less than once in a million slews) \
+| the whole run is masked | stuck, masked |
+| steps larger than the stated noise | kept; held by the noise if that is step / sqrt(12) or more \
+| quantised, modelled or ignored |
+| gap in rates or tachometers | kept: the motion is integrated across it | gap, ignored |
+| gap in commands, same command before and after | the command is held | |
+| gap in commands, every wheel with tachometer | the slew's commands are left out: measured \
+momentum drives the model | gap of torque, masked |
+| gap in commands, no tachometers | the slew is cut there, each part has its own start | gap of \
+torque, masked |
+| gap in the tachometers that drive the model while the torque turns | the slew is cut there | gap \
+of momentum, masked |
+| rows before the first command | left out if they are few; else as a gap in commands | gap of \
+torque, masked |
+"""
 
 from __future__ import annotations
 

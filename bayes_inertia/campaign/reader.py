@@ -289,7 +289,7 @@ def _negligible(time: np.ndarray, hardware: dict[str, Any]) -> Negligible:
     return Negligible(
         impulse=min(_OF_RATE_NOISE * rate, _OF_ATTITUDE_NOISE * angle / duration),
         momentum=5.0 * _OF_RATE_NOISE * rate,
-        angular_impulse=5.0 * _OF_ATTITUDE_NOISE * angle,
+        angular_impulse=2.0 * angle,
     )
 
 

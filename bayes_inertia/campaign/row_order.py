@@ -68,6 +68,7 @@ def ordered_rows(table: Table, time: str, names: Sequence[str]) -> tuple[Table, 
     table, kept, wrong = _without_wrong_stamps(table, time)
     stamps = table.columns[time]
     late = kept[_late_rows(stamps[kept])]
+    late = late[~np.isin(stamps[late], np.delete(stamps, late))]  # others were only sent again
     order = kept[np.argsort(stamps[kept], kind="stable")]
     joined, doubled = _joined(_rows(table, order), time, names)
     times = joined.columns[time]

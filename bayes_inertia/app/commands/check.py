@@ -63,6 +63,9 @@ def show_campaign(campaign: Campaign) -> None:
             "no star tracker: attitude is not compared, "
             "start and final attitude errors stay unknown"
         )
+    for record in campaign.dirt:
+        where = f"{record.slew}, {record.channel}" if record.slew else record.channel
+        console.print(f"{record.kind} ({where}): {record.note} [{record.treated}]", markup=False)
 
 
 def _slew_cells(slew: Slew) -> tuple[str, ...]:

@@ -1,0 +1,363 @@
+"""Dirt in telemetry as it is read: masked, modelled, ignored or refused, and recorded."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.campaign_files import assert_same, assert_teaches, edited, refusal
+
+import bayes_inertia
+import bayes_inertia as bi
+from bayes_inertia.campaign.inspection import with_dirt_masked
+from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.campaign.stuck import stuck_readings
+from bayes_inertia.campaign.writer import write_campaign
+from bayes_inertia.errors import CampaignError
+
+EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
+PARTS = {"tachometers": ("wheel_momentum", "momentum_sigma"), "commands": ("wheel_torque",)}
+
+
+def rows_of(text: str) -> tuple[list[str], list[list[str]]]:
+    header, *lines = text.splitlines()
+    return header.split(","), [line.split(",") for line in lines]
+
+
+def dirty(folder: Path, change, without: str = "") -> Path:
+    """The example's first two slews, the rows of the first changed."""
+    folder.mkdir()
+    toml = (EXAMPLE / "campaign.toml").read_text()
+    head, first, second, *_ = toml.split("[[slews]]")
+    left_out = PARTS.get(without, ())
+    kept = [line for line in head.splitlines(True) if not line.startswith(left_out or "\0")]
+    (folder / "campaign.toml").write_text("[[slews]]".join(["".join(kept), first, second]))
+    for i in (1, 2):
+        header, rows = rows_of((EXAMPLE / f"slew_0{i}.csv").read_text())
+        changed = (change(header, rows) or rows) if i == 1 else rows
+        lines = [",".join(row) for row in [header, *changed]]
+        (folder / f"slew_0{i}.csv").write_text("\n".join(lines) + "\n")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def clean(tmp_path_factory):
+    return read_campaign(dirty(tmp_path_factory.mktemp("clean") / "c", lambda h, rows: None))
+
+
+def kinds(campaign) -> list[tuple[str, str, str]]:
+    return [(d.kind, d.channel, d.treated) for d in campaign.dirt]
+
+
+def test_clean_telemetry_is_not_accused(clean):
+    assert clean.dirt == ()
+    assert with_dirt_masked(clean) == clean
+
+
+def test_a_row_sent_twice_counts_once(tmp_path, clean):
+    campaign = read_campaign(dirty(tmp_path / "c", lambda h, rows: rows[:50] + rows[48:]))
+    assert kinds(campaign) == [("duplicate", "time", "masked")]
+    assert campaign.dirt[0].rows == (48, 49)
+    assert_same(replace(campaign, dirt=()), clean)
+
+
+def test_a_row_sent_in_two_parts_is_one(tmp_path, clean):
+    def split(header, rows):
+        k = header.index("q1")
+        halves = []
+        for row in rows:
+            if row[k]:
+                halves.append([*row[:k], *[""] * 4, *row[k + 4 :]])
+                halves.append([row[0], *[""] * (k - 1), *row[k:]])
+            else:
+                halves.append(row)
+        return halves
+
+    campaign = read_campaign(dirty(tmp_path / "c", split))
+    assert_same(replace(campaign, dirt=()), clean)
+
+
+def test_late_rows_are_put_in_place(tmp_path, clean):
+    def late(header, rows):
+        return rows[:60] + rows[63:70] + rows[60:63] + rows[70:]
+
+    campaign = read_campaign(dirty(tmp_path / "c", late))
+    assert kinds(campaign) == [("clock", "time", "ignored")]
+    assert campaign.dirt[0].rows == (60, 61, 62)
+    assert_same(replace(campaign, dirt=()), clean)
+
+
+def test_a_single_wrong_stamp_is_mended(tmp_path, clean):
+    def glitch(header, rows):
+        rows[100][0] = "1e6"
+
+    campaign = read_campaign(dirty(tmp_path / "c", glitch))
+    assert kinds(campaign) == [("clock", "time", "modelled")]
+    assert campaign.dirt[0].rows == (100,)
+    np.testing.assert_allclose(campaign.slews[0].time, clean.slews[0].time, atol=1e-9)
+    np.testing.assert_array_equal(campaign.slews[0].rate, clean.slews[0].rate)
+
+
+def test_a_wrong_stamp_beside_a_gap_is_left_out(tmp_path):
+    def glitch(header, rows):
+        rows[100][0] = "1e6"
+        del rows[101]
+
+    campaign = read_campaign(dirty(tmp_path / "c", glitch, without="commands"))
+    assert ("clock", "time", "masked") in kinds(campaign)
+    assert campaign.slews[0].time.max() < 1e6
+
+
+def jump(by: float):
+    def change(header, rows):
+        for row in rows[200:]:
+            row[0] = repr(float(row[0]) - by)
+
+    return change
+
+
+@pytest.mark.parametrize("by", [10.1, 1e4])
+def test_a_clock_that_jumps_back_is_refused(tmp_path, by):
+    error = refusal(dirty(tmp_path / "c", jump(by)))
+    assert_teaches(error, ["slew_01.csv, line 202, column t_s", "goes back"])
+
+
+def test_a_clock_that_jumps_back_by_whole_steps_is_refused(tmp_path):
+    error = refusal(dirty(tmp_path / "c", jump(10.0)))
+    assert_teaches(error, ["slew_01.csv, line", "repeated with another content"])
+
+
+def without_rows(*numbers: int):
+    def change(header, rows):
+        return [row for i, row in enumerate(rows) if i not in numbers]
+
+    return change
+
+
+SLEWING = 170  # a row of the example in which the torque changes
+
+
+def test_a_lost_row_leaves_its_commands_unknown(tmp_path):
+    campaign = read_campaign(dirty(tmp_path / "c", without_rows(SLEWING)))
+    assert ("gap", "torque", "masked") in kinds(campaign)
+    assert ("gap", "rate", "ignored") in kinds(campaign)
+    assert campaign.slews[0].wheel_torque is None
+    assert campaign.slews[1].wheel_torque is not None
+    assert campaign.has_tachometers
+    assert not campaign.has_commands
+    again = read_campaign(write_campaign(campaign, tmp_path / "again"))
+    assert_same(replace(again, dirt=()), replace(campaign, dirt=()))
+
+
+def test_without_tachometers_the_slew_is_cut_at_lost_rows(tmp_path, clean):
+    gap = without_rows(*range(SLEWING, SLEWING + 12))
+    campaign = read_campaign(dirty(tmp_path / "c", gap, without="tachometers"))
+    first, second, other = campaign.slews
+    assert (first.name, second.name) == ("slew 1 (part 1 of 2)", "slew 1 (part 2 of 2)")
+    assert len(first.time) == SLEWING
+    assert second.time[0] == clean.slews[0].time[SLEWING + 12]
+    assert second.start == clean.slews[0].start + second.time[0] - first.time[0]
+    assert [(d.slew, d.rows) for d in campaign.dirt if d.channel == "torque"] == [
+        (first.name, (SLEWING - 1,)),
+        (second.name, (0,)),
+    ]
+    assert other.name == clean.slews[1].name
+
+
+def test_constant_commands_are_held_across_a_gap(tmp_path):
+    def idle(header, rows):
+        for name in ("u1_Nm", "u2_Nm", "u3_Nm"):
+            for row in rows:
+                row[header.index(name)] = "1e-5"
+        del rows[SLEWING : SLEWING + 12]
+
+    campaign = read_campaign(dirty(tmp_path / "c", idle, without="tachometers"))
+    assert len(campaign.slews) == 2
+    assert kinds(campaign) == [("gap", "rate", "ignored")]
+
+
+def test_commands_not_recorded_for_a_while(tmp_path):
+    def silent(header, rows):
+        for row in rows[SLEWING : SLEWING + 12]:
+            row[header.index("u1_Nm") : header.index("u3_Nm") + 1] = [""] * 3
+
+    campaign = read_campaign(dirty(tmp_path / "a", silent))
+    assert kinds(campaign) == [("gap", "torque", "masked")]
+    assert campaign.slews[0].wheel_torque is None
+    cut = read_campaign(dirty(tmp_path / "b", silent, without="tachometers"))
+    # The row in which the next command is due still ends a known torque.
+    assert [len(s.time) for s in cut.slews[:2]] == [SLEWING + 1, len(campaign.slews[0].time) - 182]
+
+
+def test_momentum_unknown_while_the_torque_turns_cuts_the_slew(tmp_path):
+    gap = without_rows(*range(SLEWING, SLEWING + 60))
+    campaign = read_campaign(dirty(tmp_path / "c", gap, without="commands"))
+    assert ("gap", "momentum", "masked") in kinds(campaign)
+    assert len(campaign.slews) == 3
+
+
+def stick(columns: tuple[str, ...], rows_stuck: slice):
+    def change(header, rows):
+        for name in columns:
+            k = header.index(name)
+            given = [row for row in rows if row[k]]
+            for row in given[rows_stuck]:
+                row[k] = given[rows_stuck][0][k]
+
+    return change
+
+
+STUCK = [
+    ("rate", ("wx_radps", "wy_radps", "wz_radps"), slice(100, 112), range(100, 112)),
+    ("rate", ("wy_radps",), slice(100, 106), range(100, 106)),
+    ("momentum", ("h2_Nms",), slice(200, 212), range(200, 212)),
+    ("attitude", ("q1", "q2", "q3", "q4"), slice(3, 8), None),
+]
+
+
+@pytest.mark.parametrize(("channel", "columns", "where", "rows"), STUCK)
+def test_stuck_readings_are_masked(tmp_path, clean, channel, columns, where, rows):
+    campaign = read_campaign(dirty(tmp_path / "c", stick(columns, where)))
+    assert kinds(campaign) == [("stuck", channel, "masked")]
+    expected = rows if rows is not None else np.flatnonzero(clean.slews[0].fixes)[where].tolist()
+    assert campaign.dirt[0].rows == tuple(expected)
+    field = {"momentum": "wheel_momentum"}.get(channel, channel)
+    lost = np.isnan(getattr(campaign.slews[0], field)) & ~np.isnan(getattr(clean.slews[0], field))
+    assert np.flatnonzero(lost.any(axis=1)).tolist() == list(expected)
+
+
+def test_repetition_by_right_is_not_stuck():
+    rng = np.random.default_rng(4)
+    motion = np.concatenate([np.zeros(200), np.sin(np.arange(300) / 50.0), np.zeros(200)])
+    noise = rng.normal(scale=1e-3, size=700)
+    cases = {
+        "nothing": (np.zeros(700), 1e-3),
+        "no noise": (motion, 1e-3),
+        "coarse steps": (np.round(motion / 0.01) * 0.01, 1e-3),
+        "coarse steps, noise stated too large": (np.round(motion / 0.01) * 0.01, 0.1),
+        "steps as large as the noise": (np.round((motion + noise) / 1e-3) * 1e-3, 1e-3),
+        "read four times as often as measured": (np.repeat((motion + noise)[::4], 4), 1e-3),
+        "read ten times as often as measured": (np.repeat((motion + noise)[::10], 10), 1e-3),
+        "noise": (motion + noise, 1e-3),
+    }
+    accused = [
+        name
+        for name, (values, sigma) in cases.items()
+        if stuck_readings(np.repeat(values[:, None], 3, axis=1), [sigma] * 3).any()
+    ]
+    assert accused == []
+    values = np.round((motion + noise) / 1e-3) * 1e-3
+    values[300:360] = values[300]
+    assert stuck_readings(values[:, None], [1e-3])[300:360].all()
+
+
+def test_noise_is_rarely_called_stuck():
+    rng = np.random.default_rng(9)
+    for step in (0.2, 1.0, 1.9):
+        values = np.round(rng.normal(size=(100, 3000)) / step) * step
+        accused = sum(stuck_readings(v[:, None], [1.0]).any() for v in values)
+        assert accused == 0, step
+
+
+def test_impossible_readings_are_masked_and_never_end_in_a_traceback(tmp_path, clean):
+    def absurd(header, rows):
+        rows[20][header.index("wx_radps")] = "-1e31"
+        rows[21][header.index("wz_radps")] = "1e300"
+        rows[40][header.index("h1_Nms")] = "1e300"
+
+    campaign = read_campaign(dirty(tmp_path / "c", absurd))
+    assert [(d.kind, d.channel, d.rows) for d in campaign.dirt] == [
+        ("outliers", "rate", (20, 21)),
+        ("outliers", "momentum", (40,)),
+    ]
+    assert np.isnan(campaign.slews[0].rate).sum() == 2
+    assert campaign.scale_of_motion()[0] == pytest.approx(clean.scale_of_motion()[0], rel=1e-2)
+
+
+def test_impossible_readings_of_a_campaign_in_memory_do_not_count(clean):
+    rate = clean.slews[0].rate.copy()
+    rate[3, 1] = 1e300
+    campaign = replace(clean, slews=(replace(clean.slews[0], rate=rate), clean.slews[1]))
+    assert not campaign.valid_readings(campaign.slews[0])[3, 1]
+    assert campaign.valid_readings(campaign.slews[0]).sum() == rate.size - 1
+
+
+def with_range(folder: Path, change) -> Path:
+    dirty(folder, change)
+    path = folder / "campaign.toml"
+    path.write_text(edited(path.read_text(), ("[rate_sensor]", "[rate_sensor]\nrange = 0.5")))
+    return folder
+
+
+def test_saturated_readings_are_recorded(tmp_path):
+    def saturate(header, rows):
+        for row in rows[100:110]:
+            row[header.index("wx_radps")] = "0.5"
+
+    campaign = read_campaign(with_range(tmp_path / "c", saturate))
+    assert kinds(campaign) == [("saturated", "rate", "masked")]
+    assert campaign.dirt[0].rows == tuple(range(100, 110))
+    assert not campaign.valid_readings(campaign.slews[0])[100:110, 0].any()
+
+
+@pytest.mark.parametrize(("step", "treated"), [(5e-5, "modelled"), (2e-4, "ignored")])
+def test_quantised_readings_are_recorded(clean, step, treated):
+    slews = [replace(s, rate=np.round(s.rate / step) * step) for s in clean.slews]
+    campaign = with_dirt_masked(replace(clean, slews=tuple(slews)))
+    assert kinds(campaign) == [("quantised", "rate", treated)]
+    assert f"{step:.3g}" in campaign.dirt[0].note
+    fine = [replace(s, rate=np.round(s.rate / 1e-6) * 1e-6) for s in clean.slews]
+    assert with_dirt_masked(replace(clean, slews=tuple(fine))).dirt == ()
+
+
+def test_a_gap_in_the_rates_is_only_recorded(tmp_path, clean):
+    def silent(header, rows):
+        for row in rows[100:140]:
+            row[header.index("wx_radps") : header.index("wz_radps") + 1] = [""] * 3
+
+    campaign = read_campaign(dirty(tmp_path / "c", silent))
+    assert kinds(campaign) == [("gap", "rate", "ignored")]
+    assert campaign.dirt[0].rows == (99,)
+    assert campaign.has_commands
+
+
+def test_infinity_and_an_axis_without_any_reading_stay_errors(tmp_path):
+    def infinite(header, rows):
+        rows[7][header.index("wx_radps")] = "inf"
+
+    def empty(header, rows):
+        for row in rows:
+            row[header.index("wy_radps")] = "nan"
+
+    for change, named in ((infinite, "line 9, column wx_radps"), (empty, "column wy_radps")):
+        with pytest.raises(CampaignError) as caught:
+            read_campaign(dirty(tmp_path / change.__name__, change))
+        assert_teaches(caught.value, ["slew_01.csv", named])
+
+
+def test_a_subset_keeps_its_own_dirt(tmp_path):
+    campaign = read_campaign(dirty(tmp_path / "c", stick(("wx_radps",), slice(100, 112))))
+    assert campaign.subset([1]).dirt == ()
+    assert campaign.subset([0]).dirt == campaign.dirt
+
+
+@pytest.mark.slow
+def test_lost_rows_move_the_estimate_by_less_than_one_sd(tmp_path):
+    rng = np.random.default_rng(3)
+
+    def drop(header, rows):
+        lost = set(rng.choice(np.arange(1, len(rows) - 1), 4, replace=False).tolist())
+        return without_rows(*lost)(header, rows)
+
+    clean = read_campaign(dirty(tmp_path / "a", lambda h, rows: None))
+    campaign = read_campaign(dirty(tmp_path / "b", drop))
+    reference = bi.estimate(bi.Model(clean))
+    treated = bi.estimate(bi.Model(campaign))
+    assert np.abs((treated.theta - reference.theta) / reference.sd).max() < 1.0
+    # The control: holding the last command across the lost rows.
+    rows = np.searchsorted(clean.slews[0].time, campaign.slews[0].time)
+    held = replace(campaign.slews[0], wheel_torque=clean.slews[0].wheel_torque[rows])
+    wrong = bi.estimate(bi.Model(replace(campaign, slews=(held, *campaign.slews[1:]))))
+    assert np.abs((wrong.theta - reference.theta) / reference.sd).max() > 1.0
