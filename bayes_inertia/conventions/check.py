@@ -173,9 +173,9 @@ def refuse_impossible(campaign: Campaign | str | Path) -> None:
     if check.verdict == "wrong":
         where = "" if isinstance(campaign, Campaign) else str(description_path(campaign))
         raise CampaignError(
-            check.sentence,
+            f"{check.sentence}\nMend the description",
             where=where,
-            advice="`bayes-inertia doctor CAMPAIGN` says more; --anyway goes on nevertheless",
+            advice="`bayes-inertia doctor CAMPAIGN` says more, --anyway goes on nevertheless",
         )
 
 
@@ -214,7 +214,7 @@ def _checked(
         misfits=by_law,
         changes=_changes(mending),
         edits=tuple(edits),
-        cannot_show=() if quick or wrong else invisible(misfits, stated, singles),
+        cannot_show=() if quick else invisible(misfits, stated, () if wrong else singles),
         remarks=clock.remarks,
         dirt=() if quick else dirt_of(misfits, stated),
     )

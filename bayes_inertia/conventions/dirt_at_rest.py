@@ -152,15 +152,11 @@ def _rest_rates(misfits: Misfits, reading: Reading) -> np.ndarray:
 
 def _rests(rows: np.ndarray, at_rest: np.ndarray) -> list[tuple[int, int]]:
     """First and last fix of each stretch of moments that is all at rest."""
+    # Two fixes share a stretch if no moment between them moves.
+    moved = np.cumsum(~at_rest)
     stretches = []
-    first = None
-    for row, following in zip(rows, [*rows[1:], None], strict=True):
-        if not at_rest[row]:
-            first = None
-            continue
-        first = row if first is None else first
-        if following is None or not at_rest[row:following].all() or not at_rest[following]:
-            if row > first:
-                stretches.append((int(first), int(row)))
-            first = None
+    for number in np.unique(moved[rows[at_rest[rows]]]):
+        within = rows[at_rest[rows] & (moved[rows] == number)]
+        if len(within) > 1:
+            stretches.append((int(within[0]), int(within[-1])))
     return stretches

@@ -42,7 +42,7 @@ class Mistake:
     words : str
         What went wrong, as the end of a sentence that begins with "It looks as if".
     companions : int, optional
-        How many of the changes, the last ones, only follow from the others: noises in the same unit.
+        How many of the changes, the last ones, only follow: noises in the same unit.
     """
 
     changes: tuple[KeyChange, ...]

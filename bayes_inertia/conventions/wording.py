@@ -41,31 +41,51 @@ def verdict_in_words(
         Words.
     """
     if not misfits:
-        return "the telemetry holds nothing that the conventions could be checked against"
+        return "The telemetry holds nothing that the conventions could be checked against."
     if verdict == "consistent":
         largest = max(misfits.values())
-        return f"the conventions agree with the data (largest misfit {largest:.2g} sd)"
-    broken = max(misfits, key=lambda law: misfits[law])
-    impossible = (
-        f"the data are impossible under the stated conventions: {_LAWS[broken]} fails by "
-        f"{misfits[broken]:.3g} sd"
-    )
+        return f"The conventions agree with the data (largest misfit {largest:.2g} sd, {_SD})."
     if not remedies:
         return (
-            f"{impossible}. No single change of a unit, sign, order or frame mends it, and no pair "
-            "that was tried: look for a torque that the telemetry does not tell, or a wrong inertia"
+            f"{_impossible(misfits)}\nNo single change of a unit, sign, order, frame or clock mends "
+            "it, and no pair that was tried: look for a torque that the telemetry does not tell, "
+            "or for an inertia tensor that is wrong by more than a factor of two."
         )
     best = remedies[0]
-    what = {1: "One change mends it", 2: "Two changes together mend it"}.get(
-        len(best.mistake.changes) - best.mistake.companions, "These changes together mend it"
-    )
-    lines = "; ".join(edits) or "; ".join(_change_in_words(best.mistake))
-    said = f"{impossible}. {what} ({best.before:.3g} -> {best.after:.2g} sd): {lines}"
-    said += f". It looks as if {best.mistake.words}"
+    keys = len(best.mistake.changes) - best.mistake.companions
+    what = "One change mends it" if keys == 1 else f"These {keys} changes together mend it"
+    lines = edits or _change_in_words(best.mistake)
+    said = [
+        _clocks(best) if _late(best) else _impossible(misfits),
+        f"{what} ({best.before:.3g} -> {best.after:.2g} sd); it looks as if {best.mistake.words}:",
+        *(f"  {line}" for line in lines),
+    ]
     if len(remedies) > 1:
-        others = " or ".join(remedy.mistake.words for remedy in remedies[1:4])
-        said += f"; the data would be as content if {others}"
-    return said
+        others = ", or if ".join(remedy.mistake.words for remedy in remedies[1:4])
+        said.append(f"The data would be as content if {others}.")
+    return "\n".join(said)
+
+
+_SD = "in sds of what noise, a wrong J of 30 % and physical effects can make"
+
+
+def _impossible(misfits: Mapping[str, float]) -> str:
+    broken = max(misfits, key=lambda law: misfits[law])
+    return (
+        f"The data are impossible under the stated conventions: {_LAWS[broken]} fails by "
+        f"{misfits[broken]:.3g} sd ({_SD})."
+    )
+
+
+def _late(remedy: Remedy) -> bool:
+    return all(change.key.endswith("offset_s") for change in remedy.mistake.changes)
+
+
+def _clocks(remedy: Remedy) -> str:
+    return (
+        "The clocks of the streams do not agree, by more than any sensor is late "
+        f"({remedy.before:.3g} sd of the sensors' noise)."
+    )
 
 
 def _change_in_words(mistake: Mistake) -> list[str]:
@@ -107,5 +127,5 @@ def edited_lines(text: str, mistake: Mistake) -> list[str]:
         if tag != "equal":
             before = " / ".join(line.strip() for line in old[a:b]) or "(nothing)"
             after = " / ".join(line.strip() for line in new[c:d])
-            said.append(f"line {a + 1}: {before} -> {after}")
+            said.append(f"line {a + 1}: {before}  ->  {after}")
     return said

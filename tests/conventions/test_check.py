@@ -98,8 +98,9 @@ def test_impossible_data_end_with_2_before_minutes_are_spent(command, tmp_path, 
     out = tmp_path / "run"
     assert run(command, folder, *(() if command == "check" else ("-o", out))) == 2
     message = capsys.readouterr().err
-    assert message.count("\n") == 1
+    assert message.startswith("error: ")
     assert 'maps = "inertial_to_body"' in message
+    assert "--anyway" in message
     assert not out.exists()
 
 
