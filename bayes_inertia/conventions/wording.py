@@ -47,8 +47,8 @@ def verdict_in_words(
         return f"The conventions agree with the data (largest misfit {largest:.2g} sd, {_SD})."
     if not remedies:
         return (
-            f"{_impossible(misfits)}\nNo single change of a unit, sign, order, frame or clock mends "
-            "it, and no pair that was tried: look for a torque that the telemetry does not tell, "
+            f"{_impossible(misfits)}\nNo single change of a unit, sign, order, frame or clock "
+            "mends it, and no pair that was tried: look for a torque that the telemetry does not tell, "
             "or for an inertia tensor that is wrong by more than a factor of two."
         )
     best = remedies[0]
