@@ -14,7 +14,7 @@ from matplotlib.patches import Patch, Rectangle
 from scipy.ndimage import gaussian_filter
 
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.report.formatting import unit_text
+from bayes_inertia.report.formatting import unit_text, with_minus_sign
 from bayes_inertia.report.pictures import posterior_data, style
 
 _CELL_PIXELS = 44
@@ -188,7 +188,7 @@ def _correlations(axes: Axes, correlation: np.ndarray) -> None:
             axes.text(
                 column + 0.5,
                 row + 0.5,
-                f"{r:+.2f}",
+                with_minus_sign(f"{r:+.2f}"),
                 ha="center",
                 va="center",
                 fontsize=6.5 + 3.0 * strong,
@@ -225,7 +225,7 @@ def _labels(
         axes.text(
             -0.06,
             i + 0.5,
-            f"{short} [{unit}]\n{_short(mean[i], half[i])} ± {half[i]:.1g}",
+            f"{short} [{unit}]\n{with_minus_sign(_short(mean[i], half[i]))} ± {half[i]:.1g}",
             ha="right",
             va="center",
             fontsize=7.5,
