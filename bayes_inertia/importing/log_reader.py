@@ -34,12 +34,15 @@ from bayes_inertia.importing.mapping_schema import (
     WheelStream,
 )
 from bayes_inertia.importing.questions import question_at
-from bayes_inertia.importing.raw_files import read_raw
+from bayes_inertia.importing.raw_files import file_format, read_raw
 from bayes_inertia.importing.raw_table import RawColumn, RawTable
 from bayes_inertia.importing.stated_facts import agreed, agreed_attitude, agreed_unit
 from bayes_inertia.importing.text_options import TextOptions
 from bayes_inertia.importing.time_stamps import FREE_CLOCKS, TimeStamps, times_to_seconds
 from bayes_inertia.importing.unit_factors import to_si_with
+
+# In these a table may hold arrays of different lengths.
+_ARRAY_FORMATS = ("numpy", "hdf5", "netcdf", "mat")
 
 
 @dataclass(frozen=True)
@@ -50,13 +53,18 @@ class _Tables:
 
     def table(self, path: Path, stream: MappedStream) -> RawTable:
         options = TextOptions(**stream.text.model_dump())
-        flag = () if stream.valid is None else (stream.valid.name,)
-        named = stream.time.names and stream.names
-        columns = (*stream.time.names, *stream.names, *flag) if named else ()
+        columns = _wanted(stream) if file_format(path) in _ARRAY_FORMATS else ()
         key = (path, stream.table, columns, options)
         if key not in self.read:
             self.read[key] = read_raw(path, table=stream.table, columns=columns, options=options)
         return self.read[key]
+
+
+def _wanted(stream: MappedStream) -> tuple[str, ...]:
+    """The columns that a stream names; none if it leaves some to the file."""
+    flag = () if stream.valid is None else (stream.valid.name,)
+    named = stream.time.names and stream.names
+    return (*stream.time.names, *stream.names, *flag) if named else ()
 
 
 def read_logs(files: Sequence[str | Path], mapping: MappingPart, label: str) -> Logs:

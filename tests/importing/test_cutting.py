@@ -106,9 +106,9 @@ def test_stated_slews_must_not_overlap(tmp_path, columns):
 
 
 def test_the_command_in_force_is_held_into_the_slew(tmp_path, columns):
-    sparse = np.full(len(columns["u"]), np.nan)
+    sparse = np.full(len(columns["torque"]), np.nan)
     sparse[[0, 100, 620]] = [1.0, 2.0, 3.0]  # at 0, 50 and 310 s, mN m
-    columns["u"] = sparse
+    columns["torque"] = sparse
     imported(tmp_path, columns, EVERY_FIX)
     first, second = read_campaign(tmp_path / "c").slews
     np.testing.assert_allclose(first.wheel_torque[:3, 0], 1e-3)  # since 0 s, before the slew
@@ -118,7 +118,7 @@ def test_the_command_in_force_is_held_into_the_slew(tmp_path, columns):
 
 
 def test_several_files_are_kept_as_slews(tmp_path, columns):
-    rows = (np.arange(len(columns["u"])) < 300, np.arange(len(columns["u"])) >= 520)
+    rows = (np.arange(len(columns["torque"])) < 300, np.arange(len(columns["torque"])) >= 520)
     files = [
         write_csv(tmp_path / f"log_{k}.csv", {n: v[keep] for n, v in columns.items()})
         for k, keep in ((2, rows[0]), (10, rows[1]))
@@ -146,7 +146,7 @@ def test_files_with_a_clock_of_their_own_follow_each_other(tmp_path, columns):
 
 
 def test_rows_out_of_order_and_repeated_rows_are_mended_and_said(tmp_path, columns):
-    order = np.arange(len(columns["u"]))
+    order = np.arange(len(columns["torque"]))
     order[[100, 101]] = order[[101, 100]]
     shuffled = {name: values[np.append(order, 7)] for name, values in columns.items()}
     mended = imported(tmp_path, shuffled, EVERY_FIX)
@@ -161,11 +161,11 @@ def test_rows_out_of_order_and_repeated_rows_are_mended_and_said(tmp_path, colum
 
 
 def test_flagged_rows_hold_no_reading(tmp_path, columns):
-    columns["ok"] = np.ones(len(columns["u"]))
+    columns["ok"] = np.ones(len(columns["torque"]))
     columns["ok"][50:60] = 0.0
     flag = ('unit = "deg/s"\n', 'unit = "deg/s"\nvalid = { name = "ok", equals = 1 }\n')
     stream = imported(tmp_path, columns, EVERY_FIX, flag).logs.streams["rate"]
-    assert len(stream.time) == len(columns["u"]) - 10
+    assert len(stream.time) == len(columns["torque"]) - 10
     assert "10 rows are flagged" in " ".join(stream.notes)
 
 

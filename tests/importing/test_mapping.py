@@ -41,7 +41,7 @@ BAD = [
     (('files = ["log*.csv"]\n', ""), ["streams.rate.files", "missing key"]),
     ((RATE, RATE + f"mounting = {QUARTER}\n"), ["rate.frame", "contradict"]),
     ((RATE, 'unit = "deg/s"\nframe = "sensor"\n'), ["streams.rate.mounting", "v_sensor"]),
-    (('names = ["u"]', 'names = ["u", "v"]'), ["wheel_torque.names", "2 column(s) for 1 wheel"]),
+    (('names = ["torque"]', 'names = ["torque", "v"]'), ["wheel_torque.names", "for 1 wheel"]),
     (('scalar = "last"', 'sequence = "zyx"'), ["attitude.sequence", "'euler'"]),
     (('form = "quaternion"', 'form = "dcm"'), ["attitude.scalar", "'quaternion'"]),
     (('frame = "body"\n\n[[streams]]\nholds = "wheel', 'frame = "sensor"\n\n[[streams]]\nholds = '
@@ -108,8 +108,8 @@ def log(tmp_path):
         ([('maps = "inertial_to_body"\n', "")], ["streams.attitude.maps", "missing key"]),
         ([(', epoch = "campaign"', "")], ["streams.rate.time.epoch", "When was zero?"]),
         (
-            [('kind = "ms", epoch = "campaign" }\nnames = ["u"]',
-              'kind = "ms", epoch = "2026-03-01T00:00:00Z" }\nnames = ["u"]')],
+            [('kind = "ms", epoch = "campaign" }\nnames = ["torque"]',
+              'kind = "ms", epoch = "2026-03-01T00:00:00Z" }\nnames = ["torque"]')],
             ["clocks cannot be brought together", "rate: a zero"],
         ),
     ],

@@ -43,7 +43,7 @@ frame = "body"
 holds = "wheel_torque"
 files = ["log*.csv"]
 time = { names = ["t_ms"], kind = "ms", epoch = "campaign" }
-names = ["u"]
+names = ["torque"]
 unit = "mN m"
 acts_on = "wheel"
 
@@ -76,7 +76,7 @@ def log_columns(turns: list[tuple[float, float, float]], end: float) -> dict[str
     rate += rng.normal(size=rate.shape) * NOISE
     columns = {"t_ms": 1e3 * time}
     columns |= dict(zip(("wx", "wy", "wz"), np.degrees(rate).T, strict=True))
-    columns["u"] = 1e3 * np.gradient(rate[:, 0], time)
+    columns["torque"] = 1e3 * np.gradient(rate[:, 0], time)
     columns |= dict(zip(("q1", "q2", "q3", "q4"), quaternion.T, strict=True))
     return columns
 

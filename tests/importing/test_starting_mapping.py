@@ -1,0 +1,187 @@
+"""`import --start` recognises usual columns and asks for everything that it cannot know."""
+
+from __future__ import annotations
+
+import tomllib
+
+import numpy as np
+import pytest
+from support.raw_logs import log_columns, write_csv
+
+from bayes_inertia.app.cli import main
+from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.errors import CampaignError, OutputError
+from bayes_inertia.importing.column_families import families, time_names
+from bayes_inertia.importing.import_logs import import_logs
+from bayes_inertia.importing.questions import open_questions
+from bayes_inertia.importing.raw_table import RawColumn, RawTable
+from bayes_inertia.importing.starting_mapping import starting_mapping, write_starting_mapping
+
+LOOKS = [
+    ("imu.csv", "utc gx_dps gy_dps gz_dps flag", ["utc"], [("rate", 3, "deg/s")]),
+    ("gyro.csv", "t x y z", ["t"], [("rate", 3, "")]),
+    ("a.csv", "t p q r", ["t"], [("rate", 3, "")]),
+    ("a.csv", "Timestamp GyroX GyroY GyroZ AccX AccY AccZ", ["Timestamp"], [("rate", 3, "")]),
+    ("a.csv", "time wx_deg_s wy_deg_s wz_deg_s", ["time"], [("rate", 3, "deg/s")]),
+    ("bsk.npz", "times omega_BN_B[0] omega_BN_B[1] omega_BN_B[2]", ["times"], [("rate", 3, "")]),
+    ("bsk.npz", "times sigma_BN[0] sigma_BN[1] sigma_BN[2]", ["times"], [("attitude", 3, "")]),
+    ("st.csv", "utc qs qx qy qz", ["utc"], [("attitude", 4, "")]),
+    ("st.csv", "utc q0 q1 q2 q3", ["utc"], [("attitude", 4, "")]),
+    ("a.csv", "time roll pitch yaw", ["time"], [("attitude", 3, "")]),
+    ("a.csv", "t c11 c12 c13 c21 c22 c23 c31 c32 c33", ["t"], [("attitude", 9, "")]),
+    (
+        "wheels.csv",
+        "gps_week gps_tow rw1_rpm rw2_rpm rw1_torque_mNm rw2_torque_mNm",
+        ["gps_week", "gps_tow"],
+        [("wheel_speed", 2, "rpm"), ("wheel_torque", 2, "mN m")],
+    ),
+    ("hwhl.42", "time Hwhl1 Hwhl2 Hwhl3", ["time"], [("wheel_momentum", 3, "")]),
+    ("a.csv", "t_s Bx_N_T By_N_T Bz_N_T", ["t_s"], [("magnetic_field", 3, "T")]),
+    ("a.csv", "t_s rx_N_m ry_N_m rz_N_m", ["t_s"], [("position", 3, "m")]),
+    ("a.csv", "t_s wheel_radps", ["t_s"], [("wheel_speed", 1, "rad/s")]),
+    ("a.csv", "t temperature voltage", ["t"], []),
+]
+
+
+@pytest.mark.parametrize(("file", "names", "times", "expected"), LOOKS, ids=[x[1] for x in LOOKS])
+def test_usual_columns_are_recognised(file, names, times, expected):
+    table = RawTable(file, {name: RawColumn(np.zeros(2)) for name in names.split()})
+    assert time_names(table) == times
+    seen = [(f.holds, len(f.names), f.unit) for f in families(table, file)]
+    assert seen == expected
+
+
+def test_the_scalar_is_suggested_only_where_the_names_say_it():
+    def scalar(names: str) -> str:
+        table = RawTable("a", {name: RawColumn(np.zeros(2)) for name in names.split()})
+        return families(table, "a")[0].scalar
+
+    assert scalar("qs qx qy qz") == "first"
+    # The names are listed in that order, whatever the order in the file.
+    assert scalar("q_x q_y q_z q_w") == "first"
+    assert scalar("q0 q1 q2 q3") == ""
+    assert scalar("q1 q2 q3 q4") == ""
+
+
+@pytest.fixture
+def log(tmp_path):
+    return write_csv(tmp_path / "log.csv", log_columns([(40.0, 30.0, 0.5)], 110.0))
+
+
+ANSWERS = {
+    "name": '"small"',
+    "tensor": "[[3.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0]]",
+    "relative_sigma": "0.04",
+    "product_sigma": "0.03",
+    "includes_wheel_spin": "false",
+    "axis": "[1.0, 0.0, 0.0]",
+    "spin_inertia": "0.001",
+    "boresight": "[0.0, 0.0, 1.0]\nsigma_cross = 2e-5\nsigma_roll = 1e-4",
+    "unit": '"deg/s"',
+    "acts_on": '"wheel"',
+    "scalar": '"last"',
+    "maps": '"inertial_to_body"',
+    "frame": '"body"',
+}
+
+
+def answered(text: str) -> str:
+    """A mapping with its questions answered as a user would."""
+    head, *streams = text.split("[[streams]]")
+    streams = [
+        stream.replace('unit = "?"', 'unit = "mN m"') if "wheel_torque" in stream else stream
+        for stream in streams
+    ]
+    text = "[[streams]]".join([head, *streams])
+    for key, answer in ANSWERS.items():
+        text = text.replace(f'{key} = "?"', f"{key} = {answer}")
+    text = text.replace('epoch = "?"', 'epoch = "campaign"')
+    return text.replace("[rate_sensor]", "[rate_sensor]\nsigma = 1e-4")
+
+
+def test_a_started_mapping_asks_and_once_answered_imports(log, tmp_path):
+    mapping = tmp_path / "mapping.toml"
+    count = write_starting_mapping([log], mapping)
+    text = mapping.read_text()
+    asked = open_questions(tomllib.loads(text))
+    assert count == len(asked) > 10
+    for key in (
+        ("streams", "rate", "unit"),
+        ("streams", "rate", "frame"),
+        ("streams", "rate", "time", "epoch"),
+        ("streams", "attitude", "scalar"),
+        ("streams", "attitude", "maps"),
+        ("streams", "wheel_torque", "acts_on"),
+        ("inertia", "tensor"),
+    ):
+        assert key in asked
+    with pytest.raises(CampaignError, match="the question is open"):
+        import_logs([log], mapping, tmp_path / "c")
+    text = answered(text)
+    assert not open_questions(tomllib.loads(text))
+    mapping.write_text(text)
+    campaign = read_campaign(import_logs([log], mapping, tmp_path / "c").folder)
+    assert campaign.has_commands
+    assert campaign.slews[0].fixes.any()
+
+
+def test_what_a_file_states_is_not_asked(tmp_path):
+    log = write_csv(
+        tmp_path / "a.csv",
+        {"t": np.arange(4.0), "wx": np.ones(4), "wy": np.ones(4), "wz": np.ones(4)},
+    )
+    rows = log.read_text().splitlines()
+    log.write_text("\n".join([rows[0], "s,deg/s,deg/s,deg/s", *rows[1:]]) + "\n")
+    text = starting_mapping([log])
+    asked = open_questions(tomllib.loads(text))
+    assert ("streams", "rate", "unit") not in asked
+    assert ("streams", "rate", "frame") in asked
+    assert "the file states the unit: deg/s" in text
+
+
+def test_files_that_differ_in_a_number_are_one_stream(tmp_path):
+    columns = {"t_s": np.arange(4.0)} | {f"w{a}_dps": np.ones(4) for a in "xyz"}
+    files = [write_csv(tmp_path / f"gyro_{k}.csv", columns) for k in (1, 2, 10)]
+    streams = tomllib.loads(starting_mapping(files))["streams"]
+    assert [stream["files"] for stream in streams] == [["gyro_*.csv"]]
+
+
+def test_a_mapping_is_never_overwritten(log, tmp_path):
+    mapping = tmp_path / "mapping.toml"
+    mapping.write_text("mine")
+    with pytest.raises(OutputError, match="is there already"):
+        write_starting_mapping([log], mapping)
+    assert mapping.read_text() == "mine"
+
+
+def command(capsys, *arguments) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as ended:
+        main(["import", *map(str, arguments)])
+    said = capsys.readouterr()
+    return ended.value.code, said.out, said.err
+
+
+def test_the_command_says_what_it_did_and_what_to_do_next(log, tmp_path, capsys):
+    mapping, folder = tmp_path / "m.toml", tmp_path / "c"
+    code, said, _ = command(capsys, log, "--start", mapping)
+    assert code == 0
+    assert "questions to answer" in said
+    code, _, error = command(capsys, log, "--using", mapping, "-o", folder)
+    assert code == 2
+    assert "the question is open" in error
+    mapping.write_text(answered(mapping.read_text()))
+    code, said, _ = command(capsys, log, "--using", mapping, "-o", folder)
+    assert code == 0
+    for part in ("slew 1", "rate_sensor.sigma", "slews.svg", "bayes-inertia doctor"):
+        assert part in said
+    paths = (str(tmp_path), "bayes-inertia")
+    assert all(len(line) <= 80 for line in said.splitlines() if not any(p in line for p in paths))
+
+
+def test_the_command_needs_one_of_its_two_ways(log, capsys):
+    code, _, error = command(capsys, log)
+    assert code == 2
+    assert "--start" in error
+    code, _, error = command(capsys, log, "--using", "m.toml")
+    assert code == 2
+    assert "-o CAMPAIGN" in error
