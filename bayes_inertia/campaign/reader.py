@@ -65,6 +65,27 @@ def read_campaign(path: str | Path) -> Campaign:
     Traceback (most recent call last):
     bayes_inertia.errors.CampaignError: no/such/folder: does not exist; ...
     """
+    return with_dirt_masked(read_unmasked(path))
+
+
+def read_unmasked(path: str | Path) -> Campaign:
+    """The campaign in a folder with every reading as it was written, believable or not.
+
+    Parameters
+    ----------
+    path : str or Path
+        As for `read_campaign`.
+
+    Returns
+    -------
+    Campaign
+        The campaign before impossible and stuck readings are masked.
+
+    Raises
+    ------
+    CampaignError
+        As `read_campaign`.
+    """
     description = description_path(path)
     parsed = parse_description(text_of(read_bytes(description), str(description)), str(description))
     tables = _table_paths(parsed, description)
@@ -82,10 +103,9 @@ def read_campaign(path: str | Path) -> Campaign:
         slews += parts
         dirt += _located(records + unknown, part.name, parts)
     try:
-        campaign = Campaign(name=parsed.name, slews=tuple(slews), dirt=tuple(dirt), **hardware)
+        return Campaign(name=parsed.name, slews=tuple(slews), dirt=tuple(dirt), **hardware)
     except CampaignError as error:
         raise error.inside(str(description)) from None
-    return with_dirt_masked(campaign)
 
 
 def campaign_sha256(path: str | Path) -> str:

@@ -8,9 +8,12 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.description import parse_description
-from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.campaign.inspection import with_dirt_masked
+from bayes_inertia.campaign.reader import read_unmasked
 from bayes_inertia.campaign.schema import CampaignPart
 from bayes_inertia.conventions import limits, wording
 from bayes_inertia.conventions.candidates import mistakes
@@ -153,7 +156,27 @@ def check_conventions(campaign: Campaign | str | Path, *, quick: bool = False) -
     path = description_path(campaign)
     text = text_of(read_bytes(path), str(path))
     description = parse_description(text, str(path))
-    return _checked(read_campaign(campaign), description, text, quick)
+    return _checked(_believable(read_unmasked(campaign)), description, text, quick)
+
+
+def _believable(campaign: Campaign) -> Campaign:
+    """The campaign without unbelievable readings, unless that takes most of a channel away.
+
+    Readings that are nearly all impossible are no outliers but in a wrong unit.
+    """
+    masked = with_dirt_masked(campaign)
+    for channel in ("rate", "wheel_momentum"):
+        before, after = (
+            sum(
+                int(np.isfinite(values).sum())
+                for slew in c.slews
+                if (values := getattr(slew, channel)) is not None
+            )
+            for c in (campaign, masked)
+        )
+        if after < limits.BELIEVABLE_SHARE * before:
+            return campaign
+    return masked
 
 
 def refuse_impossible(campaign: Campaign | str | Path) -> None:

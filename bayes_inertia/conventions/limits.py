@@ -96,6 +96,9 @@ NOTABLE = 0.3
 NOISE_RATIO = 2.0
 """Noise seen in smooth rows that differs from the stated one by this factor is reported."""
 
+BELIEVABLE_SHARE = 0.7
+"""Where fewer readings of a channel than this are believable, its unit is wrong, not the rest."""
+
 ONE_UNIT = 4.0
 """A stated noise that is within this factor of the one seen was written in the readings' unit."""
 

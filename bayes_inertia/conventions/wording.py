@@ -48,8 +48,8 @@ def verdict_in_words(
     if not remedies:
         return (
             f"{_impossible(misfits)}\nNo single change of a unit, sign, order, frame or clock "
-            "mends it, and no pair that was tried: look for a torque that the telemetry does not tell, "
-            "or for an inertia tensor that is wrong by more than a factor of two."
+            "mends it, and no pair that was tried: look for a torque that the telemetry does "
+            "not tell, or for an inertia tensor that is wrong by more than a factor of two."
         )
     best = remedies[0]
     keys = len(best.mistake.changes) - best.mistake.companions
