@@ -89,7 +89,7 @@ def read_42(path: Path) -> RawTable:
     columns = {**_stamps(path, table.rows), **columns}
     attitude = None
     if stem == "qbn":
-        attitude = StatedAttitude(tuple(f"qbn[{i}]" for i in range(4)), "last", "N", "B")
+        attitude = StatedAttitude(tuple(f"qbn[{i}]" for i in range(4)), "last", "N", "BODY")
     timed = "time" in columns
     return RawTable(
         str(path),

@@ -24,7 +24,10 @@ from bayes_inertia.maths.values import array_dataclass
 EMPTY_CELLS = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "--", "#n/a"})
 """Cells of a text file, in small letters, that hold no reading."""
 
-_INERTIAL = re.compile(r"N|ECI|J2000|B1950|.*INERTIAL.*|(EME|ICRF|GCRF|TOD|MOD|TEME|CIRS).*")
+# Names as CCSDS (SANA registry), ground systems and 42 write them, in capitals.
+_INERTIAL = re.compile(
+    r"N|(EME|J)2000|B1950|ECI.*|(ICRF|GCRF|GCRS|CIRS|TEME|MEME).*|(TOD|MOD)([_ /].*)?|.*INERTIAL.*"
+)
 
 
 @array_dataclass

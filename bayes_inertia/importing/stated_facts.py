@@ -13,13 +13,10 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.attitude_forms import COLUMNS_OF_FORM, AttitudeConvention
 from bayes_inertia.importing.mapping_schema import AttitudeStream
 from bayes_inertia.importing.questions import question_at
-from bayes_inertia.importing.raw_table import RawTable
+from bayes_inertia.importing.raw_table import RawTable, is_inertial
 from bayes_inertia.importing.unit_factors import unit_factor
 
 # Names of frames as CCSDS (SANA registry) and ground systems write them, in capitals.
-_INERTIAL = re.compile(
-    r"(EME|J)2000|ICRF\d*|GCRF\d*|GCRS|TEME.*|TOD.*|MOD.*|MEME.*|B1950|ECI.*|CIRS"
-)
 _BODY = re.compile(r"(SC|SPACECRAFT)_?(BODY|FRAME)?(_\d+)?|BODY.*|S/C.*")
 _TRACKER = re.compile(r"(STAR_?TRACKER|STR|ST|AST|INSTRUMENT|STARTRACKER).*")
 
@@ -225,9 +222,9 @@ def stated_attitude(table: RawTable) -> dict[str, Any]:
         "turns": "intrinsic" if stated.sequence else "",
         "unit": stated.angle_unit,
     }
-    if _INERTIAL.fullmatch(start):
+    if is_inertial(start):
         return says | {"maps": "inertial_to_body", "frame": _frame(end)}
-    if _INERTIAL.fullmatch(end):
+    if is_inertial(end):
         return says | {"maps": "body_to_inertial", "frame": _frame(start)}
     raise CampaignError(
         f"the attitudes are between the frames {stated.from_frame} and {stated.to_frame}, "

@@ -7,6 +7,7 @@ import csv
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.raw_table import EMPTY_CELLS, number_of
@@ -245,21 +246,32 @@ def told_form(lines: Sequence[tuple[int, str]], options: TextOptions, label: str
         except CampaignError:  # A quote that is not closed: the reading itself will say where.
             rows = [tuple(line.split(delimiter)) for _, line in sample]
         for decimal in [options.decimal] if options.decimal else (".", ","):
-            score = _score(rows, decimal)
+            trust = _TRUST.get(delimiter, 1.0) * (1.0 if _width(rows) > 1 else _ONE_COLUMN)
+            score = trust * _score(rows, decimal)
             if score > best_score + 1e-9:
                 best, best_score = TextForm(delimiter, decimal), score
     return best
 
 
-def _score(rows: Sequence[tuple[str, ...]], decimal: str) -> float:
-    """How well rows look like a table: their common length, and the share of readings in cells."""
+def _width(rows: Sequence[tuple[str, ...]]) -> int:
+    """The most common number of cells."""
     lengths = [len(cells) for cells in rows]
-    if not lengths:
+    return max(set(lengths), key=lengths.count, default=0)
+
+
+def _score(rows: Sequence[tuple[str, ...]], decimal: str) -> float:
+    """How well rows look like a table: of one length, and with readings in the lower half."""
+    width = _width(rows)
+    regular = [cells for cells in rows if len(cells) == width]
+    cells = [cell for row in regular[len(regular) // 2 :] for cell in row]
+    if not rows:
         return 0.0
-    common = max(set(lengths), key=lengths.count)
-    regular = [cells for cells in rows if len(cells) == common]
-    cells = [cell for row in regular for cell in row]
     full = [cell for cell in cells if cell.lower() not in EMPTY_CELLS]
     readings = sum(is_reading(cell, decimal) for cell in full) / max(len(full), 1)
-    # A table of one column is the last resort: every file is one by some delimiter.
-    return readings * len(regular) / len(rows) * (1.0 if common > 1 else 0.5)
+    return readings * len(regular) / len(rows)
+
+
+# A table of one column is the last resort: every file is one by some delimiter. White space comes
+# after signs, for it takes the empty cells of a table with tabs away.
+_TRUST = MappingProxyType({WHITESPACE: 0.8})
+_ONE_COLUMN = 0.5

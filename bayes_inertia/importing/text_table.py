@@ -94,7 +94,7 @@ def parse_text(text: str, label: str, options: TextOptions) -> RawTable:
     form = told_form(lines, options, label)
     rows = list(split_rows(lines, form.delimiter, label))
     count = _common_length(rows)
-    stated = max(options.header_line, options.units_line)
+    stated = max(options.header_line, options.units_line) if options.header_line >= 0 else -1
     first = _first_data_row(rows, count, form.decimal, stated, label)
     name_row, unit_row = _head(rows[:first], comments, rows[first].line, count, form, options)
     _check_no_row_is_lost(rows[:first], name_row, unit_row, form, label)
@@ -144,7 +144,10 @@ def _judged(rows: Sequence[CellRow]) -> int:
 def _first_data_row(
     rows: Sequence[CellRow], count: int, decimal: str, below: int, label: str
 ) -> int:
-    """The first row below a line most of whose cells in columns of readings hold readings."""
+    """The first row below a line most of whose cells in columns of readings hold readings.
+
+    Where there are no names (-1), it is one below no line, and may be empty of readings.
+    """
     judged = [row.cells for row in rows[-_judged(rows) :] if len(row.cells) == count]
     columns = []
     for i in range(count):
@@ -154,7 +157,11 @@ def _first_data_row(
     for index, row in enumerate(rows):
         if row.line <= below or len(row.cells) != count:
             continue
-        if _holds_readings([row.cells[i] for i in columns], decimal):
+        cells = [row.cells[i] for i in columns]
+        # Where the mapping says that there are no names, a row of empty cells is one of telemetry.
+        if _holds_readings(cells, decimal) or (
+            below < 0 and set(map(str.lower, cells)) <= EMPTY_CELLS
+        ):
             return index
     raise CampaignError(
         "no row of numbers",

@@ -63,7 +63,9 @@ def written_42(folder, name: str, form: str, values) -> None:
 def test_outputs_of_42_get_their_names_units_and_stamps(tmp_path):
     written_42(tmp_path, "time.42", "%f", TIME)
     written_42(tmp_path, "wbn.42", "%e", RATE)
-    written_42(tmp_path, "qbn.42", "%e", np.c_[RATE, TIME])
+    fixes = np.c_[RATE, TIME]
+    fixes[:5] = np.nan
+    written_42(tmp_path, "qbn.42", "%e", fixes)
     written_42(tmp_path, "Hwhl.42", "%f", 0.05 * RATE[:, [0, 1, 2, 0]])
     written_42(tmp_path, "u00.42", "%18.12e", RATE)
     rates = read_raw(tmp_path / "wbn.42")
@@ -72,7 +74,9 @@ def test_outputs_of_42_get_their_names_units_and_stamps(tmp_path):
     assert {rates.columns[name].unit for name in names} == {"rad/s"}
     assert (rates.time_names, rates.time_kind) == (("time",), "s")
     np.testing.assert_array_equal(rates.numbers("time"), TIME)
-    attitude = read_raw(tmp_path / "qbn.42").attitude
+    tracker = read_raw(tmp_path / "qbn.42")
+    np.testing.assert_allclose(tracker.stack([f"qbn[{i}]" for i in range(4)]), fixes, rtol=1e-6)
+    attitude = tracker.attitude
     assert attitude is not None
     assert (attitude.scalar, attitude.maps) == ("last", "inertial_to_body")
     wheels = read_raw(tmp_path / "Hwhl.42")

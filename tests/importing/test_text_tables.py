@@ -41,6 +41,18 @@ def test_delimiter_decimal_sign_and_line_ends_are_told(sep, decimal, end):
     check(parse_text(written(sep=sep, decimal=decimal, lineterminator=end), "a", TextOptions()))
 
 
+@pytest.mark.parametrize("sep", [",", ";", "\t", "|"])
+def test_columns_that_are_nearly_always_empty(sep):
+    """Fixes of a star tracker before and after a long slew."""
+    rows = [
+        [f"{0.25 * i}", f"{i % 7}.5", *(["1.0"] * 4 if i < 3 else [""] * 4)] for i in range(500)
+    ]
+    text = "\n".join(sep.join(cells) for cells in [["t", "w", "q1", "q2", "q3", "q4"], *rows])
+    table = parse_text(text, "a.txt", TextOptions())
+    assert np.isfinite(table.numbers("q4")).sum() == 3
+    assert table.numbers("w")[3] == 3.5
+
+
 @pytest.mark.parametrize(
     "encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32", "latin-1"]
 )
