@@ -21,7 +21,7 @@ import numpy as np
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.leap_seconds import SECOND, utc_to_tai
 from bayes_inertia.importing.raw_table import RawTable
-from bayes_inertia.importing.time_texts import text_to_ns
+from bayes_inertia.importing.time_texts import plain_dates, text_to_ns
 from bayes_inertia.maths.values import array_dataclass
 
 _DAY = 86400 * SECOND  # [ns]
@@ -215,7 +215,13 @@ def _from_texts(table: RawTable, name: str, kind: str) -> tuple[np.ndarray, np.n
     ns = np.zeros(table.rows, dtype=np.int64)
     leap = np.zeros(table.rows, dtype=bool)
     missing = np.zeros(table.rows, dtype=bool)
-    for row, cell in enumerate(column.values.tolist()):
+    cells = column.values.tolist()
+    # A clock that is not UTC has no zone: text_to_ns refuses it by its row.
+    zoned = cells[0].endswith("Z") if cells else False
+    alike = plain_dates(cells) if kind == "utc" or not zoned else None
+    if alike is not None:
+        ns, cells = alike, []
+    for row, cell in enumerate(cells):
         read = text_to_ns(cell, utc=kind == "utc", place=partial(table.place, row, name))
         if read is None:
             missing[row] = True

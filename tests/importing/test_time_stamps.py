@@ -211,6 +211,20 @@ def test_32_bit_floats_that_lose_the_steps_are_refused():
         ns_of("jd_utc", 2460310.5 + np.arange(100) * 1e-4 / 86400.0)
 
 
+def test_dates_written_alike_are_read_as_each_by_itself():
+    random = np.random.default_rng(9)
+    for texts in (
+        [f"20{random.integers(10, 40)}-0{m}-1{m}T0{m}:1{m}:5{m}.{m}5" for m in range(1, 10)],
+        [f"2016-12-31 23:59:5{s}Z" for s in range(10)],
+    ):
+        # One stamp by day of year makes all be read one by one.
+        mixed = ns_of("utc", [*texts, "2024-001T00:00:00"])[:-1]
+        assert ns_of("utc", texts).tolist() == mixed.tolist()
+    for damaged in ("2024-02-30T00:00:00", "2024-01-01T00:00:60", "2024-01-01T0:00:000"):
+        with pytest.raises(CampaignError, match="row 2"):
+            ns_of("utc", ["2024-01-01T00:00:00", damaged])
+
+
 def test_no_network_is_asked(monkeypatch):
     import socket
 
