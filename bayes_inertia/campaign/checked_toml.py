@@ -196,11 +196,11 @@ class _Wording:
         elif kind == "missing":
             what, advice = self._missing(key, loc)
         elif kind == "literal_error":
-            choices = ", ".join(f'"{c}"' for c in self._choices(loc))
-            what, advice = (
-                f"{reprlib.repr(value)} is not one of {choices}",
-                _ADVICE_ON_SENSE.get(key, "write one of these exactly"),
-            )
+            choices = self._choices(loc)
+            what = f"{reprlib.repr(value)} is not one of {', '.join(f'"{c}"' for c in choices)}"
+            # Where there is no choice, the data must change.
+            only = _ADVICE_ON_SENSE.get(key) if len(choices) == 1 else None
+            advice = only or "write one of these exactly"
         else:
             what, advice = _wrong_type(kind, key, value, problem["msg"])
         return CampaignError(what, where=f"{label}, key {self._path(loc)}", advice=advice)
@@ -260,7 +260,8 @@ class _Wording:
         return f"{hint}known here: {', '.join(known)}"
 
     def _path(self, loc: tuple) -> str:
-        path, node = "", self.document
+        path = ""
+        node: Any = self.document
         for k, part in enumerate(loc):
             if isinstance(part, str):
                 if len(self._forms_at(loc[:k])) > 1 and part != loc[-1]:

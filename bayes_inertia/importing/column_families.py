@@ -253,7 +253,7 @@ def _vectors(columns: Mapping[str, RawColumn], file: str) -> list[ColumnFamily]:
 
 def _single_wheels(columns: Mapping[str, RawColumn], file: str) -> list[ColumnFamily]:
     """Columns of a single wheel."""
-    result = []
+    result: list[ColumnFamily] = []
     for name, (stem, unit) in _stems(columns).items():
         family = _vector(stem, [name], unit, columns, file, ("",))
         if family is not None and family.holds not in {other.holds for other in result}:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import io
+from typing import Any
 
 import numpy as np
 
 from bayes_inertia.importing.motion_scan import MotionScan
-from bayes_inertia.importing.slew_cutting import SlewCut
+from bayes_inertia.importing.slew_cutting import DroppedPart, SlewCut
 
 _SIZE = (9.0, 4.5)  # [inch]
 _MOST_POINTS = 6000
@@ -38,7 +39,7 @@ def cut_picture(cut: SlewCut, clock: str) -> str:
 
     scan = cut.scan
     assert scan is not None
-    settings = {"svg.hashsalt": "bayes-inertia", "svg.fonttype": "none", "font.size": 9}
+    settings: Any = {"svg.hashsalt": "bayes-inertia", "svg.fonttype": "none", "font.size": 9}
     with mpl.rc_context(settings):
         figure = Figure(figsize=_SIZE, layout="constrained")
         FigureCanvasSVG(figure)
@@ -69,7 +70,7 @@ def cut_picture(cut: SlewCut, clock: str) -> str:
     return out.getvalue()
 
 
-def _shade(axes, cut: SlewCut) -> None:
+def _shade(axes: Any, cut: SlewCut) -> None:
     """Slews as bands with their names, dropped motions hatched with their reasons."""
     for window in cut.windows:
         axes.axvspan(window.start, window.end, color=_SLEW, alpha=0.18, linewidth=0)
@@ -91,7 +92,7 @@ def _shade(axes, cut: SlewCut) -> None:
         )
 
 
-def _motions(cut: SlewCut) -> list:
+def _motions(cut: SlewCut) -> list[DroppedPart]:
     """DroppedPart parts that are motions, not rest."""
     assert cut.scan is not None
     edges = {float(edge) for motion in cut.scan.motions for edge in motion}
@@ -109,10 +110,12 @@ def _reasons(cut: SlewCut) -> str:
 def _thinned(scan: MotionScan) -> tuple[np.ndarray, np.ndarray]:
     """Few enough points to draw, the peaks among them; pauses break the line."""
     width = max(1, len(scan.time) // _MOST_POINTS)
-    times, speeds = [], []
+    times: list[np.ndarray] = []
+    speeds: list[np.ndarray] = []
+    pause = np.array([np.nan])
     for k in np.unique(scan.segment):
         rows = np.flatnonzero(scan.segment == k)
         starts = np.arange(0, len(rows), width)
-        times += [scan.time[rows[starts]], [np.nan]]
-        speeds += [np.maximum.reduceat(scan.speed[rows], starts), [np.nan]]
+        times += [scan.time[rows[starts]], pause]
+        speeds += [np.maximum.reduceat(scan.speed[rows], starts), pause]
     return np.concatenate(times), np.degrees(np.concatenate(speeds))

@@ -28,7 +28,7 @@ from bayes_inertia.importing.slew_tables import slew_tables
 
 @dataclass(frozen=True)
 class ImportedCampaign:
-    """A campaign folder that was written from raw logs.
+    """A campaign folder that was written from raw logs; it can be used as its path.
 
     Parameters
     ----------
@@ -46,6 +46,9 @@ class ImportedCampaign:
     logs: Logs
     cut: SlewCut
     noises: tuple[RestNoise, ...]
+
+    def __fspath__(self) -> str:
+        return str(self.folder)
 
 
 def import_logs(
@@ -100,7 +103,7 @@ def _zero_in_words(logs: Logs) -> str:
 
 def _require_noises(mapping: MappingPart, noises: Sequence[RestNoise], label: str) -> None:
     """Refuse a sensor without a stated noise, and quote what the rests show."""
-    needed = [("rate_sensor", "sigma", mapping.rate_sensor.sigma)]
+    needed: list[tuple[str, str, object]] = [("rate_sensor", "sigma", mapping.rate_sensor.sigma)]
     tracker = mapping.star_tracker
     if tracker is not None:
         needed += [

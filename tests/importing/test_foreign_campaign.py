@@ -38,7 +38,7 @@ def logs(tmp_path_factory):
 @pytest.mark.parametrize("tracker", ["aem", "csv"])
 def test_the_imported_numbers_are_the_native_ones(logs, tracker, tmp_path):
     foreign = logs[tracker]
-    imported = read_campaign(import_logs(foreign.files, foreign.mapping, tmp_path / "c").folder)
+    imported = read_campaign(import_logs(foreign.files, foreign.mapping, tmp_path / "c"))
     for native, slew in zip(foreign.native.slews, imported.slews, strict=True):
         assert slew.name == native.name
         assert slew.start == pytest.approx(native.start, abs=1e-9)
