@@ -82,10 +82,10 @@ def listed(values: np.ndarray) -> list:
     >>> listed(-np.eye(2))
     [[-1.0, 0.0], [0.0, -1.0]]
     """
+    if values.ndim > 1:
+        return [listed(row) for row in values]
     # Twelve digits undo the rounding of a factor such as 1e-4.
-    numbers = np.asarray(values, dtype=float) + 0.0
-    scale = float(np.abs(numbers).max(initial=0.0)) or 1.0
-    return (np.round(numbers / scale, 12) * scale).tolist()
+    return [float(f"{value + 0.0:.12g}") for value in values.tolist()]
 
 
 def _unit_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -92,7 +93,7 @@ def sampled(campaign: Campaign, shifts: Mapping[str, float] | None = None) -> Sa
     if not pieces:
         return None
     count = max(len(piece["time"]) for piece in pieces)
-    padded = {
+    padded: dict[str, Any] = {
         key: _stacked([piece[key] for piece in pieces], count)
         for key in ("time", "rate", "turn", "momentum", "impulse", "attitude")
     }

@@ -48,7 +48,7 @@ def stated_columns(
     if description is not None:
         given = description.columns.given()
         return {key: entry.model_dump() for key, entry in given.items()}
-    columns = {key: _IN_MEMORY[key] for key in ("time", "rate")}
+    columns: dict[str, Mapping[str, Any]] = {key: _IN_MEMORY[key] for key in ("time", "rate")}
     for key in ("wheel_torque", "wheel_momentum", "attitude"):
         if any(getattr(slew, key) is not None for slew in campaign.slews):
             names = [f"{key}.{wheel.name}" for wheel in campaign.wheels]

@@ -42,7 +42,7 @@ WRONG = {
 @pytest.mark.parametrize("name", WRONG)
 def test_the_wrong_convention_is_named_first(name, tmp_path):
     wrong = WRONG[name]
-    check = check_conventions(with_keys(EXAMPLE, tmp_path / "campaign", wrong))
+    check = check_conventions(with_keys(EXAMPLE, tmp_path / "campaign", wrong), quick=True)
     assert check.verdict == "wrong"
     proposed = [change for change in check.changes if change.proposal == 1]
     assert {change.key: change.stated for change in proposed} == wrong
@@ -65,8 +65,51 @@ def test_a_right_campaign_is_left_alone_whatever_physics_hides(name):
 
 def test_a_pair_is_named_where_no_single_change_mends(tmp_path):
     wrong = {"columns.attitude.maps": "body_to_inertial", "columns.wheel_torque.acts_on": "body"}
-    check = check_conventions(with_keys(EXAMPLE, tmp_path / "campaign", wrong))
+    check = check_conventions(with_keys(EXAMPLE, tmp_path / "campaign", wrong), quick=True)
     assert {c.key: c.stated for c in check.changes if c.proposal == 1} == wrong
+
+
+def in_another_unit(folder: Path, prefix: str, factor: float) -> Path:
+    """Multiply the columns whose names begin with a prefix, in every table of a campaign."""
+    for path in folder.glob("*.csv"):
+        header, *rows = path.read_text().split()
+        hit = [name.startswith(prefix) for name in header.split(",")]
+        lines = [
+            ",".join(
+                repr(float(cell) * factor) if changed else cell
+                for cell, changed in zip(row.split(","), hit, strict=True)
+            )
+            for row in rows
+        ]
+        path.write_text("\n".join([header, *lines]) + "\n")
+    return folder
+
+
+def test_degrees_with_their_noise_are_mended_together(tmp_path):
+    sigma = {"rate_sensor.sigma": 2e-5 * 57.29577951}
+    folder = with_keys(EXAMPLE, tmp_path / "campaign", sigma)
+    check = check_conventions(in_another_unit(folder, "w", 57.29577951308232), quick=True)
+    first, second = check.changes
+    assert (first.key, first.stated, first.mended) == ("columns.rate.unit", "rad/s", "deg/s")
+    assert second.key == "rate_sensor.sigma"
+    assert second.mended == pytest.approx(2e-5, rel=1e-3)
+    alone = check_conventions(with_keys(folder, tmp_path / "alone", {"rate_sensor.sigma": 2e-5}))
+    assert [change.key for change in alone.changes] == ["columns.rate.unit"]
+
+
+@pytest.mark.parametrize(
+    ("prefix", "factor", "key", "unit"),
+    [
+        ("w", 206264.806, "columns.rate.unit", "deg/h"),
+        ("h", 1e3, "columns.wheel_momentum.unit", "mN m s"),
+    ],
+)
+def test_a_unit_that_makes_nearly_all_readings_unbelievable_is_named(
+    tmp_path, prefix, factor, key, unit
+):
+    folder = with_keys(EXAMPLE, tmp_path / "campaign", {"rate_sensor.range": 0.1})
+    change = check_conventions(in_another_unit(folder, prefix, factor)).changes[0]
+    assert (change.key, change.mended) == (key, unit)
 
 
 def run(*arguments: object) -> int:

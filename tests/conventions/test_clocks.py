@@ -1,0 +1,96 @@
+"""A stream whose clock is wrong is named; a lateness that is physical is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.conventions.check import check_conventions
+from bayes_inertia.physics.small_campaign import small_campaign
+
+LATE = 2  # rows of one second
+
+
+@pytest.fixture(scope="module")
+def right() -> Campaign:
+    return small_campaign()
+
+
+def late(campaign: Campaign, channels: tuple[str, ...], rows: int = LATE) -> Campaign:
+    """Readings that carry the time stamps of later rows; the torque before is the first one."""
+
+    def moved(values: np.ndarray, channel: str) -> np.ndarray:
+        empty = 0.0 if channel == "wheel_torque" else np.nan
+        before = np.full((rows, values.shape[1]), empty)
+        return np.concatenate([before, values[:-rows]])
+
+    slews = [
+        replace(slew, **{c: moved(getattr(slew, c), c) for c in channels})
+        for slew in campaign.slews
+    ]
+    return replace(campaign, slews=tuple(slews))
+
+
+@pytest.mark.parametrize(
+    ("channels", "named", "seconds"),
+    [
+        (("attitude",), {"columns.attitude.offset_s"}, -LATE),
+        (("rate",), {"columns.rate.offset_s"}, -LATE),
+        (("wheel_momentum",), {"columns.wheel_momentum.offset_s"}, -LATE),
+        (("wheel_torque",), {"columns.wheel_torque.offset_s"}, -LATE),
+        (
+            ("wheel_torque", "wheel_momentum"),
+            {"columns.wheel_torque.offset_s", "columns.wheel_momentum.offset_s"},
+            -LATE,
+        ),
+    ],
+)
+def test_the_stream_that_is_late_is_named_with_its_offset(right, channels, named, seconds):
+    check = check_conventions(late(right, channels), quick=True)
+    assert check.verdict == "wrong"
+    proposed = [change for change in check.changes if change.proposal == 1]
+    assert {change.key for change in proposed} == named
+    for change in proposed:
+        assert change.mended == pytest.approx(seconds, abs=0.15)
+        assert change.sigma_before > 3.0 * change.sigma_after
+
+
+def test_wheels_that_lag_their_commands_are_physical(right):
+    early = [
+        replace(slew, wheel_torque=np.concatenate([slew.wheel_torque[1:], np.zeros((1, 3))]))
+        for slew in right.slews
+    ]
+    check = check_conventions(replace(right, slews=tuple(early)))
+    assert check.verdict == "consistent"
+    assert any("wheel_command_lag" in remark for remark in check.remarks)
+
+
+def without_fixes_in_motion(campaign: Campaign) -> Campaign:
+    def kept(slew):
+        # The body turns from 8 to 54 s.
+        at_rest = (slew.time < 5.0) | (slew.time > 59.0)
+        return replace(slew, attitude=np.where(at_rest[:, None], slew.attitude, np.nan))
+
+    return replace(campaign, slews=tuple(kept(slew) for slew in campaign.slews))
+
+
+def test_a_late_star_tracker_is_said_to_be_invisible_at_rest(right):
+    check = check_conventions(without_fixes_in_motion(right))
+    assert check.verdict == "consistent"
+    assert any("columns.attitude.offset_s" in words for words in check.cannot_show)
+    moving = check_conventions(right)
+    assert not any("columns.attitude.offset_s" in words for words in moving.cannot_show)
+
+
+def test_without_fixes_in_motion_a_late_gyro_and_early_wheels_are_the_same(right):
+    check = check_conventions(late(without_fixes_in_motion(right), ("rate",)), quick=True)
+    keys = {change.proposal: set() for change in check.changes}
+    for change in check.changes:
+        keys[change.proposal].add(change.key)
+    assert keys == {
+        1: {"columns.rate.offset_s"},
+        2: {"columns.wheel_torque.offset_s", "columns.wheel_momentum.offset_s"},
+    }
