@@ -131,20 +131,21 @@ def _proposals(
     """Offsets by entry of `[columns]` that explain what the laws say, the simplest first."""
     momentum = "wheel_speed" if "wheel_speed" in columns else "wheel_momentum"
     both = [entry for entry in ("wheel_torque", momentum) if entry in columns]
-    wheels = gross.get(CONSERVATION)
-    if wheels is None:
+    tracker, wheels, commands = (told.get(law) for law in (CLOSURE, CONSERVATION, DRIVE))
+    if tracker is not None and wheels is not None and _one(tracker.seconds, wheels.seconds):
+        # Star tracker and wheels agree with each other: the gyro is late.
+        if CLOSURE in gross or CONSERVATION in gross:
+            yield {"rate": -wheels.seconds}, wheels
+        return
+    if wheels is None or CONSERVATION not in gross:
         for law, entry in ((CLOSURE, "attitude"), (DRIVE, "wheel_torque")):
             if law in gross:
                 yield {entry: gross[law].seconds}, gross[law]
                 return
         return
     of_wheels = dict.fromkeys(both, wheels.seconds)
-    tracker, commands = told.get(CLOSURE), told.get(DRIVE)
     if commands is not None and _one(commands.seconds, -wheels.seconds):
         of_wheels = {momentum: wheels.seconds}
-    elif tracker is not None and _one(tracker.seconds, wheels.seconds):
-        yield {"rate": -wheels.seconds}, wheels
-        return
     elif tracker is not None or not fixes_in_motion(misfits):
         yield {"rate": -wheels.seconds}, wheels
     yield of_wheels, wheels
