@@ -1,0 +1,181 @@
+"""High-rate telemetry reduced without loss: block means, as long as the motion allows.
+
+A gyro that is read at 4 kHz tells nothing of a body that turns at 20 rad/s which its block means of
+some milliseconds do not tell as well. The mean of m readings at equal steps over a block of length
+L is w + w'' L^2 / 24 + O(w'''' L^4), w at the block's middle. The second term is removed with the
+curvature of five neighbouring block means; the rest is kept below a hundredth of the mean's noise
+sigma / sqrt(m). Only whole blocks count, so that this noise holds for every one; what is left over
+at gaps and ends is left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.gaps import LONGEST_STEP
+from bayes_inertia.campaign.slew import Slew
+
+_OF_NOISE = 0.01  # error of a block mean, as a share of its noise
+_REMAINDER = 0.016  # of w'''' L^4, after the curvature is removed
+_NEIGHBOURS = 5  # block means that tell a curvature
+_LARGEST_BLOCK = 1000  # [readings]
+_LEAST_KEPT = 0.95  # of the readings
+
+
+def reduced(campaign: Campaign, block: int | None = None) -> Campaign:
+    """The campaign with rates and wheel momentum averaged over blocks.
+
+    Star-tracker fixes and changes of the commands keep their rows. All slews have one block length,
+    because the sensor has one noise.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Telemetry whose noise is white, at equal steps but for gaps.
+    block : int, optional
+        Readings a block; by default as many as the bandwidth of the motion allows.
+
+    Returns
+    -------
+    Campaign
+        The means at the mean times of their blocks, with sigma / sqrt(block) of rate sensor and
+        tachometers; the campaign itself if blocks of two are too long.
+
+    Examples
+    --------
+    >>> from bayes_inertia.campaign.hardware import RateSensor
+    >>> from bayes_inertia.campaign.inertia_prior import InertiaPrior
+    >>> slew = Slew("a", 0.0, np.arange(60.0), rate=np.full((60, 3), 1e-6))
+    >>> prior, sensor = InertiaPrior(np.eye(3), 0.1, 0.1), RateSensor(sigma=1e-5)
+    >>> means = reduced(Campaign("c", prior, (), sensor, None, (slew,)), block=4)
+    >>> len(means.slews[0].time), means.rate_sensor.sigma[0]
+    (17, 5e-06)
+    """
+    length = longest_block(campaign) if block is None else block
+    while length > 1 and block is None and _kept(campaign, length) < _LEAST_KEPT:
+        length //= 2
+    if length < 2:
+        return campaign
+    noise = 1.0 / np.sqrt(length)
+    x, y, z = (float(s * noise) for s in campaign.rate_sensor.sigma)
+    wheels = tuple(
+        w
+        if w.momentum_sigma is None
+        else replace(w, momentum_sigma=float(w.momentum_sigma * noise))
+        for w in campaign.wheels
+    )
+    return replace(
+        campaign,
+        slews=tuple(_reduced_slew(slew, length) for slew in campaign.slews),
+        rate_sensor=replace(campaign.rate_sensor, sigma=(x, y, z)),
+        wheels=wheels,
+    )
+
+
+def longest_block(campaign: Campaign) -> int:
+    """How many readings may be averaged before the motion shows in the error of their mean.
+
+    Rates of a free body change at frequencies up to |w| + |h| / J, in rad/s: its own rate, and that
+    of its nutation about the momentum of its wheels.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What was flown.
+
+    Returns
+    -------
+    int
+        At least 1, for which nothing is averaged.
+
+    Examples
+    --------
+    >>> from bayes_inertia.campaign.hardware import RateSensor
+    >>> from bayes_inertia.campaign.inertia_prior import InertiaPrior
+    >>> slew = Slew("a", 0.0, np.arange(60.0) / 4e3, rate=np.full((60, 3), 10.0))
+    >>> prior, sensor = InertiaPrior(np.eye(3), 0.1, 0.1), RateSensor(sigma=0.01)
+    >>> longest_block(Campaign("c", prior, (), sensor, None, (slew,)))
+    12
+    """
+    rate = campaign.largest_rate()
+    inertia = float(np.linalg.eigvalsh(campaign.inertia.tensor)[0])
+    momenta = [s.wheel_momentum for s in campaign.slews if s.wheel_momentum is not None]
+    momentum = max((float(np.sqrt(np.nansum(h**2, axis=1)).max()) for h in momenta), default=0.0)
+    bandwidth = rate + momentum / inertia
+    step = max(float(np.median(slew.rate_steps)) for slew in campaign.slews)
+    blocks = np.arange(1, _LARGEST_BLOCK + 1)
+    error = _REMAINDER * rate * (bandwidth * step * blocks) ** 4
+    allowed = error <= _OF_NOISE * min(campaign.rate_sensor.sigma) / np.sqrt(blocks)
+    # Five blocks a slew tell the curvature.
+    rows = min(len(slew.rate_steps) + 1 for slew in campaign.slews)
+    return max(1, min(int(allowed.sum()), rows // _NEIGHBOURS))
+
+
+def _kept(campaign: Campaign, length: int) -> float:
+    """The share of rows with rates that stand in whole blocks."""
+    blocks = [len(_blocks(slew, length)) for slew in campaign.slews]
+    rows = [int(np.isfinite(np.asarray(s.rate)).any(axis=1).sum()) for s in campaign.slews]
+    return length * sum(blocks) / max(1, sum(rows))
+
+
+def _blocks(slew: Slew, length: int) -> np.ndarray:
+    """Rows (blocks, length) of whole blocks at equal steps, in runs of five blocks and more."""
+    rows = np.flatnonzero(np.isfinite(np.asarray(slew.rate)).any(axis=1))
+    steps = np.diff(slew.time[rows])
+    breaks = steps > LONGEST_STEP * np.median(steps)
+    if slew.wheel_torque is not None:
+        breaks |= np.any(np.diff(slew.wheel_torque[rows], axis=0) != 0.0, axis=1)
+    runs = np.split(rows, np.flatnonzero(breaks) + 1)
+    whole = [run[: len(run) // length * length].reshape(-1, length) for run in runs]
+    enough = [blocks for blocks in whole if len(blocks) >= _NEIGHBOURS]
+    return np.concatenate(enough) if enough else np.zeros((0, length), dtype=int)
+
+
+def _reduced_slew(slew: Slew, length: int) -> Slew:
+    blocks = _blocks(slew, length)
+    middle = slew.time[blocks].mean(axis=1)
+    others = slew.fixes.copy()
+    others[[0, -1]] = True
+    if slew.wheel_torque is not None:
+        others[1:] |= np.any(np.diff(slew.wheel_torque, axis=0) != 0.0, axis=1)
+    # A row of its own at a block's middle would be given twice.
+    others &= ~np.isin(slew.time, middle)
+    time = np.concatenate([middle, slew.time[others]])
+    order = np.argsort(time, kind="stable")
+    channels = {}
+    for name in ("rate", "wheel_momentum", "magnetic_field_N", "position_N"):
+        values = getattr(slew, name)
+        if values is not None:
+            means = _middles(slew.time, values, blocks)
+            gaps = np.full((int(others.sum()), values.shape[1]), np.nan)
+            channels[name] = np.concatenate([means, gaps])[order]
+    last = np.searchsorted(slew.time, time[order], side="right") - 1
+    if slew.wheel_torque is not None:
+        channels["wheel_torque"] = slew.wheel_torque[last]
+    if slew.attitude is not None:
+        exact = slew.time[last] == time[order]
+        channels["attitude"] = np.where(exact[:, None], slew.attitude[last], np.nan)
+    return replace(slew, time=time[order], **channels)
+
+
+def _middles(time: np.ndarray, values: np.ndarray, blocks: np.ndarray) -> np.ndarray:
+    """Means (blocks, k) of readings (n, k), without what the curvature of the motion adds."""
+    means = values[blocks].mean(axis=1)
+    if len(blocks) < _NEIGHBOURS:
+        return means
+    middle = time[blocks].mean(axis=1)
+    spread = time[blocks].var(axis=1)
+    half = _NEIGHBOURS // 2
+    first = np.clip(np.arange(len(blocks)) - half, 0, len(blocks) - _NEIGHBOURS)
+    window = first[:, None] + np.arange(_NEIGHBOURS)
+    length = np.median(np.diff(middle))
+    x = (middle[window] - middle[:, None]) / length
+    # A cubic through five means: its curvature at the block itself is twice the second coefficient.
+    powers = x[:, :, None] ** np.arange(4)
+    across = np.abs(x).max(axis=1) <= _NEIGHBOURS
+    fitted = np.linalg.pinv(powers)[:, 2, :]
+    curvature = 2.0 * np.einsum("bn,bnk->bk", fitted, means[window]) / length**2
+    return means - 0.5 * np.where(across, spread, 0.0)[:, None] * curvature

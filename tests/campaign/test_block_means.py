@@ -1,0 +1,112 @@
+"""High-rate telemetry as block means: nothing of the motion is lost, and the noise is right."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+import bayes_inertia
+from bayes_inertia.campaign.block_means import longest_block, reduced
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
+from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.campaign.slew import Slew
+
+INERTIA = np.array([4.8e-4, 2.5e-4, 5.6e-4])  # [kg m^2]
+WHEEL = 3e-4  # [N m s], along z
+SIGMA = 0.015  # [rad/s]
+EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
+
+
+def tumble(time: np.ndarray) -> np.ndarray:
+    """Rates (n, 3) of a thrown body with a wheel that spins steadily [rad/s]."""
+
+    def change(t, w):
+        momentum = INERTIA * w + [0.0, 0.0, WHEEL]
+        return -np.cross(w, momentum) / INERTIA
+
+    span = (0.0, time.max() + 1e-3)
+    start = [12.0, 9.0, -11.0]
+    return solve_ivp(change, span, start, t_eval=np.sort(time), rtol=1e-11, atol=1e-11).y.T
+
+
+def thrown(time: np.ndarray, noise: float = 0.0) -> Campaign:
+    rng = np.random.default_rng(2)
+    rate = tumble(time) + noise * rng.normal(size=(len(time), 3))
+    momentum = np.full((len(time), 1), WHEEL)
+    slew = Slew("throw", 5.0, time, rate=rate, wheel_momentum=momentum)
+    wheel = Wheel("z", (0.0, 0.0, 1.0), 1e-6, momentum_sigma=1e-5)
+    prior = InertiaPrior(np.diag(INERTIA), 0.3, 5e-5)
+    return Campaign("c", prior, (wheel,), RateSensor(sigma=SIGMA), None, (slew,))
+
+
+TIME = np.arange(2000) * 2.48e-4  # [s]
+
+
+def test_means_hold_the_motion_to_a_hundredth_of_their_noise():
+    campaign = thrown(TIME)
+    block = longest_block(campaign)
+    assert block >= 8
+    means = reduced(campaign)
+    slew = means.slews[0]
+    rows = np.isfinite(slew.rate).all(axis=1)
+    assert rows.sum() == len(TIME) // block
+    error = slew.rate[rows] - tumble(slew.time[rows])
+    allowed = 0.01 * SIGMA / np.sqrt(block)
+    # At the first and last block the curvature is told from one side only.
+    assert np.abs(error[2:-2]).max() < allowed
+    assert np.abs(error).max() < 5.0 * allowed
+    # The control: plain means of such blocks, and blocks of four times the length.
+    plain = tumble(TIME)[: block * rows.sum()].reshape(-1, block, 3).mean(axis=1)
+    assert np.abs(plain - tumble(slew.time[rows])).max() > allowed
+    long = reduced(campaign, block=4 * block).slews[0]
+    rows = np.isfinite(long.rate).all(axis=1)
+    error = (long.rate[rows] - tumble(long.time[rows]))[2:-2]
+    assert np.abs(error).max() > 0.5 * allowed
+
+
+def test_the_noise_of_the_means_is_stated():
+    campaign = thrown(TIME, noise=SIGMA)
+    means = reduced(campaign, block=8)
+    assert means.rate_sensor.sigma == pytest.approx([SIGMA / np.sqrt(8)] * 3)
+    assert means.wheels[0].momentum_sigma == pytest.approx(1e-5 / np.sqrt(8))
+    slew = means.slews[0]
+    rows = np.isfinite(slew.rate).all(axis=1)
+    white = (slew.rate[rows] - tumble(slew.time[rows])) / means.rate_sensor.sigma[0]
+    chi2 = np.mean(white**2)
+    # The removed curvature adds less than one in a hundred.
+    assert abs(chi2 - 1.0) < 4.0 * np.sqrt(2.0 / white.size) + 0.01
+
+
+def test_blocks_stop_at_gaps_and_are_whole():
+    campaign = thrown(np.delete(TIME, slice(803, 1000)))
+    slew = reduced(campaign, block=10).slews[0]
+    rows = np.isfinite(slew.rate).all(axis=1)
+    assert rows.sum() == 80 + 100
+    spans = np.diff(slew.time[rows])
+    assert spans.max() == pytest.approx(210 * 2.48e-4)
+    assert slew.start == 5.0
+    assert (slew.time[0], slew.time[-1]) == (TIME[0], TIME[-1])
+
+
+def test_fixes_and_changes_of_commands_keep_their_rows():
+    campaign = thrown(TIME)
+    attitude = np.full((len(TIME), 4), np.nan)
+    attitude[[7, 1500]] = [0.0, 0.0, 0.0, 1.0]
+    torque = np.where(TIME[:, None] < TIME[999], 1e-4, -1e-4)
+    slew = replace(campaign.slews[0], attitude=attitude, wheel_torque=torque)
+    tracker = StarTracker((0.0, 0.0, 1.0), 1e-5, 1e-4)
+    means = reduced(replace(campaign, slews=(slew,), star_tracker=tracker), block=8).slews[0]
+    assert means.time[means.fixes].tolist() == TIME[[7, 1500]].tolist()
+    change = np.flatnonzero(np.diff(means.wheel_torque[:, 0]))
+    assert means.time[change + 1].tolist() == [TIME[999]]
+
+
+def test_slow_telemetry_with_ever_new_commands_stays_as_it_is():
+    campaign = read_campaign(EXAMPLE)
+    assert reduced(campaign) is campaign
