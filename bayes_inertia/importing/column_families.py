@@ -241,13 +241,14 @@ def _vectors(columns: Mapping[str, RawColumn], file: str) -> list[ColumnFamily]:
     """Three columns a vector, or one a wheel."""
     result: list[ColumnFamily] = []
     taken: set[str] = set()
-    for members in _MEMBERS:
-        for template, names, unit in _groups(columns, members):
-            names = [name for name in names if name not in taken]
-            family = _vector(template, names, unit, columns, file, members)
-            if family is not None:
-                result.append(family)
-                taken |= set(names)
+    candidates = [(members, *group) for members in _MEMBERS for group in _groups(columns, members)]
+    # Of [0] to [3] all four are meant, not [1] to [3].
+    for members, template, names, unit in sorted(candidates, key=lambda c: -len(c[2])):
+        names = [name for name in names if name not in taken]
+        family = _vector(template, names, unit, columns, file, members)
+        if family is not None:
+            result.append(family)
+            taken |= set(names)
     return result
 
 

@@ -13,6 +13,7 @@ from bayes_inertia.importing.leap_seconds import SECOND
 from bayes_inertia.importing.logged_stream import LoggedStream, held, in_order, joined
 from bayes_inertia.importing.mapping_schema import MappingPart
 from bayes_inertia.importing.time_stamps import TimeStamps
+from bayes_inertia.importing.wheel_reference import relative_to_body
 from bayes_inertia.maths.values import array_dataclass
 
 SHARED_ZERO = "campaign"
@@ -109,7 +110,7 @@ def on_one_clock(
         ]
         stream = in_order(joined(logged))
         streams[holds] = held(stream) if holds == "wheel_torque" else stream
-    return Logs(streams, epoch_ns, absolute[0], tuple(unused))
+    return Logs(relative_to_body(streams, mapping), epoch_ns, absolute[0], tuple(unused))
 
 
 def _first_ns(share: FileShare) -> int:

@@ -115,17 +115,17 @@ class TorqueStream(_WheelsPart):
 
 
 class MomentumStream(_WheelsPart):
-    """Momentum of the wheels, relative to the body."""
+    """Momentum of the wheels."""
 
     holds: Literal["wheel_momentum"]
-    relative_to: Literal["body"]
+    relative_to: Literal["body", "inertial"]
 
 
 class SpeedStream(_WheelsPart):
-    """Speed of the wheels, relative to the body."""
+    """Speed of the wheels."""
 
     holds: Literal["wheel_speed"]
-    relative_to: Literal["body"]
+    relative_to: Literal["body", "inertial"]
 
 
 class AttitudeStream(_StreamPart):

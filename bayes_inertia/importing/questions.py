@@ -54,8 +54,8 @@ QUESTIONS: Mapping[str, str] = MappingProxyType(
             'round, as a control torque does: "body".'
         ),
         "streams.relative_to": (
-            'A tachometer measures relative to the "body". A momentum in inertial space must be '
-            "converted before: h = spin inertia * speed relative to the body."
+            '"body": as a tachometer reads; "inertial": the whole momentum or speed about the spin '
+            "axis, as simulators give it (Hwhl of 42): the import takes the body's turning out."
         ),
         "streams.magnetic_field.frame": '"inertial" is read; rotate other fields before.',
         "streams.position.frame": '"inertial" is read; rotate Earth-fixed positions before.',

@@ -31,6 +31,15 @@ from bayes_inertia.importing.stated_facts import stated_attitude
 _WIDTH = 96  # Of a comment.
 # Counts of seconds since 1970, 1980 or 1958 lie between these numbers in this century.
 _SECONDS_OF_DATES = (5e8, 4e9)
+_ORDER = (
+    "rate",
+    "wheel_torque",
+    "wheel_momentum",
+    "wheel_speed",
+    "attitude",
+    "magnetic_field",
+    "position",
+)
 _WHEEL_STREAMS = ("wheel_torque", "wheel_momentum", "wheel_speed")
 
 
@@ -97,6 +106,7 @@ def starting_mapping(files: Sequence[Path]) -> str:
     streams: list[tuple[_Group, ColumnFamily]] = []
     for group in groups:
         streams += [(group, family) for family in _families(group)]
+    streams.sort(key=lambda stream: _ORDER.index(stream[1].holds))
     parts = [_head(streams)]
     held: set[str] = set()
     for group, family in streams:

@@ -100,6 +100,32 @@ relative_to = "body"
         np.testing.assert_allclose(slew.wheel_momentum[read, k], inertia * speed, rtol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("holds", "unit", "size"), [("wheel_momentum", "N m s", 0.001), ("wheel_speed", "rad/s", 1.0)]
+)
+def test_momenta_in_inertial_space_become_relative_to_the_body(
+    tmp_path, columns, holds, unit, size
+):
+    """H = h + Js g.w; the wheel of this log turns about x."""
+    rate = np.radians(columns["wx"])
+    relative = size * (100.0 + 0.01 * columns["t_ms"] / 1e3)
+    columns["H"] = relative + size * rate
+    log = write_csv(tmp_path / "log.csv", columns)
+    stream = f"""
+[[streams]]
+holds = "{holds}"
+files = ["log.csv"]
+time = {{ names = ["t_ms"], kind = "ms", epoch = "campaign" }}
+names = ["H"]
+unit = "{unit}"
+relative_to = "inertial"
+"""
+    imported = import_logs([log], edited_mapping(tmp_path, more=stream), tmp_path / FOLDER)
+    read = imported.logs.streams[holds]
+    np.testing.assert_allclose(read.values[:, 0], relative, rtol=1e-12)
+    assert "the body's turning was taken out" in " ".join(read.notes)
+
+
 def test_streams_of_other_files_keep_their_own_rates(tmp_path, columns):
     names = ("t_ms", "q1", "q2", "q3", "q4")
     fixes = {name: columns[name][::5] for name in names}
