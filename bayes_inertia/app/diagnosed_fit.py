@@ -8,7 +8,7 @@ the first.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -19,9 +19,9 @@ from bayes_inertia.diagnosis.model_averaging import AlternativeParameters, avera
 from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.inference.fit_context import FitContext
-from bayes_inertia.inference.measured_noise import with_measured_noise
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.sampler import Progress, Settings
+from bayes_inertia.inference.treatment import DirtTreatment, treated
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY
 from bayes_inertia.physics.slew_input import Drive
@@ -41,8 +41,8 @@ class NextFit:
     effects : tuple of Effect
         To fit along, with the settings that they were found with; none where the verdict is
         "unknown".
-    noise : dict
-        {channel: factor by which its noise exceeds what is stated}.
+    treatment : DirtTreatment
+        What was done about dirt in the telemetry, and the noise that was measured.
     drive : {"commanded", "measured"}
         What drove the model in the diagnosis.
     alternatives : tuple of AlternativeParameters
@@ -51,7 +51,7 @@ class NextFit:
 
     verdict: str
     effects: tuple[Effect, ...] = ()
-    noise: Mapping[str, float] = field(default_factory=dict)
+    treatment: DirtTreatment = field(default_factory=DirtTreatment)
     drive: Drive = "commanded"
     alternatives: tuple[AlternativeParameters, ...] = ()
 
@@ -91,6 +91,7 @@ def diagnose_and_fit(
     library: Sequence[Effect] = LIBRARY,
     rules: Rules | None = None,
     chains: Path | None = None,
+    as_stated: bool = False,
     progress: Progress | None = None,
 ) -> DiagnosedFit:
     """Find which effect is missing, then estimate J, K and that effect, and sample their posterior.
@@ -111,6 +112,8 @@ def diagnose_and_fit(
         Thresholds of the search; None for the usual ones.
     chains : Path or None
         Folder in which the chains are kept while they grow.
+    as_stated : bool
+        Take the telemetry as it is: leave no outlier out, and take the noise for white.
     progress : callable or None
         Called with (what, done, of).
 
@@ -138,7 +141,12 @@ def diagnose_and_fit(
     if progress:
         progress("diagnosing", 0, 1)
     investigation = investigate(
-        campaign, drive=drive, seed=settings.seed, library=library, rules=rules
+        campaign,
+        drive=drive,
+        seed=settings.seed,
+        library=library,
+        rules=rules,
+        as_stated=as_stated,
     )
     posterior = fit_after_diagnosis(
         campaign,
@@ -146,6 +154,7 @@ def diagnose_and_fit(
         drive=drive,
         settings=settings,
         chains=chains,
+        as_stated=as_stated,
         progress=progress,
     )
     return DiagnosedFit(investigation, posterior)
@@ -168,7 +177,7 @@ def next_fit(investigation: Investigation) -> NextFit:
     return NextFit(
         diagnosis.verdict,
         fitted_effects(diagnosis),
-        dict(diagnosis.noise),
+        diagnosis.treatment,
         diagnosis.base.model.structure.drive,
         investigation.alternatives,
     )
@@ -201,6 +210,7 @@ def fit_after_diagnosis(
     settings: Settings,
     chains: Path | None = None,
     campaign_sha256: str | None = None,
+    as_stated: bool = False,
     progress: Progress | None = None,
 ) -> Posterior:
     """The posterior with what a diagnosis named, averaged over what it could not tell apart.
@@ -219,6 +229,8 @@ def fit_after_diagnosis(
         Folder in which the chains are kept while they grow.
     campaign_sha256 : str or None
         Digest of the campaign's files, kept with the result.
+    as_stated : bool
+        Take telemetry and noise as they are stated.
     progress : callable or None
         Called with (what, done, of).
 
@@ -227,10 +239,13 @@ def fit_after_diagnosis(
     Posterior
         With a group `averaged` more where the diagnosis is ambiguous.
     """
-    context = FitContext(campaign_sha256, verdict=choice.verdict)
-    if choice.verdict != "unknown":
-        campaign = with_measured_noise(campaign, choice.noise, choice.drive)
-        context = replace(context, measured_noise=dict(choice.noise))
+    context, treatment = FitContext(campaign_sha256, verdict=choice.verdict), choice.treatment
+    if choice.verdict == "unknown":
+        # What is missing may be part of what looks like louder noise.
+        treatment = replace(treatment, level=DirtTreatment().level)
+    else:
+        context = replace(context, measured_noise=dict(treatment.level))
+    campaign = treated(campaign, treatment, choice.drive)
     posterior = fit(
         campaign,
         effects=choice.effects,
@@ -238,6 +253,7 @@ def fit_after_diagnosis(
         settings=settings,
         chains=chains,
         context=context,
+        as_stated=as_stated,
         progress=progress,
     )
     return averaged_posterior(posterior, choice.alternatives, settings.seed)

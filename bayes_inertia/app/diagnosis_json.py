@@ -21,6 +21,7 @@ from bayes_inertia.diagnosis.residual_scan import Disagreement
 from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.signal_wording import describe
 from bayes_inertia.diagnosis.unexplained import UnexplainedSignal
+from bayes_inertia.inference.treatment import DirtTreatment, treatment_from
 from bayes_inertia.maths.values import json_ready
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY
@@ -49,6 +50,7 @@ def to_json(investigation: Investigation) -> dict[str, Any]:
         "verdict": diagnosis.verdict,
         "named": list(diagnosis.named),
         "ambiguous_with": [list(names) for names in diagnosis.ambiguous_with],
+        "dirt": [dirt.json() for dirt in diagnosis.dirt],
         "disagreement": _windows(before),
         "disagreement_after": None if after is None else _windows(after),
         "slew_start": _slew_starts(before),
@@ -74,6 +76,7 @@ def _search(diagnosis: Diagnosis) -> dict[str, Any]:
         "threshold": diagnosis.threshold,
         "rules": asdict(diagnosis.rules),
         "noise": dict(diagnosis.noise),
+        "treatment": diagnosis.treatment.json(),
         "skipped": [{"effect": name, "reason": reason} for name, reason in diagnosis.skipped],
         "alike": [
             {"effects": list(pair), "correlation": r}
@@ -136,10 +139,12 @@ def next_fit_from(content: Mapping[str, Any], library: Sequence[Effect] = LIBRAR
     0.3
     """
     known = {e.name: e for e in library}
+    # Files of earlier versions state the level of the noise alone.
+    before = DirtTreatment(level=content["noise"])
     return NextFit(
         content["verdict"],
         tuple(replace(known[row["effect"]], **row["settings"]) for row in content["fitted"]),
-        content["noise"],
+        treatment_from(content["treatment"]) if "treatment" in content else before,
         content["drive"],
         tuple(_alternative_from(row) for row in content.get("alternatives", [])),
     )

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.diagnosis.cross_validation import held_out_chi2
-from bayes_inertia.diagnosis.result import NOISE_LEVEL, Candidate, Diagnosis, Step
+from bayes_inertia.diagnosis.result import Candidate, Diagnosis, Step
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.physics.parameters import N_BASE
 
@@ -38,7 +38,7 @@ def candidate_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     without = [e.name for e in diagnosis.base.model.effects if e.name not in scored]
     rows += [_unscored(name, "has no parameters in this campaign") for name in without]
     louder = {channel: factor for channel, factor in diagnosis.noise.items() if factor > 1.0}
-    return [*rows, _unscored(NOISE_LEVEL, _noise_text(louder))]
+    return [*rows, _unscored("noise_level", _noise_text(louder))]
 
 
 def _scored(candidate: Candidate, final: Estimate, added: bool) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.posterior_groups import build_posterior
 from bayes_inertia.inference.sampler import Progress, Settings, sample
+from bayes_inertia.inference.treatment import DirtTreatment
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.slew_input import Drive
@@ -90,16 +91,23 @@ def fit(
     model = Model(campaign, tuple(effects), drive)
     # A flexible mode explains nothing near its null value: it begins at the ringing that is there.
     estimate = restarted_with_mode(optimizer.estimate(model, seed=settings.seed))
-    context = context or FitContext()
-    dirt = (*campaign.dirt, *context.dirt)
     if not as_stated:
-        cleaned = clean_fit(estimate, seed=settings.seed)
-        if cleaned.estimate is not estimate:
-            estimate, dirt = restarted_with_mode(cleaned.estimate), (*dirt, *cleaned.treatment.dirt)
-    context = replace(context, dirt=dirt)
+        clean = clean_fit(estimate, seed=settings.seed)
+        if clean.estimate is not estimate:
+            estimate = restarted_with_mode(clean.estimate)
+            context = _with_noise_of(context or FitContext(), clean.treatment)
     samples = sample(estimate, settings, folder=chains, progress=progress)
-    posterior = build_posterior(estimate, samples, context, settings.seed)
+    posterior = build_posterior(estimate, samples, context or FitContext(), settings.seed)
     return _with_seconds(posterior, perf_counter() - began)
+
+
+def _with_noise_of(context: FitContext, treatment: DirtTreatment) -> FitContext:
+    """The context with the noise that was measured in this fit too."""
+    if not treatment.louder:
+        return context
+    before = context.measured_noise or {}
+    noise = {channel: before.get(channel, 1.0) * f for channel, f in treatment.level.items()}
+    return replace(context, measured_noise=noise)
 
 
 def _with_seconds(posterior: Posterior, seconds: float) -> Posterior:

@@ -68,6 +68,7 @@ def investigate(
     seed: int = 0,
     library: Sequence[Effect] = LIBRARY,
     rules: Rules | None = None,
+    as_stated: bool = False,
 ) -> Investigation:
     """Diagnose a campaign and ask everything of the answer.
 
@@ -83,6 +84,8 @@ def investigate(
         Candidates.
     rules : Rules or None
         Thresholds of the search; None for the usual ones.
+    as_stated : bool
+        Take the telemetry as it is: leave no outlier out, and take the noise for white.
 
     Returns
     -------
@@ -94,7 +97,9 @@ def investigate(
     CampaignError, EffectError, EstimateError
         As `diagnose`.
     """
-    diagnosis = diagnose(campaign, library=library, drive=drive, rules=rules, seed=seed)
+    diagnosis = diagnose(
+        campaign, library=library, drive=drive, rules=rules, seed=seed, as_stated=as_stated
+    )
     base, final = diagnosis.base, diagnosis.final
     unknown = diagnosis.verdict == "unknown"
     changed = diagnosis.steps or any(factor > 1.0 for factor in diagnosis.noise.values())

@@ -54,6 +54,8 @@ class Run:
         Of the sampler, seed included.
     kind : {"fit", "diagnose"}
         A run of the kind "diagnose" fits what its diagnosis names.
+    as_stated : bool
+        Take telemetry and noise as they are stated: no dirt is looked for in residuals.
     """
 
     campaign_sha256: str
@@ -61,6 +63,7 @@ class Run:
     drive: Drive | None
     settings: Settings
     kind: Literal["fit", "diagnose"] = "fit"
+    as_stated: bool = False
 
     def owner(self, folder: Path) -> ResultFolder:
         """The claim of this run on a folder.
@@ -86,7 +89,7 @@ class Run:
             options,
             _RESULT_FILES,
             flat=True,
-            defaults={"kind": "fit"},
+            defaults={"kind": "fit", "as_stated": False},
         )
 
 
@@ -123,6 +126,7 @@ def read_run(folder: Path) -> Run:
             content["drive"],
             Settings(**content["settings"]),
             content.get("kind", "fit"),
+            content.get("as_stated", False),
         )
     except (ValueError, KeyError, TypeError) as error:
         raise CampaignError(
@@ -140,6 +144,7 @@ def start(
     drive: Drive | None = None,
     settings: Settings | None = None,
     kind: Literal["fit", "diagnose"] = "fit",
+    as_stated: bool = False,
 ) -> Run:
     """Begin a run in a folder, or find the same run there (then it goes on).
 
@@ -157,6 +162,8 @@ def start(
         Of the sampler, seed included; None for the usual ones.
     kind : {"fit", "diagnose"}
         Whether to fit what is given, or what a diagnosis names.
+    as_stated : bool
+        Take telemetry and noise as they are stated: no dirt is looked for in residuals.
 
     Returns
     -------
@@ -172,7 +179,8 @@ def start(
         If the folder holds another run, or files that a run would overwrite.
     """
     Model(read_campaign(campaign), by_name(effects), drive)
-    run = Run(campaign_sha256(campaign), tuple(effects), drive, settings or Settings(), kind)
+    settings = settings or Settings()
+    run = Run(campaign_sha256(campaign), tuple(effects), drive, settings, kind, as_stated)
     owner = run.owner(folder)
     if not owner.holds_this_work():
         # The copy is part of the claim and goes on with what a kill left of the same copy: where
@@ -235,6 +243,7 @@ def _posterior(folder: Path, run: Run, progress: Progress | None) -> Posterior:
             settings=run.settings,
             chains=chains,
             campaign_sha256=run.campaign_sha256,
+            as_stated=run.as_stated,
             progress=progress,
         )
     return fit(
@@ -244,6 +253,7 @@ def _posterior(folder: Path, run: Run, progress: Progress | None) -> Posterior:
         settings=run.settings,
         chains=chains,
         context=FitContext(run.campaign_sha256),
+        as_stated=run.as_stated,
         progress=progress,
     )
 
@@ -257,7 +267,10 @@ def _diagnosed(
         return stored
     if progress:
         progress("diagnosing", 0, 1)
-    content = to_json(investigate(campaign, drive=run.drive, seed=run.settings.seed))
+    investigation = investigate(
+        campaign, drive=run.drive, seed=run.settings.seed, as_stated=run.as_stated
+    )
+    content = to_json(investigation)
     text = json.dumps(content, indent=None, separators=(", ", ": "), allow_nan=False)
     write_atomically(folder / "diagnosis.json", text + "\n")
     return content

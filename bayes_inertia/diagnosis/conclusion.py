@@ -12,7 +12,7 @@ from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.diagnosis.candidates import FLEXIBLE_MODE
 from bayes_inertia.diagnosis.driven_disturbances import DRIVEN_BY_LIBRARY
 from bayes_inertia.diagnosis.refitting import ScoredRound
-from bayes_inertia.diagnosis.result import NOISE_LEVEL, Diagnosis, Step
+from bayes_inertia.diagnosis.result import Diagnosis, Step
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.diagnosis.score_test import ScoreTests
 from bayes_inertia.diagnosis.unexplained import unexplained_signal
@@ -56,8 +56,7 @@ def conclude(
     why_unknown = imitation if is_explained(tests, rules) else "misfit"
     steps = without_named_alternatives(steps)
     sets = tuple((s.added, *(a.effect for a in s.alternatives)) for s in steps if s.alternatives)
-    is_louder = any(factor > 1.0 for factor in noise.values())
-    named = tuple(s.added for s in steps) + ((NOISE_LEVEL,) if is_louder else ())
+    named = tuple(s.added for s in steps)
     verdict = _verdict(why_unknown, sets, named)
     return Diagnosis(
         verdict=verdict,

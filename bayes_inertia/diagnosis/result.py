@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.residual_tests import ChannelTest
+from bayes_inertia.inference.treatment import DirtTreatment, records_of_dirt
 from bayes_inertia.maths.values import array_dataclass
-
-NOISE_LEVEL = "noise_level"  # the verdict that noise is larger than stated, and white
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class Diagnosis:
     verdict : {"consistent", "named", "ambiguous", "unknown"}
         What was found.
     named : tuple of str
-        Effects added, and `noise_level` if the noise is larger than stated.
+        Effects added.
     ambiguous_with : tuple of tuple of str
         Sets of effects, the named one first, that this campaign cannot tell apart.
     candidates : tuple of Candidate
@@ -119,6 +119,8 @@ class Diagnosis:
     nameless_lead : float
         Log evidence by which a disturbance without a name (of free shape, or in proportion to
         something known) explains the data better than what was named; -inf if nothing was.
+    treatment : DirtTreatment
+        What was done about dirt in the telemetry; its level is `noise`.
     """
 
     verdict: str
@@ -136,3 +138,10 @@ class Diagnosis:
     correlations: dict[tuple[str, str], float] = field(default_factory=dict)
     why_unknown: str = ""
     nameless_lead: float = -math.inf
+    treatment: DirtTreatment = field(default_factory=DirtTreatment)
+
+    @property
+    def dirt(self) -> tuple[Dirt, ...]:
+        """What is wrong with the telemetry, and what was done about it before the search."""
+        done = replace(self.treatment, masked=(), colour=None)
+        return records_of_dirt(self.base.model.campaign, done)

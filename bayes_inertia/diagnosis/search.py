@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 
@@ -27,8 +28,10 @@ from bayes_inertia.diagnosis.refitting import ScoredRound, best_step
 from bayes_inertia.diagnosis.result import Diagnosis, Step
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.inference import optimizer
+from bayes_inertia.inference.cleaning import CleanFit, clean_fit
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.noise_level import noise_factors
+from bayes_inertia.inference.treatment import DirtTreatment
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, FlexibleMode
 from bayes_inertia.physics.forward_model import Model
@@ -44,6 +47,7 @@ def diagnose(
     drive: Drive | None = None,
     rules: Rules | None = None,
     seed: int = 0,
+    as_stated: bool = False,
 ) -> Diagnosis:
     """Find where model and data disagree, and which effects explain it.
 
@@ -59,6 +63,8 @@ def diagnose(
         Thresholds of the search; `Rules()` by default.
     seed : int
         Of the optimizer's starts and of the simulated thresholds.
+    as_stated : bool
+        Take the telemetry as it is: leave no outlier out, and take the noise for white.
 
     Returns
     -------
@@ -77,7 +83,7 @@ def diagnose(
     rules, rng = rules or Rules(), np.random.default_rng([seed, 3])
     effects = candidate_effects(campaign, library)
     model = Model(campaign, effects.linear, drive)
-    estimate, noise = _fit_without_effects(model, drive, seed)
+    estimate, noise, treatment = _fit_without_effects(model, drive, seed, as_stated)
     rounds: list[ScoredRound] = []
     steps: list[Step] = []
     for _ in range(_MAX_NOISE_ROUNDS):
@@ -90,19 +96,27 @@ def diagnose(
         if noise_after == noise:
             break
         noise, estimate = noise_after, optimizer.with_noise(estimate, noise_after)
-    return conclude(rounds[0], estimate, steps, noise, effects.skipped, rules)
+    diagnosis = conclude(rounds[0], estimate, steps, noise, effects.skipped, rules)
+    return replace(diagnosis, treatment=replace(treatment, level=noise))
 
 
 def _fit_without_effects(
-    model: Model, drive: Drive | None, seed: int
-) -> tuple[Estimate, dict[str, float]]:
-    """The base fit, as a point of the model with all effects, and the noise measured in it."""
+    model: Model, drive: Drive | None, seed: int, as_stated: bool
+) -> tuple[Estimate, dict[str, float], DirtTreatment]:
+    """The base fit, as a point of the model with all effects; noise and dirt measured in it."""
     with ThreadPoolExecutor(1) as pool:
         compiled = pool.submit(precompile, model)
         plain = optimizer.estimate(Model(model.campaign, (), drive), seed=seed, discount=False)
-        noise = noise_factors(plain)
+        clean = CleanFit(plain, DirtTreatment())
+        if not as_stated:
+            # The level of the noise is measured here, again after every effect.
+            clean = clean_fit(plain, seed=seed, level=False, discount=False)
+        noise = noise_factors(clean.estimate)
         compiled.result()
-    return optimizer.move_to(optimizer.with_noise(plain, noise), model), noise
+    estimate = optimizer.with_noise(clean.estimate, noise)
+    if clean.estimate is not plain:
+        model = Model(clean.estimate.model.campaign, model.effects, drive)
+    return optimizer.move_to(estimate, model), noise, clean.treatment
 
 
 def _forward_search(

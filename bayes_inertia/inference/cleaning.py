@@ -15,17 +15,20 @@ from functools import partial
 import numpy as np
 
 from bayes_inertia.campaign.dirt import Dirt
+from bayes_inertia.campaign.quantisation import quantisation_sigma, quantisation_step
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.gate_limits import REJECT_BELOW
 from bayes_inertia.inference.laplace import Estimate, residual_series
 from bayes_inertia.inference.noise_colour import colour_of, is_alike_everywhere
 from bayes_inertia.inference.noise_level import bursts_of, noise_factors
 from bayes_inertia.inference.outliers import away_from_switches, outlying_fixes, outlying_readings
-from bayes_inertia.inference.treatment import Treatment, treated
+from bayes_inertia.inference.treatment import DirtTreatment, treated
 from bayes_inertia.physics.forward_model import Model
 
 # Outliers hide each other; so often they are looked for again.
 _ROUNDS_OF_MASKS = 3
+# Rounding that adds less to the noise than this factor is left alone.
+_ROUNDING_THAT_COUNTS = 1.005
 
 
 @dataclass(frozen=True)
@@ -36,12 +39,12 @@ class CleanFit:
     ----------
     estimate : Estimate
         Its model's campaign is the treated one.
-    treatment : Treatment
+    treatment : DirtTreatment
         What was done to the campaign.
     """
 
     estimate: Estimate
-    treatment: Treatment
+    treatment: DirtTreatment
 
 
 def clean_fit(
@@ -70,7 +73,7 @@ def clean_fit(
     EstimateError
         If the optimizer finds no usable estimate.
     """
-    first = CleanFit(estimate, Treatment())
+    first = CleanFit(estimate, DirtTreatment())
     repeat = partial(_repeated, estimate.model, seed=seed, discount=discount)
     fit = _without_outliers(first, repeat)
     for measured in (_with_colour, _with_level) if level else (_with_colour,):
@@ -82,7 +85,7 @@ def clean_fit(
 
 
 def _repeated(
-    stated: Model, fit: CleanFit, treatment: Treatment, *, seed: int, discount: bool
+    stated: Model, fit: CleanFit, treatment: DirtTreatment, *, seed: int, discount: bool
 ) -> CleanFit:
     """The fit with another treatment of the campaign as stated."""
     if treatment == fit.treatment:
@@ -148,7 +151,7 @@ def _plain_series(estimate: Estimate) -> dict[str, list[np.ndarray]]:
     return residual_series(estimate.model, estimate.point, white)
 
 
-def _with_colour(fit: CleanFit) -> Treatment:
+def _with_colour(fit: CleanFit) -> DirtTreatment:
     """The treatment with correlated noise of the rate sensor, if that is what there is."""
     tests = fit.estimate.tests["rate"]
     if tests.p_white is None or tests.p_white >= REJECT_BELOW:
@@ -158,13 +161,40 @@ def _with_colour(fit: CleanFit) -> Treatment:
     return replace(fit.treatment, colour=colour)
 
 
-def _with_level(fit: CleanFit) -> Treatment:
+def _with_level(fit: CleanFit) -> DirtTreatment:
     """The treatment with the measured level of each channel's noise, where that is noise."""
-    series, slews = fit.estimate.residual_series, fit.estimate.model.campaign.slews
-    factors = noise_factors(fit.estimate)
-    level = dict(fit.treatment.level)
-    for channel, factor in factors.items():
-        alike = channel == "attitude" or is_alike_everywhere(slews, series[channel])
-        if factor > 1.0 and alike:
+    estimate = fit.estimate
+    series, slews = estimate.residual_series, estimate.model.campaign.slews
+    rounding = _factors_of_rounding(estimate)
+    level, rounded = dict(fit.treatment.level), set(fit.treatment.rounded)
+    for channel, factor in noise_factors(estimate).items():
+        by_rounding = rounding.get(channel, 1.0) if estimate.tests[channel].too_large else 1.0
+        alike = factor > 1.0 and (
+            channel == "attitude" or is_alike_everywhere(slews, series[channel])
+        )
+        if alike and factor > by_rounding:
             level[channel] *= factor
-    return replace(fit.treatment, level=level)
+        elif by_rounding > _ROUNDING_THAT_COUNTS:
+            level[channel] *= by_rounding
+            rounded.add(channel)
+    return replace(fit.treatment, level=level, rounded=tuple(sorted(rounded)))
+
+
+def _factors_of_rounding(estimate: Estimate) -> dict[str, float]:
+    """What rounding of the readings adds to the noise of rates and tachometers, as factors."""
+    campaign = estimate.model.campaign
+    sigmas = {
+        "rate": campaign.rate_sensor.sigma,
+        "wheel_momentum": tuple(wheel.momentum_sigma for wheel in campaign.wheels),
+    }
+    factors = {}
+    for key, sigma in sigmas.items():
+        readings = [getattr(s, key) for s in campaign.slews if getattr(s, key) is not None]
+        steps = [
+            (quantisation_step(np.concatenate([x[:, k] for x in readings])) or 0.0) / one
+            for k, one in enumerate(sigma)
+            if one is not None and readings
+        ]
+        worst = quantisation_sigma(max(steps, default=0.0))
+        factors["momentum" if key == "wheel_momentum" else key] = float(np.hypot(1.0, worst))
+    return factors

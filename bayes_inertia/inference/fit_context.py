@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bayes_inertia.campaign.dirt import Dirt
-
 
 @dataclass(frozen=True)
 class FitContext:
@@ -22,19 +20,16 @@ class FitContext:
         taken in this fit.
     verdict : str, optional
         Of the diagnosis: "consistent", "named", "ambiguous" or "unknown".
-    dirt : tuple of Dirt
-        What is wrong with the telemetry, and what was done about it.
 
     Examples
     --------
     >>> FitContext(verdict="named").attributes()
-    {'campaign_sha256': None, 'dirt': [], 'verdict': 'named'}
+    {'campaign_sha256': None, 'verdict': 'named'}
     """
 
     campaign_sha256: str | None = None
     measured_noise: Mapping[str, float] | None = None
     verdict: str | None = None
-    dirt: tuple[Dirt, ...] = ()
 
     def attributes(self) -> dict[str, Any]:
         """As attributes of the result.
@@ -42,12 +37,9 @@ class FitContext:
         Returns
         -------
         dict
-            `campaign_sha256` and `dirt`; `verdict` and `noise` after a diagnosis.
+            `campaign_sha256`; `verdict` and `noise` after a diagnosis.
         """
-        attributes: dict[str, Any] = {
-            "campaign_sha256": self.campaign_sha256,
-            "dirt": [dirt.json() for dirt in self.dirt],
-        }
+        attributes: dict[str, Any] = {"campaign_sha256": self.campaign_sha256}
         if self.verdict is not None:
             attributes["verdict"] = self.verdict
         if self.measured_noise is not None:

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from math import pi
 from typing import Any
+
+import numpy as np
+from scipy import stats
 
 from bayes_inertia.inference.convergence import Diagnostics
 from bayes_inertia.inference.fit_context import FitContext
@@ -10,13 +15,33 @@ from bayes_inertia.inference.gate_limits import (
     AUTOCORRELATION_TIMES,
     ESS_AT_LEAST,
     NESTED_RHAT_BELOW,
+    PRIOR_P_VALUE_ABOVE,
+    PRIOR_SD_AT_MOST,
 )
 from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.physics.parameters import N_BASE
 
 _UNKNOWN_NOTE = (
     "the diagnosis found that something is missing which no candidate explains: "
     "it may shift J and K by more than any sd"
 )
+
+
+# What a wrong unit or convention makes of a scale factor or of J: the factor on it.
+_FACTORS_ON_K: Mapping[str, float] = {
+    "rates in deg/s read as rad/s": pi / 180.0,
+    "rates in rad/s read as deg/s": 180.0 / pi,
+    "rates in rpm read as rad/s": pi / 30.0,
+    "rates in mrad/s read as rad/s": 1e-3,
+    "times in another unit than stated": 1e3,
+    "rates of the opposite sign": -1.0,
+}
+_FACTORS_ON_J: Mapping[str, float] = {
+    "wheel torque and momentum in mN m and mN m s read as N m and N m s": 1e3,
+    "wheel torque and momentum a thousand times too small": 1e-3,
+    "J in kg cm^2 or g m^2 stated as kg m^2": 1e-3,
+}
+_NEAR_A_FACTOR = 0.2
 
 
 def check_gates(
@@ -40,7 +65,7 @@ def check_gates(
         One a gate: its `name`, whether it is `passed`, and what it `says`, in plain words.
     """
     context = context or FitContext()
-    gates = [_converged(diagnostics), _explained(estimate, context)]
+    gates = [_converged(diagnostics), _explained(estimate, context), prior_gate(estimate)]
     if context.verdict == "unknown":
         gates.append({"name": "diagnosed", "passed": False, "says": _UNKNOWN_NOTE})
     return gates
@@ -80,6 +105,58 @@ def _explained(estimate: Estimate, context: FitContext) -> dict[str, Any]:
             "look for the missing effect with `diagnose`, and do not read sd as the uncertainty"
         )
     return {"name": "explained", "passed": not large, "says": says}
+
+
+def prior_gate(estimate: Estimate) -> dict[str, Any]:
+    """Judge whether J and K are where they can be: not far outside what was known before.
+
+    A posterior that leaves its prior is a finding, not a result: a unit or a prior is wrong.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Its J and K are judged, each for itself and all together.
+
+    Returns
+    -------
+    dict
+        `name`, `passed`, and what it `says`.
+    """
+    space, theta = estimate.model.space, estimate.theta
+    distance = ((theta - space.mean) / space.sd)[:N_BASE]
+    p_value = float(stats.chi2.sf(distance @ distance, N_BASE))
+    far = np.flatnonzero(np.abs(distance) > PRIOR_SD_AT_MOST)
+    worst = int(np.argmax(np.abs(distance)))
+    place = (
+        f"{space.names[worst]} = {theta[worst]:.4g} lies {abs(distance[worst]):.1f} prior sd "
+        f"from its prior mean {space.mean[worst]:.4g}"
+    )
+    passed = not len(far) and p_value > PRIOR_P_VALUE_ABOVE
+    if passed:
+        says = f"J and K are where the prior allows them: {place}"
+    else:
+        rest = f", and {len(far) - 1} more of J and K beyond {PRIOR_SD_AT_MOST:g}"
+        together = "" if len(far) else f"; all of J and K together have p = {p_value:.1g}"
+        says = (
+            f"the result contradicts what was known before: {place}"
+            f"{rest if len(far) > 1 else ''}{together}. {_cause_of_contradiction(estimate)}"
+        )
+    return {"name": "prior", "passed": passed, "says": says}
+
+
+def _cause_of_contradiction(estimate: Estimate) -> str:
+    """What would explain J and K far from their priors."""
+    space, theta = estimate.model.space, estimate.theta
+    scale = theta[6:N_BASE] / space.mean[6:N_BASE]
+    size = float(np.sum(theta[:3]) / np.sum(space.mean[:3]))
+    causes = [c for c, f in _FACTORS_ON_K.items() if np.all(np.abs(scale / f - 1) < _NEAR_A_FACTOR)]
+    causes += [c for c, f in _FACTORS_ON_J.items() if abs(size / f - 1) < _NEAR_A_FACTOR]
+    if causes:
+        return f"This is what {' or '.join(causes)} would do: check the units in campaign.toml"
+    return (
+        "A wrong unit, sign or axis in campaign.toml would explain it (see `bayes-inertia doctor`),"
+        " or a prior that is too narrow"
+    )
 
 
 def _noise_in_words(context: FitContext) -> str:

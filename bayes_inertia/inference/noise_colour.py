@@ -16,8 +16,8 @@ from scipy import fft, optimize, stats
 
 from bayes_inertia.campaign.slew import Slew
 
-# Components of a longer period [readings] than this are left to the model.
-_LONGEST_PERIOD = 100.0
+# Components of a longer period than this [readings, and share of a series] are left to the model.
+_LONGEST_PERIOD, _LONGEST_SHARE = 100.0, 1.0 / 3.0
 # Stretches of fewer readings tell nothing.
 _FEWEST_READINGS = 24
 # Groups of stretches with fewer components are not compared.
@@ -225,7 +225,7 @@ def _fast_components(series: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarr
     angles, powers = [], []
     for x in series:
         angle = np.pi * np.arange(len(x)) / len(x)
-        fast = angle > 2.0 * np.pi / _LONGEST_PERIOD
+        fast = angle > 2.0 * np.pi / min(_LONGEST_PERIOD, _LONGEST_SHARE * len(x))
         angles.append(angle[fast])
         powers.append(fft.dct(x - x.mean(), norm="ortho")[fast] ** 2)
     return np.concatenate(angles), np.maximum(np.concatenate(powers), 1e-12)

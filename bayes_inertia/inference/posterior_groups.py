@@ -212,6 +212,7 @@ def _attributes(estimate: Estimate, chains: Chains, context: FitContext) -> dict
         "gates": check_gates(estimate, chains.diagnostics, context),
         "criteria": criteria(),
         "effects": [e.name for e in model.effects],
+        "dirt": [dirt.json() for dirt in model.campaign.dirt],
         "ensembles": len(chains.samples),
         "includes_wheel_spin": model.structure.includes_wheel_spin,
         "drive": model.structure.drive,

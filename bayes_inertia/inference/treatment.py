@@ -22,7 +22,7 @@ _SENSOR = {"rate": "rate sensor", "attitude": "star tracker", "momentum": "tacho
 
 
 @dataclass(frozen=True)
-class Treatment:
+class DirtTreatment:
     """What is done to a campaign's telemetry and to the noise it states.
 
     Parameters
@@ -33,11 +33,14 @@ class Treatment:
         By channel, what its stated noise is multiplied by.
     colour : Colour or None
         Correlation and level of the rate sensor's noise.
+    rounded : tuple of str
+        Channels whose level follows from the step to which readings are rounded.
     """
 
     masked: tuple[Dirt, ...] = ()
     level: Mapping[str, float] = field(default_factory=lambda: dict(_CALM))
     colour: Colour | None = None
+    rounded: tuple[str, ...] = ()
 
     @property
     def is_nothing(self) -> bool:
@@ -54,12 +57,13 @@ class Treatment:
         """The treatment as a record."""
         noise = [
             Dirt(
-                "noise_level",
+                "quantised" if channel in self.rounded else "noise_level",
                 channel,
                 "",
                 (),
                 "modelled",
-                f"the noise of the {_SENSOR[channel]} is {factor:.2f} times what is stated",
+                f"the noise of the {_SENSOR[channel]} is {factor:.2f} times what is stated"
+                f"{', with the rounding of its readings' if channel in self.rounded else ''}",
             )
             for channel, factor in self.louder.items()
         ]
@@ -81,24 +85,29 @@ class Treatment:
             "spacing": self.colour.spacing,
         }
         masked = [dirt.json() for dirt in self.masked]
-        return {"masked": masked, "level": dict(self.level), "colour": colour}
+        return {
+            "masked": masked,
+            "level": dict(self.level),
+            "colour": colour,
+            "rounded": list(self.rounded),
+        }
 
 
-def treatment_from(content: Mapping[str, Any]) -> Treatment:
+def treatment_from(content: Mapping[str, Any]) -> DirtTreatment:
     """The treatment that its JSON describes.
 
     Parameters
     ----------
     content : mapping
-        Of `Treatment.json`.
+        Of `DirtTreatment.json`.
 
     Returns
     -------
-    Treatment
+    DirtTreatment
 
     Examples
     --------
-    >>> treatment_from(Treatment().json()) == Treatment()
+    >>> treatment_from(DirtTreatment().json()) == DirtTreatment()
     True
     """
     colour = content["colour"] and Colour(
@@ -106,17 +115,38 @@ def treatment_from(content: Mapping[str, Any]) -> Treatment:
         content["colour"]["spacing"],
     )
     masked = tuple(Dirt(**{**row, "rows": tuple(row["rows"])}) for row in content["masked"])
-    return Treatment(masked, dict(content["level"]), colour or None)
+    rounded = tuple(content["rounded"])
+    return DirtTreatment(masked, dict(content["level"]), colour or None, rounded)
 
 
-def treated(campaign: Campaign, treatment: Treatment, drive: Drive) -> Campaign:
-    """A campaign without what is masked, its noise as it was measured.
+def records_of_dirt(campaign: Campaign, treatment: DirtTreatment) -> tuple[Dirt, ...]:
+    """All that is wrong with a campaign's telemetry, and what was done about it.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        With the records of its reader.
+    treatment : DirtTreatment
+        What was done since.
+
+    Returns
+    -------
+    tuple of Dirt
+        A fault that was first ignored and then treated stands once.
+    """
+    done = {(dirt.kind, dirt.channel) for dirt in treatment.dirt}
+    left = [d for d in campaign.dirt if d.treated != "ignored" or (d.kind, d.channel) not in done]
+    return (*left, *treatment.dirt)
+
+
+def treated(campaign: Campaign, treatment: DirtTreatment, drive: Drive) -> Campaign:
+    """A campaign without what is masked, its noise as it was measured, with records of both.
 
     Parameters
     ----------
     campaign : Campaign
         As stated.
-    treatment : Treatment
+    treatment : DirtTreatment
     drive : {"commanded", "measured"}
         What drove the model when the noise was measured.
 
@@ -128,7 +158,8 @@ def treated(campaign: Campaign, treatment: Treatment, drive: Drive) -> Campaign:
     if treatment.is_nothing:
         return campaign
     slews = tuple(_masked(slew, treatment.masked) for slew in campaign.slews)
-    campaign = replace(campaign, slews=slews)
+    dirt = records_of_dirt(campaign, treatment)
+    campaign = replace(campaign, slews=slews, dirt=dirt)
     if treatment.colour is not None:
         sensor = _with_colour(campaign.rate_sensor, treatment.colour)
         campaign = replace(campaign, rate_sensor=sensor)

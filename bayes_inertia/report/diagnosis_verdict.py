@@ -13,6 +13,7 @@ from bayes_inertia.report.diagnosis_wording import (
     step_text,
     window_text,
 )
+from bayes_inertia.report.dirt_wording import dirt_sentences
 from bayes_inertia.report.formatting import CHANNEL_NAMES, either_or, listed, plain, probability
 from bayes_inertia.report.next_slew_wording import correction_text, separating_text
 from bayes_inertia.report.verdict import Level, Verdict
@@ -41,6 +42,7 @@ def diagnosis_verdict(content: Mapping[str, Any]) -> Verdict:
     """
     sentences = [
         _on_disagreement(content),
+        *dirt_sentences(content.get("dirt", [])),
         *_on_named_effects(content),
         *_on_noise(content),
         *_on_next_slews(content),
@@ -74,6 +76,8 @@ def headline(content: Mapping[str, Any]) -> str:
     'Nothing is missing: the model explains the data.'
     """
     verdict, named, sets = content["verdict"], content["named"], content["ambiguous_with"]
+    if verdict == "consistent" and any(d["treated"] != "ignored" for d in content.get("dirt", [])):
+        return "Nothing is missing: without the dirt in the telemetry the model explains the data."
     if verdict == "consistent":
         return "Nothing is missing: the model explains the data."
     if verdict == "unknown":
@@ -83,8 +87,6 @@ def headline(content: Mapping[str, Any]) -> str:
         sure = [plain(name) for name in named if not any(name in names for names in sets)]
         besides = f" Besides: {listed(sure)}." if sure else ""
         return f"Something is missing: {choices}. This campaign cannot tell which.{besides}"
-    if named == ["noise_level"]:
-        return "No effect is missing, but the noise is larger than stated."
     return f"Found what is missing: {listed([plain(name) for name in named])}."
 
 

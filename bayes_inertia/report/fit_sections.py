@@ -9,6 +9,7 @@ import numpy as np
 
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.criteria import Criteria, criteria_of
+from bayes_inertia.report.dirt_wording import dirt_rows
 from bayes_inertia.report.fit_verdict import fit_verdict
 from bayes_inertia.report.formatting import (
     NOT_GIVEN,
@@ -68,6 +69,7 @@ def standard_sections(posterior: Posterior) -> list[Section]:
         residuals_section(posterior),
         telemetry_section(posterior),
         star_tracker_section(posterior),
+        dirt_section(posterior),
         gates_section(posterior),
         limits_section(posterior),
         settings_section(posterior),
@@ -90,6 +92,23 @@ def verdict_section(posterior: Posterior) -> Section:
     """
     verdict = fit_verdict(posterior.summary(), n_slews(posterior))
     return Section("Can I trust it?", packaged("verdict.html"), {"verdict": verdict})
+
+
+def dirt_section(posterior: Posterior) -> Section | None:
+    """What is wrong with the telemetry, and what was done about it.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        A finished fit.
+
+    Returns
+    -------
+    Section or None
+        None where nothing is wrong.
+    """
+    rows = dirt_rows(posterior.attributes.get("dirt", []))
+    return Section("Dirt in the telemetry", packaged("dirt.html"), {"rows": rows}) if rows else None
 
 
 def parameters_section(posterior: Posterior) -> Section:

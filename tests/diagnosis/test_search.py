@@ -78,10 +78,13 @@ def test_a_constant_torque_is_named(flight):
 
 @pytest.mark.slow
 def test_loud_noise_is_measured_and_nothing_physical_is_named(clean, content_of, check_contract):
-    # The noise of campaigns where nothing but the noise is wrong is a verdict of its own.
     quieter = with_measured_noise(clean, dict.fromkeys(("rate", "attitude", "momentum"), 1.0 / 1.5))
     found = diagnose(quieter)
-    assert (found.steps, found.verdict, found.named) == ((), "named", ("noise_level",))
+    # What is wrong is the stated noise: a record of dirt, and nothing remains.
+    assert (found.steps, found.verdict, found.named) == ((), "consistent", ())
+    assert {(d.kind, d.channel) for d in found.dirt} == {
+        ("noise_level", channel) for channel in ("rate", "attitude", "momentum")
+    }
     for channel in ("rate", "momentum"):
         n = sum(len(x) * 3 for x in found.base.residual_series[channel])
         # Median of squared second differences: see `noise`. The sd of the factor is half that of

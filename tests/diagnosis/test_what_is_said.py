@@ -7,6 +7,7 @@ import pytest
 
 from bayes_inertia.app.diagnosis_json import to_json
 from bayes_inertia.app.investigation import Investigation
+from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.diagnosis.residual_scan import Window, scan_residuals
 from bayes_inertia.diagnosis.unexplained import unexplained_signal
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
@@ -14,8 +15,11 @@ from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict, headline
 
 
 def test_noise_is_worded_as_noise():
-    content = {"verdict": "named", "named": ["noise_level"], "ambiguous_with": []}
-    assert headline(content) == "No effect is missing, but the noise is larger than stated."
+    louder = Dirt("noise_level", "rate", "", (), "modelled", "3 times what is stated").json()
+    content = {"verdict": "consistent", "named": [], "ambiguous_with": [], "dirt": [louder]}
+    assert headline(content) == (
+        "Nothing is missing: without the dirt in the telemetry the model explains the data."
+    )
 
 
 def test_ambiguity_is_worded_as_such():

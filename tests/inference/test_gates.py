@@ -64,6 +64,7 @@ def test_gates_say_which_noise_was_taken_and_fail_where_something_unknown_remain
     assert "the stated noise predict" in stated[1]["says"]
     assert "rate 2.25" in louder[1]["says"]
     assert "attitude" not in louder[1]["says"]
-    assert [g["name"] for g in stated] == ["converged", "explained"]
+    assert [g["name"] for g in stated] == ["converged", "explained", "prior"]
+    assert stated[2]["passed"]
     assert unknown[-1]["name"] == "diagnosed"
     assert not unknown[-1]["passed"]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bayes_inertia.app.commands.options import (
     Anyway,
+    AsStated,
     CampaignFolder,
     DriveName,
     OutputFolder,
@@ -19,6 +20,7 @@ def diagnose_command(
     seed: Seed = 0,
     report: WithReport = True,
     anyway: Anyway = False,
+    as_stated: AsStated = False,
 ) -> None:
     """Find which physical effect is missing, and fit it along.
 
@@ -37,5 +39,7 @@ def diagnose_command(
     from bayes_inertia.app.diagnosed_fit import DIAGNOSED_SETTINGS
 
     settings = replace(DIAGNOSED_SETTINGS, seed=seed)
-    run_folder.start(campaign, out, drive=drive, settings=settings, kind="diagnose")
+    run_folder.start(
+        campaign, out, drive=drive, settings=settings, kind="diagnose", as_stated=as_stated
+    )
     finish_and_show(out, report)

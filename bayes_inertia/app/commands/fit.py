@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bayes_inertia.app.commands.options import (
     Anyway,
+    AsStated,
     CampaignFolder,
     DriveName,
     EffectNames,
@@ -22,6 +23,7 @@ def fit_command(
     seed: Seed = 0,
     report: WithReport = True,
     anyway: Anyway = False,
+    as_stated: AsStated = False,
 ) -> None:
     """Estimate J, K and active effects.
 
@@ -38,6 +40,11 @@ def fit_command(
     from bayes_inertia.inference.sampler import Settings
 
     run_folder.start(
-        campaign, out, effects=names_in(effects), drive=drive, settings=Settings(seed=seed)
+        campaign,
+        out,
+        effects=names_in(effects),
+        drive=drive,
+        settings=Settings(seed=seed),
+        as_stated=as_stated,
     )
     finish_and_show(out, report)

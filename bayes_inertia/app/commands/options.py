@@ -25,6 +25,13 @@ Anyway = Annotated[
         "--anyway", help="Go on although the data are impossible under the stated conventions."
     ),
 ]
+AsStated = Annotated[
+    bool,
+    typer.Option(
+        "--as-stated",
+        help="Take telemetry and noise as they are stated: leave no outlier out, measure no noise.",
+    ),
+]
 Jobs = Annotated[int, typer.Option(help="Processes.", min=1)]
 
 # The word that stands for a plan of the paper's five slews.

@@ -57,6 +57,7 @@ def show_summary(summary: dict[str, Any], folder: Path, report: bool = True) -> 
     report : bool
         Whether a report was written.
     """
+    from bayes_inertia.report.dirt_wording import dirt_sentences
     from bayes_inertia.report.parameter_wording import averaged_over
 
     console = plain_console()
@@ -66,6 +67,8 @@ def show_summary(summary: dict[str, Any], folder: Path, report: bool = True) -> 
         console.print(headed("Do not use this result as it stands.", style="bold red"))
     for gate in summary["gates"]:
         console.print(_gate_line(gate))
+    for sentence in dirt_sentences(summary.get("dirt", [])):
+        console.print(f"  {sentence}")
     console.print(_parameter_table(summary))
     console.print("sd: the larger of the model's and of what the scatter between slews supports")
     if causes := averaged_over(summary):
