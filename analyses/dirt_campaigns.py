@@ -108,7 +108,18 @@ def flown(
     return flight
 
 
-@cache
+def kept_strengths(folder: Path, spacecraft: str) -> dict[str, dict]:
+    """As `strengths`, computed once a work folder."""
+    path = folder / f"strengths_{spacecraft}.json"
+    if not path.is_file():
+        plain = {
+            name: {key: np.asarray(value).tolist() for key, value in values.items()}
+            for name, values in strengths(spacecraft).items()
+        }
+        path.write_text(json.dumps(plain, indent=1) + "\n")
+    return json.loads(path.read_text())
+
+
 def strengths(spacecraft: str) -> dict[str, dict]:
     """Values of every effect at which it is easily found, alone, in campaign 0 of a spacecraft."""
     campaign, rng = flown(spacecraft, 0).campaign, np.random.default_rng(7)
@@ -145,7 +156,10 @@ def written(folder: Path, spacecraft: str, index: int, hidden: str = "", strengt
     path = folder / f"{spacecraft}_{index}{'_' + hidden if hidden else ''}_{strength:g}"
     if not (path / "truth.json").is_file():
         effects = by_name((hidden,)) if hidden else ()
-        values = {e.name: stronger(e, strengths(spacecraft)[hidden], strength) for e in effects}
+        values = {
+            e.name: stronger(e, kept_strengths(folder, spacecraft)[hidden], strength)
+            for e in effects
+        }
         flight = flown(spacecraft, index, effects, values)
         write_campaign(flight.campaign, path)
         attitude = {
@@ -167,9 +181,10 @@ def stronger(effect: Effect, values: dict, factor: float) -> dict:
 
 
 def truth_in(folder: Path) -> np.ndarray:
-    """J and K (9,) that a folder's truth.json states (a simulated one's, or Basilisk's)."""
+    """J and K (9,) of a folder's truth.json: a simulation's, Basilisk's, a body's (no K: NaN)."""
     truth = json.loads((folder / "truth.json").read_text())
     if "theta" in truth:
         return np.array(truth["theta"])
-    J = np.array(truth["J_kgm2"])
-    return np.array([J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2], *truth["K"]])
+    J = np.array(truth["J_kgm2"] if "J_kgm2" in truth else truth["J_locked_kgm2"])
+    K = truth.get("K", [np.nan] * 3)
+    return np.array([J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2], *K])

@@ -13,7 +13,7 @@ from dirt_campaigns import HIDDEN, PULSED, SPACECRAFT, can_act, truth_in, writte
 from dirt_kinds import KINDS, Kind
 from dirt_pipeline import NAMES, Outcome, diagnosed, fitted, guarded, judged, uncleaned
 
-PARTS = ("table", "random", "uncleaned", "hidden", "diagnose", "fit")
+PARTS = ("table", "random", "uncleaned", "hidden", "throws", "diagnose", "fit")
 # Campaigns of each spacecraft among which the random combinations choose.
 _CAMPAIGNS = 6
 _RANDOM = 200
@@ -113,14 +113,17 @@ def _distances(outcome: Outcome, twin: Outcome, truth: np.ndarray) -> dict:
     shift = (outcome.theta - twin.theta) / np.maximum(outcome.sd, twin.sd)
     return {
         "shift": round(float(np.abs(shift).max()), 3),
-        "z": round(float(np.abs(z).max()), 3),
-        "worst": NAMES[int(np.abs(z).argmax())],
+        "z": round(float(np.nanmax(np.abs(z))), 3),
+        "worst": NAMES[int(np.nanargmax(np.abs(z)))],
         "widened": round(float(np.median(outcome.sd / twin.sd)), 3),
     }
 
 
-def cases(part: str, basilisk: Path | None = None) -> list[Case]:
-    """All cases of a part."""
+def cases(part: str, basilisk: Path | None = None, delft: Path | None = None) -> list[Case]:
+    """All cases of a part; those of data that are not given are left out."""
+    if part == "throws":
+        names = ("config_a", "config_empty") if delft is not None else ()
+        return [Case(str(delft / name), 0, ()) for name in names]
     if part == "table":
         return _table(basilisk)
     if part in ("random", "uncleaned"):

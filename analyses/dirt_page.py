@@ -15,6 +15,7 @@ _TITLES = {
     "random": "Random combinations of dirt",
     "uncleaned": "Negative control: the same without cleaning",
     "hidden": "A missing physical effect, alone and with dirt",
+    "throws": "Thrown bodies, real telemetry (truth known to 1 %)",
     "diagnose": "The package's own `diagnose`",
     "fit": "The package's own `fit`",
 }

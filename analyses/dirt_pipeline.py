@@ -14,9 +14,12 @@ from pathlib import Path
 import numpy as np
 
 from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.conventions.check import refuse_impossible
 from bayes_inertia.errors import BayesInertiaError
 from bayes_inertia.inference import optimizer
+from bayes_inertia.inference.cleaning import clean_fit
 from bayes_inertia.inference.convergence import Diagnostics
+from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.gates import check_gates
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
@@ -68,7 +71,18 @@ def guarded(work: Callable[[Path], Outcome], folder: Path) -> Outcome:
 
 
 def judged(folder: Path) -> Outcome:
-    """By the Laplace estimate."""
+    """By the Laplace estimate, cleaned as `fit` cleans it."""
+    campaign = read_campaign(folder)
+    refuse_impossible(folder)
+    cleaned = clean_fit(optimizer.estimate(Model(campaign)))
+    dirt = (*campaign.dirt, *cleaned.treatment.dirt)
+    context = FitContext(dirt=dirt)
+    gates = check_gates(cleaned.estimate, _PERFECT, context)
+    return outcome_of(cleaned.estimate, gates, tuple(d.json() for d in dirt))
+
+
+def uncleaned(folder: Path) -> Outcome:
+    """As `judged`, with the cleaning turned off: the negative control."""
     campaign = read_campaign(folder)
     estimate = optimizer.estimate(Model(campaign))
     return outcome_of(estimate, check_gates(estimate, _PERFECT), dirt_of(campaign))
@@ -139,8 +153,3 @@ def diagnosed(folder: Path) -> Outcome:
         verdict=diagnosis.verdict,
         named=tuple(diagnosis.named),
     )
-
-
-def uncleaned(folder: Path) -> Outcome:
-    """As `judged`, with the cleaning turned off: the negative control."""
-    return judged(folder)

@@ -63,19 +63,40 @@ def outlier_fixes(raw: RawCampaign, rng: np.random.Generator, size: float) -> Ra
     return raw
 
 
-def zeros(raw: RawCampaign, rng: np.random.Generator, size: float) -> RawCampaign:
-    """Rate readings of all axes lost and written as 0 (1 % of the rows while slewing)."""
+def zeros(channel: str) -> Injector:
+    """A channel lost and written as 0 (1 % of the rows while slewing, times size)."""
 
-    file = a_file(raw, rng)
-    rows = slewing(raw, file)
-    lost = rng.choice(rows, max(1, round(0.01 * size * len(rows))), replace=False)
+    def inject(raw: RawCampaign, rng: np.random.Generator, size: float) -> RawCampaign:
+        file = a_file(raw, rng)
+        rows = slewing(raw, file)
+        lost = rng.choice(rows, max(1, round(0.01 * size * len(rows))), replace=False)
 
-    def change(values: np.ndarray) -> np.ndarray:
-        values = values.copy()
-        values[lost] = 0.0
-        return values
+        def change(values: np.ndarray) -> np.ndarray:
+            values = values.copy()
+            values[lost] = 0.0
+            return values
 
-    return changed(raw, file, "rate", change)
+        return changed(raw, file, channel, change)
+
+    return inject
+
+
+def wrong_commands(raw: RawCampaign, rng: np.random.Generator, size: float) -> RawCampaign:
+    """Commands of three rows (times size) are off by 0.1 to 100 % of the largest torque."""
+    names = raw.names("wheel_torque")
+    largest = max(np.abs(numbers(t, names)).max() for t in raw.tables.values())
+    for _ in range(max(1, round(3 * size))):
+        file = a_file(raw, rng)
+        row, wheel = rng.integers(len(raw.tables[file])), rng.integers(len(names))
+        off = largest * np.exp(rng.uniform(np.log(1e-3), 0.0)) * rng.choice([-1.0, 1.0])
+
+        def change(values: np.ndarray, row=row, wheel=wheel, off=off) -> np.ndarray:
+            values = values.copy()
+            values[row, wheel] += off
+            return values
+
+        raw = changed(raw, file, "wheel_torque", change)
+    return raw
 
 
 def stuck(channel: str, axes: int | None) -> Injector:

@@ -6,8 +6,9 @@
 
 Parts: `table` (every kind of dirt alone, three spacecraft, against the clean twin and the truth),
 `random` (200 random combinations), `uncleaned` (the same without cleaning: the negative control),
-`hidden` (a missing physical effect, alone and with dirt: does the cleaning hide it?), `diagnose`
-and `fit` (the package's own calls on a few). A part goes on where it was stopped; `--label` keeps
+`hidden` (a missing physical effect, alone and with dirt: does the cleaning hide it?), `throws`
+(real bodies thrown by hand, which no model here explains: nothing may be trusted), `diagnose` and
+`fit` (the package's own calls on a few). A part goes on where it was stopped; `--label` keeps
 the rows of another version beside. `page` writes results/dirt_study.md.
 """
 
@@ -46,7 +47,7 @@ def run_part(part: str, options: argparse.Namespace) -> None:
     rows = [] if options.again else stored().get(name, [])
     twins: dict = {}
     done, end = {row["case"] for row in rows}, time.time() + 60.0 * options.minutes
-    for case in dirt_cases.cases(part, options.basilisk)[: options.count]:
+    for case in dirt_cases.cases(part, options.basilisk, options.delft)[: options.count]:
         if case.label in done or options.only not in case.label:
             continue
         if time.time() > end:
@@ -66,6 +67,7 @@ def main() -> None:
     parser.add_argument("parts", nargs="+", choices=[*dirt_cases.PARTS, "page"])
     parser.add_argument("--work", type=Path, default=Path("dirt_work"), help="for simulated data")
     parser.add_argument("--basilisk", type=Path, help="folder of Basilisk campaigns")
+    parser.add_argument("--delft", type=Path, help="folder of the thrown bodies")
     parser.add_argument("--label", default="", help="kept with the rows, for another version")
     parser.add_argument("--minutes", type=float, default=60.0, help="stop after this time")
     parser.add_argument("--count", type=int, help="so many cases only")
