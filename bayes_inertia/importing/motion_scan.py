@@ -21,6 +21,8 @@ _AVERAGED_ROWS = 5
 _OUTLIER_ROWS = 5  # The running median: two rows in a row may be outliers.
 # Share of the readings that are slowest: the rate at rest is their median.
 _SLOWEST = 0.2
+# A body whose slowest rate is more than this share of its largest does not rest.
+_RESTS_BELOW = 0.2
 # A log whose rates do not exceed their noise at rest by this factor shows no slew.
 _VISIBLE = 8.0
 # `low` is this factor above the median at rest, but at most this share of `high`.
@@ -108,7 +110,7 @@ def scan_motion(rate: LoggedStream, *, threshold: float | None, pause: float) ->
     Raises
     ------
     CampaignError
-        If no rate exceeds the noise at rest by far.
+        If no rate exceeds the noise at rest by far, or the body never rests.
 
     Examples
     --------
@@ -122,6 +124,7 @@ def scan_motion(rate: LoggedStream, *, threshold: float | None, pause: float) ->
     rates, width = _smoothed(rate, segment)
     norm = np.linalg.norm(rates, axis=1)
     rest_rate = np.median(rates[norm <= np.quantile(norm, _SLOWEST)], axis=0)
+    _require_rest(float(np.linalg.norm(rest_rate)), float(norm.max()), rate)
     speed = np.linalg.norm(rates - rest_rate, axis=1)
     floor = _SIGMAS_OF_REST * _noise(rate) / np.sqrt(width)
     largest = float(speed.max())
@@ -132,6 +135,17 @@ def scan_motion(rate: LoggedStream, *, threshold: float | None, pause: float) ->
     low = min(high, max(min(_LOW_OVER_HIGH * high, _ABOVE_REST * level), 2.0 * level, 1e-3 * high))
     motions = _hysteresis(rate.time, speed, segment, low, high)
     return MotionScan(rate.time, speed, segment, low, high, motions, rest_rate)
+
+
+def _require_rest(slowest: float, largest: float, rate: LoggedStream) -> None:
+    """Refuse a log of a body that turns all the time."""
+    if slowest > _RESTS_BELOW * largest:
+        raise CampaignError(
+            f"the body never rests: it turns by {slowest:.2g} rad/s at least, "
+            f"{largest:.2g} rad/s at most",
+            where=f"rates in {', '.join(rate.files)}",
+            advice="state [[slews]] with start and end, or give one file a slew",
+        )
 
 
 def _smoothed(rate: LoggedStream, segment: np.ndarray) -> tuple[np.ndarray, int]:

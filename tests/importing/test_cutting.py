@@ -78,6 +78,20 @@ def test_a_log_without_a_slew_says_so(tmp_path):
     assert_teaches(caught.value, ["no slew is to be seen", "rad/s", "state [[slews]]"])
 
 
+def test_a_body_that_never_rests_is_cut_only_as_stated(tmp_path):
+    columns = log_columns([], 100.0)
+    columns["wz"] += 20.0 + 5.0 * np.sin(columns["t_ms"] / 3e3)
+    with pytest.raises(CampaignError) as caught:
+        imported(tmp_path, columns)
+    assert_teaches(caught.value, ["the body never rests", "[[slews]]"])
+    more = '\n[[slews]]\nname = "tumble"\nstart = 10.0\nend = 60.0\n'
+    stated = imported(tmp_path, columns, more=more)
+    assert stated.cut.scan is None
+    assert stated.noises == ()
+    assert not (tmp_path / "c" / "slews.svg").exists()
+    assert read_campaign(tmp_path / "c").slews[0].duration == 50.0
+
+
 def test_the_threshold_may_be_stated(tmp_path, columns):
     rest_rate = ("[inertia]", "[cut]\nrest_rate = 0.036\n\n[inertia]")
     cut = imported(tmp_path, columns, rest_rate).cut

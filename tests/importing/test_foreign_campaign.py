@@ -35,6 +35,14 @@ def logs(tmp_path_factory):
     }
 
 
+@pytest.fixture(scope="module")
+def at_rests(logs, tmp_path_factory):
+    """The log with the AEM, cut at its rests."""
+    foreign = logs["aem"]
+    folder = tmp_path_factory.mktemp("cut") / "c"
+    return import_logs(foreign.files, foreign.mapping_to_cut, folder)
+
+
 @pytest.mark.parametrize("tracker", ["aem", "csv"])
 def test_the_imported_numbers_are_the_native_ones(logs, tracker, tmp_path):
     foreign = logs[tracker]
@@ -63,10 +71,9 @@ def test_a_wrong_offset_is_seen_by_that_comparison(logs, tmp_path):
     assert not np.array_equal(imported.slews[0].fixes[: len(native.time)], native.fixes)
 
 
-def test_the_log_is_cut_at_its_rests(logs, tmp_path):
-    foreign = logs["csv"]
-    imported = import_logs(foreign.files, foreign.mapping_to_cut, tmp_path / "c")
-    campaign = read_campaign(imported.folder)
+def test_the_log_is_cut_at_its_rests(logs, at_rests):
+    foreign, imported = logs["aem"], at_rests
+    campaign = read_campaign(imported)
     assert len(campaign.slews) == len(foreign.native.slews)
     for native, slew, window in zip(
         foreign.native.slews, campaign.slews, imported.cut.windows, strict=True
@@ -83,10 +90,8 @@ def test_the_log_is_cut_at_its_rests(logs, tmp_path):
     assert {part.reason for part in imported.cut.dropped} == {"rest that no slew needs"}
 
 
-def test_the_noise_of_the_rests_is_that_of_the_sensors(logs, tmp_path):
-    foreign = logs["csv"]
-    imported = import_logs(foreign.files, foreign.mapping_to_cut, tmp_path / "c")
-    seen = {noise.key: noise for noise in imported.noises}
+def test_the_noise_of_the_rests_is_that_of_the_sensors(at_rests):
+    seen = {noise.key: noise for noise in at_rests.noises}
     assert set(seen) == {
         "rate_sensor.sigma",
         "star_tracker.sigma_cross",
@@ -110,19 +115,18 @@ def test_a_missing_noise_is_quoted_and_not_taken(logs, tmp_path):
     assert not (tmp_path / "c").exists()
 
 
-def test_a_folder_is_never_overwritten(logs, tmp_path):
-    foreign = logs["csv"]
-    folder = import_logs(foreign.files, foreign.mapping, tmp_path / "c").folder
+def test_a_folder_is_never_overwritten(logs, at_rests):
+    folder = at_rests.folder
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
-    import_logs(foreign.files, foreign.mapping, folder)  # the same import, the same bytes
+    foreign = logs["aem"]
+    import_logs(foreign.files, foreign.mapping_to_cut, folder)  # the same import, the same bytes
     with pytest.raises(OutputError, match="would overwrite another campaign"):
-        import_logs(foreign.files, foreign.mapping_to_cut, folder)
+        import_logs(foreign.files, foreign.mapping, folder)
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
-def test_the_record_names_what_was_read_and_cut(logs, tmp_path):
-    foreign = logs["aem"]
-    folder = import_logs(foreign.files, foreign.mapping_to_cut, tmp_path / "c").folder
+def test_the_record_names_what_was_read_and_cut(logs, at_rests):
+    foreign, folder = logs["aem"], at_rests.folder
     record = json.loads((folder / "import.json").read_text())
     assert record["format"] == "bayes-inertia-import/1"
     assert set(record["raw_files"]) == {path.name for path in foreign.files}

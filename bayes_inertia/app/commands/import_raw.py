@@ -119,6 +119,11 @@ def _show_slews(console: Console, imported: ImportedCampaign) -> None:
             "?" if window.turned is None else f"{np.degrees(window.turned):.1f}",
         )
     console.print(table)
+    for window in cut.windows:
+        if "attitude" in imported.logs.streams and window.fixes is not None:
+            for fixes, side in zip(window.fixes, ("before", "after"), strict=True):
+                if not fixes:
+                    console.print(f"{window.name}: no star-tracker fix in the rest {side} it")
     for reason in dict.fromkeys(part.reason for part in cut.dropped):
         parts = [part for part in cut.dropped if part.reason == reason]
         seconds = sum(part.end - part.start for part in parts)
