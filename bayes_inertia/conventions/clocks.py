@@ -65,7 +65,7 @@ def clocks(misfits: Misfits, reading: Reading, columns: Columns) -> Clocks:
     told = {
         law: late
         for law in (CLOSURE, CONSERVATION, DRIVE)
-        if (late := lateness(misfits, reading, law)) is not None and _explains(late)
+        if (late := lateness(misfits, reading, law)) is not None and late.explains
     }
     gross = {law: late for law, late in told.items() if _is_gross(misfits, late)}
     remarks = tuple(
@@ -107,11 +107,6 @@ def shifted_misfit(misfits: Misfits, reading: Reading, remedy: Remedy, columns: 
         shifts[channel] = change.mended - (change.stated or 0.0)
     slews = sampled(misfits.campaign, shifts)
     return np.inf if slews is None else worst(Misfits(misfits.campaign, slews).of(reading))
-
-
-def _explains(late: Lateness) -> bool:
-    """Whether the lateness is what breaks the law, rather than one of many things."""
-    return late.after * limits.IMPROVEMENT < late.before
 
 
 def _is_gross(misfits: Misfits, late: Lateness) -> bool:

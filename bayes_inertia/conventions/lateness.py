@@ -44,12 +44,28 @@ class Lateness:
         late.
     before, after : float
         Residual of the law without and with it [sd of the sensors' stated noise].
+    moments : int
+        How many moments were compared.
     """
 
     law: str
     seconds: float
     before: float
     after: float
+    moments: int
+
+    @property
+    def explains(self) -> bool:
+        """Whether the lateness is what breaks the law, rather than one of many things.
+
+        Nearly nothing but the stated noise is left, or a third of what was there at most; and chi^2
+        falls by far more than chance lets it.
+        """
+        excess_before, excess_after = (max(x**2 - 1.0, 0.0) for x in (self.before, self.after))
+        fall = (self.before**2 - self.after**2) * self.moments
+        share = limits.IMPROVEMENT**2
+        most = excess_after * share < excess_before or self.after**2 * share < self.before**2
+        return most and fall > limits.LATE_CHI2
 
 
 def lateness(misfits: Misfits, reading: Reading, law: str) -> Lateness | None:
@@ -99,7 +115,8 @@ def lateness(misfits: Misfits, reading: Reading, law: str) -> Lateness | None:
     # From shares of the motion to the noise that the campaign states.
     noises = np.sqrt(np.mean(first.sigma**2)) * limits.SHARP / max(first.noise, 1e-30)
     scale = float(noises) if first.noise > 0.0 else 1.0
-    return Lateness(law, best[0], before * scale, best[1] * scale)
+    moments = int(first.mask.sum())
+    return Lateness(law, best[0], before * scale, best[1] * scale, moments)
 
 
 def channels_of(misfits: Misfits, law: str) -> tuple[str, ...]:
@@ -155,5 +172,7 @@ def gross_lateness(campaign: Campaign, lag: bool) -> float:
     >>> gross_lateness(small_campaign(), True) > gross_lateness(small_campaign(), False)
     True
     """
-    share = limits.LAG_SHARE if lag else limits.LATE_SHARE
-    return limits.LATE_SDS * share * campaign.scale_of_motion()[1]
+    sd = (limits.LAG_SHARE if lag else limits.LATE_SHARE) * campaign.scale_of_motion()[1]
+    if lag:
+        return limits.LATE_SDS * sd
+    return min(limits.LATE_SDS * sd, max(limits.LONGEST_LATENESS, limits.LEAST_LATE_SDS * sd))

@@ -84,6 +84,13 @@ rather than 10 %."""
 LATE_SDS = 5.0
 """Lateness beyond this many sds of the library's prior is a wrong clock, no exposure time."""
 
+LEAST_LATE_SDS, LONGEST_LATENESS = 3.0, 0.9
+"""Three of these sds are enough beyond 0.9 s: exposure, filters and processing of a sensor
+together do not take a second, however slowly the spacecraft turns."""
+
+LATE_CHI2 = 100.0
+"""chi^2 must fall by this much with one offset: ten sds."""
+
 LATE_STEPS = 0.7
 """A wrong clock is off by this many rows at least: half a row is a matter of what a stamp means."""
 
