@@ -214,8 +214,7 @@ def largest_shift(native: Campaign, imported: Campaign) -> float:
     from bayes_inertia import Model, estimate
 
     first, second = (estimate(Model(campaign)) for campaign in (native, imported))
-    shift = np.asarray(second.mean)[:9] - np.asarray(first.mean)[:9]
-    return float(np.max(np.abs(shift) / np.sqrt(np.diag(np.asarray(first.covariance)))[:9]))
+    return float(np.max(np.abs(second.theta - first.theta)[:9] / first.sd[:9]))
 
 
 def page(campaign: Campaign, rows: list[Comparison], shifts: Mapping[str, float]) -> str:
