@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+import tempfile
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes, text_of, write_new_files
 from bayes_inertia.importing.common_clock import Logs
@@ -40,12 +44,15 @@ class ImportedCampaign:
         The slews, and what was left out.
     noises : tuple of RestNoise
         What the rests show.
+    campaign : Campaign
+        The campaign as it reads back; its `dirt` says what of the telemetry is faulty.
     """
 
     folder: Path
     logs: Logs
     cut: SlewCut
     noises: tuple[RestNoise, ...]
+    campaign: Campaign
 
     def __fspath__(self) -> str:
         return str(self.folder)
@@ -93,8 +100,22 @@ def import_logs(
     # The description comes last: an interrupted import leaves no campaign.
     content["campaign.toml"] = description_text(parsed, slews, noises)
     encoded = {name: text.encode("utf-8") for name, text in content.items()}
+    campaign = _read_back(encoded, label)
     written = write_new_files(folder, encoded, holds="campaign")
-    return ImportedCampaign(written, logs, cut, tuple(noises))
+    return ImportedCampaign(written, logs, cut, tuple(noises), campaign)
+
+
+def _read_back(content: Mapping[str, bytes], label: str) -> Campaign:
+    """The campaign that a folder with this content would be; what is wrong is the mapping's."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name, data in content.items():
+            Path(folder, name).write_bytes(data)
+        try:
+            return read_campaign(folder)
+        except CampaignError as error:
+            where = error.where.replace(str(Path(folder, "campaign.toml")), label)
+            where = where.replace(f"{folder}{os.sep}", "")
+            raise CampaignError(error.what, where=where, advice=error.advice) from None
 
 
 def _zero_in_words(logs: Logs) -> str:

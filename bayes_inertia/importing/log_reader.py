@@ -35,7 +35,7 @@ from bayes_inertia.importing.mapping_schema import (
 )
 from bayes_inertia.importing.questions import question_at
 from bayes_inertia.importing.raw_files import file_format, read_raw
-from bayes_inertia.importing.raw_table import RawColumn, RawTable
+from bayes_inertia.importing.raw_table import RawColumn, RawTable, number_of
 from bayes_inertia.importing.stated_facts import agreed, agreed_attitude, agreed_unit
 from bayes_inertia.importing.text_options import TextOptions
 from bayes_inertia.importing.time_stamps import FREE_CLOCKS, TimeStamps, times_to_seconds
@@ -91,6 +91,10 @@ def read_logs(files: Sequence[str | Path], mapping: MappingPart, label: str) -> 
         else than the mapping says, or clocks cannot be brought together.
     """
     paths = sorted({Path(file) for file in files}, key=_natural)
+    for path in paths:
+        if not path.is_file():
+            what = "is no file" if path.exists() else "does not exist"
+            raise CampaignError(what, where=str(path), advice="name the raw logs themselves")
     tables = _Tables()
     shares: list[FileShare] = []
     used: set[Path] = set()
@@ -279,7 +283,8 @@ def _valid_rows(valid: ValidRows, table: RawTable, where: str) -> np.ndarray:
         cells = np.array([str(cell).strip() for cell in column.values.tolist()])
         rows = np.isin(cells, [str(value) for value in accepted])
     else:
-        rows = np.isin(column.values.astype(float), [float(value) for value in accepted])
+        numbers = [number_of(v) if isinstance(v, str) else float(v) for v in accepted]
+        rows = np.isin(column.values.astype(float), numbers)
     if not rows.any():
         present = ", ".join(repr(v) for v in np.unique(column.values)[:8].tolist())
         raise CampaignError(

@@ -5,10 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from bayes_inertia.campaign.checked_toml import checked_document, toml_document
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes, text_of
-from bayes_inertia.importing.attitude_forms import COLUMNS_OF_FORM
+from bayes_inertia.importing.attitude_forms import COLUMNS_OF_FORM, AttitudeConvention, bad_attitude
 from bayes_inertia.importing.mapping_schema import (
     AttitudeStream,
     MappedStream,
@@ -19,6 +21,8 @@ from bayes_inertia.importing.mapping_schema import (
 )
 from bayes_inertia.importing.questions import refuse_open_questions
 
+# Smallest determinant of three axes that do not lie in one plane.
+_INDEPENDENT = 1e-3
 _FORM_OF_KEY = {"scalar": "quaternion", "sequence": "euler", "turns": "euler", "unit": "euler"}
 
 
@@ -158,6 +162,10 @@ def _check_mounting(stream: RateStream, mapping: MappingPart, where: str) -> Non
             "missing key",
             'add mounting = [[...], [...], [...]], v_sensor = mounting v_body (frame = "sensor")',
         )
+    for key in given:
+        independent = abs(np.linalg.det(np.array(getattr(stream, key)))) > _INDEPENDENT
+        what = "the axes lie in one plane"
+        _require(independent, f"{where}.{key}", what, "give three independent axes")
     advice = "keep one of them"
     _require(len(stated) < 2, where, f"the mounting is stated by {' and '.join(stated)}", advice)
     _require(
@@ -201,6 +209,14 @@ def _check_attitude(stream: AttitudeStream, where: str) -> None:
         "missing key",
         'add body_from_tracker = [[...], [...], [...]], v_body = R v_tracker (frame = "tracker")',
     )
+    if stream.body_from_tracker is not None:
+        problem = bad_attitude(
+            np.array(stream.body_from_tracker).reshape(1, 9),
+            AttitudeConvention("dcm", "inertial_to_body"),
+        )
+        what = "" if problem is None else problem[1]
+        advice = "give the nine cosines with enough digits; column i is the tracker's axis i"
+        _require(problem is None, f"{where}.body_from_tracker", what, advice)
 
 
 def streams_that_hold(mapping: MappingPart, holds: str) -> list[MappedStream]:
@@ -234,8 +250,6 @@ def rate_sensor_axes(mapping: MappingPart) -> Any:
     list of list of float
         Three rows.
     """
-    import numpy as np
-
     stream = next(stream for stream in mapping.streams if isinstance(stream, RateStream))
     if stream.mounting is not None:
         return stream.mounting

@@ -13,6 +13,8 @@ from bayes_inertia.importing.mapping import parse_mapping, rate_sensor_axes
 from bayes_inertia.importing.questions import QUESTIONS, open_questions
 
 RATE = 'unit = "deg/s"\nframe = "body"\n'
+FIXES = 'scalar = "last"\nmaps = "inertial_to_body"\nframe = "body"\n'
+FLAT = "[[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]"
 QUARTER = "[[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]"
 
 
@@ -39,6 +41,10 @@ BAD = [
     (('holds = "rate"', 'holds = "rates"'), ["streams.rates.holds", "'rates' is not one of"]),
     (('holds = "rate"\n', ""), ["streams[1 of 3].holds", "missing key"]),
     (('files = ["log*.csv"]\n', ""), ["streams.rate.files", "missing key"]),
+    ((RATE, RATE.replace("body", "sensor") + f"body_from_sensor = {FLAT}\n"),
+     ["rate.body_from_sensor", "in one plane"]),
+    ((FIXES, FIXES.replace('frame = "body"', 'frame = "tracker"') + f"body_from_tracker = {FLAT}\n"),
+     ["attitude.body_from_tracker", "no rotation"]),
     ((RATE, RATE + f"mounting = {QUARTER}\n"), ["rate.frame", "contradict"]),
     ((RATE, 'unit = "deg/s"\nframe = "sensor"\n'), ["streams.rate.mounting", "v_sensor"]),
     (('names = ["torque"]', 'names = ["torque", "v"]'), ["wheel_torque.names", "for 1 wheel"]),
@@ -100,6 +106,11 @@ def log(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "named"),
     [
+        ([("axis = [1.0, 0.0, 0.0]", "axis = [1.0, 1.0, 0.0]")], ["mapping.toml", "x.axis"]),
+        ([("sigma = 1e-4\n", "sigma = -1e-4\n")], ["rate_sensor.sigma", "positive"]),
+        ([(RATE, RATE + 'valid = { name = "q4", equals = "a" }\n')], ["rate.valid.equals", "no row"]),
+        ([('kind = "ms", epoch = "campaign"', 'kind = "utc"')], ["streams.rate.time", "dates"]),
+        ([('epoch = "campaign"', 'epoch = "today"')], ["streams.rate.time.epoch", "'today'"]),
         ([("log*.csv", "gyro.csv")], ["streams.rate.files", "log.csv"]),
         ([('["wx", "wy", "wz"]', '["wx", "wy", "wq"]')], ["no column 'wq'", "The table has: t_ms"]),
         ([('unit = "deg/s"', 'unit = "N m"')], ["streams.rate.unit", "no unit of a rate"]),

@@ -82,6 +82,9 @@ def show_import(imported: ImportedCampaign) -> None:
     _show_streams(console, imported)
     _show_slews(console, imported)
     _show_noise(console, imported.noises)
+    for record in imported.campaign.dirt:
+        place = f"{record.slew}, {record.channel}" if record.slew else record.channel
+        console.print(f"{record.kind} ({place}): {record.note} [{record.treated}]")
     if imported.logs.unused:
         console.print(f"read by no stream: {', '.join(imported.logs.unused)}")
     picture = f", {PICTURE_FILE}" if imported.cut.scan is not None else ""
@@ -138,7 +141,8 @@ def _rests(window: SlewWindow) -> tuple[str, str]:
         return "?", "?"
     lengths = (window.motion[0] - window.start, window.end - window.motion[1])
     before, after = (
-        f"{seconds:.1f} s ({fixes})" for seconds, fixes in zip(lengths, window.fixes, strict=True)
+        f"{max(seconds, 0.0):.1f} s ({fixes})"
+        for seconds, fixes in zip(lengths, window.fixes, strict=True)
     )
     return before, after
 
