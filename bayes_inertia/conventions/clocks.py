@@ -11,7 +11,8 @@ import numpy as np
 from bayes_inertia.conventions import limits
 from bayes_inertia.conventions.hypothesis import KeyChange, Mistake
 from bayes_inertia.conventions.lateness import Lateness, channels_of, gross_lateness, lateness
-from bayes_inertia.conventions.misfits import CLOSURE, CONSERVATION, DRIVE, Misfits
+from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE
+from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.reading import Reading
 from bayes_inertia.conventions.sampled_slews import sampled
 from bayes_inertia.conventions.search import Remedy, worst

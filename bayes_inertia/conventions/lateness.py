@@ -13,14 +13,9 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.conventions import limits
+from bayes_inertia.conventions.laws import CLOSURE, DRIVE, LawData
 from bayes_inertia.conventions.linear_fit import fitted
-from bayes_inertia.conventions.misfits import (
-    CLOSURE,
-    DRIVE,
-    LAWS,
-    LawData,
-    Misfits,
-)
+from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.reading import Reading
 from bayes_inertia.conventions.sampled_slews import sampled
 
@@ -88,7 +83,7 @@ def lateness(misfits: Misfits, reading: Reading, law: str) -> Lateness | None:
         None if the law cannot be tested, or no shift is better than none.
     """
     channels = channels_of(misfits, law)
-    data = LAWS[law](misfits, reading)
+    data = misfits.law(law, reading)
     if data is None or not data.early.any():
         return None
     first = data
@@ -102,7 +97,7 @@ def lateness(misfits: Misfits, reading: Reading, law: str) -> Lateness | None:
         if abs(shift) > 0.3 * float(misfits.motion(reading).duration.min()):
             break
         slews = sampled(misfits.campaign, dict.fromkeys(channels, shift))
-        data = None if slews is None else LAWS[law](Misfits(misfits.campaign, slews), reading)
+        data = None if slews is None else Misfits(misfits.campaign, slews).law(law, reading)
         if data is None:
             break
         after, step = _shift(data)

@@ -1,0 +1,334 @@
+"""Three laws that telemetry obeys whatever J and K are.
+
+Closure: the rate, integrated between star-tracker fixes, is the rotation between them.
+Conservation: J w + G h, in axes that do not turn, is constant within a slew.
+Drive: the torque commands, integrated, are the momentum that the tachometers read.
+
+Each is linear in what is uncertain (J, K, misalignment, bias, a constant torque, gains, friction),
+which is fitted with priors wide enough for anything physical.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.conventions import limits
+from bayes_inertia.conventions.linear_fit import LinearFit, fitted
+from bayes_inertia.conventions.motion import Motion
+from bayes_inertia.conventions.reading import Reading
+from bayes_inertia.conventions.rotations import angle_of, composed, turned_back
+from bayes_inertia.conventions.sampled_slews import SampledSlews
+
+CLOSURE, CONSERVATION, DRIVE = "closure", "conservation", "drive"
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What the telemetry tells under a reading.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Hardware and priors.
+    slews : SampledSlews
+        The telemetry.
+    reading : Reading
+        Conventions, stated or supposed.
+    motion : Motion
+        What the rates then tell of the motion.
+    """
+
+    campaign: Campaign
+    slews: SampledSlews
+    reading: Reading
+    motion: Motion
+
+
+@dataclass(frozen=True, eq=False)
+class LawData:
+    """One law as a linear problem: data = regressors x + free c + error.
+
+    Parameters
+    ----------
+    data : (S, N, D) array
+        What should vanish, or be constant.
+    regressors : (S, N, D, P) array
+        What a prior standard deviation of each uncertain parameter does to it.
+    free : (S, N, D, Q) array
+        What is free in every slew.
+    sigma : (S,) array
+        What noise and undisclosed physics may leave.
+    mask : (S, N) array of bool
+        Which moments count.
+    early : (S, N, D) array
+        What one second adds by which the second stream (attitude, wheels, commands) is early.
+    noise : float
+        Sd of the norm of a moment's error that the sensors' stated noise makes.
+    factors : float
+        Sd of the logarithms of the moments of inertia, which are regressors 0, 4 and 8; 0 for none.
+    """
+
+    data: np.ndarray
+    regressors: np.ndarray
+    free: np.ndarray
+    sigma: np.ndarray
+    mask: np.ndarray
+    early: np.ndarray
+    noise: float
+    factors: float = 0.0
+
+    def fit(self) -> LinearFit:
+        """The fit of all that is uncertain.
+
+        Returns
+        -------
+        LinearFit
+            Misfits in standard deviations.
+        """
+        fit = fitted(self.data, self.regressors, self.free, self.sigma, self.mask)
+        if not self.factors:
+            return fit
+        return fit.with_factors(slice(0, 9, 4), np.full(3, self.factors))
+
+
+def closure(told: Told) -> LawData | None:
+    """Integrated rates against the star tracker.
+
+    Parameters
+    ----------
+    told : Told
+        The telemetry under a reading.
+
+    Returns
+    -------
+    LawData or None
+        None if no slew has two fixes.
+    """
+    fixes = told.slews.fixes
+    some = fixes.sum(axis=1) >= 2
+    if not some.any():
+        return None
+    moving, fixes = told.motion, fixes[some]
+    attitude = np.where(fixes[..., None], told.slews.attitude[some], [0.0, 0.0, 0.0, 1.0])
+    attitude = attitude @ told.reading.attitude.T
+    path = moving.path[some]
+    # The attitude of the first moment that each fix implies: one and the same if all is right.
+    start = composed(attitude, turned_back(path))
+    first = np.argmax(fixes, axis=1)
+    reference = start[np.arange(len(start)), first][:, None]
+    error = -angle_of(composed(turned_back(reference), start)) * fixes[..., None]
+    seen = angle_of(composed(turned_back(_at(attitude, first)), attitude))
+    integrated = angle_of(composed(turned_back(_at(path, first)), path))
+    size = np.maximum(_deviation(seen, fixes), _deviation(integrated, fixes))
+    tracker = told.campaign.star_tracker
+    noise = 0.0 if tracker is None else np.hypot(tracker.sigma_cross, tracker.sigma_roll)
+    sds = np.where(np.eye(3, dtype=bool), _scale_sd(told), limits.MISALIGNMENT_SD).ravel()
+    bias = _bias_sd(told)
+    regressors = np.concatenate([moving.by_scale * sds, moving.by_bias * bias], axis=-1)[some]
+    free = np.broadcast_to(np.eye(3), (*error.shape, 3))
+    turning = np.einsum("snij,snj->sni", moving.to_start[some], moving.rate_B[some])
+    early = -turning * fixes[..., None]
+    return LawData(error, regressors, free, _sigma(size, noise), fixes, early, noise)
+
+
+def _at(quaternions: np.ndarray, first: np.ndarray) -> np.ndarray:
+    return quaternions[np.arange(len(quaternions)), first][:, None]
+
+
+def _scale_sd(told: Told) -> np.ndarray:
+    return np.maximum(limits.SCALE_SD, told.campaign.rate_sensor.scale_factor_sigma)
+
+
+def _bias_sd(told: Told) -> np.ndarray:
+    """Sd of the rate bias (3,): what is stated, or more where it may be stale [rad/s]."""
+    valid = told.slews.valid
+    rms = np.sqrt(np.mean(np.sum(told.motion.rate_B[valid] ** 2, axis=-1)))
+    return np.maximum(told.campaign.rate_sensor.bias_sigma, limits.BIAS_SHARE * rms)
+
+
+def _deviation(vectors: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Root mean square distance (S,) of vectors (S, N, D) from their mean, where mask is True."""
+    count = np.maximum(mask.sum(axis=1), 1)[:, None]
+    mean = (vectors * mask[..., None]).sum(axis=1) / count
+    off = (vectors - mean[:, None]) * mask[..., None]
+    return np.sqrt((off**2).sum(axis=(1, 2)) / count[:, 0])
+
+
+def _sigma(size: np.ndarray, noise: float, *more: np.ndarray) -> np.ndarray:
+    """Sd (S,) of what noise and undisclosed physics leave of a motion of this size."""
+    idle = limits.IDLE_SHARE * size.max(initial=0.0)
+    square = (limits.PHYSICAL_SHARE * size) ** 2 + idle**2 + noise**2
+    return np.sqrt(square + sum(part**2 for part in more) + 1e-30)
+
+
+def conservation(told: Told) -> LawData | None:
+    """Total momentum in axes that do not turn.
+
+    Parameters
+    ----------
+    told : Told
+        The telemetry under a reading.
+
+    Returns
+    -------
+    LawData or None
+        None if there are wheels of which neither momentum nor commands are known.
+    """
+    slews, moving = told.slews, told.motion
+    to_start, valid = moving.to_start, slews.valid
+    wheels_B = wheel_momentum_B(told)
+    if wheels_B is None:
+        return None
+    body = np.einsum("snij,snj->sni", to_start, moving.rate_B @ told.reading.inertia.T)
+    stored = np.einsum("snij,snj->sni", to_start, wheels_B)
+    size = np.maximum(_deviation(body, valid), _deviation(stored, valid))
+    if not told.campaign.wheels:
+        size = np.maximum(size, _norm(body, valid))
+    total = body + stored
+    free = np.broadcast_to(np.eye(3), (*total.shape, 3))
+    if slews.momentum is None and told.campaign.wheels:
+        # Commands tell the wheels' momentum up to a constant in body axes.
+        free = np.concatenate([free, to_start], axis=-1)
+    noise = _momentum_noise(told)
+    angle = np.minimum(_norm(angle_of(moving.path), valid), 1.0)
+    frame = limits.FRAME_SHARE * angle * _norm(total, valid)
+    return LawData(
+        total,
+        _uncertain_momentum(told, total, size),
+        free,
+        _sigma(size, noise, frame),
+        valid,
+        early=np.einsum("snij,snj->sni", to_start, _slope(wheels_B, told)),
+        noise=noise,
+        factors=max(limits.INERTIA_SD, told.campaign.inertia.relative_sigma),
+    )
+
+
+def _uncertain_momentum(told: Told, total: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """What J, K, bias and a constant torque of one sd each do to the momentum (S, N, 3, 18)."""
+    moving, prior, inertia = told.motion, told.campaign.inertia, told.reading.inertia
+    mean = float(np.trace(inertia)) / 3.0
+    moments = np.maximum(limits.INERTIA_SD, prior.relative_sigma) * np.diag(inertia)
+    product = min(max(prior.product_sigma, limits.INERTIA_SD * mean), mean)
+    sds = np.where(np.eye(3, dtype=bool), moments[:, None], product)
+    by_inertia = np.einsum("snia,snb->sniab", moving.to_start, moving.rate_B) * sds
+    scales = np.maximum(limits.FRAME_SHARE, told.campaign.rate_sensor.scale_factor_sigma)
+    by_scale = _crossed(moving.by_scale[..., [0, 4, 8]], total) * scales
+    by_bias = _crossed(moving.by_bias, total) + moving.to_start @ inertia
+    unseen = told.slews.momentum is None
+    share = limits.UNSEEN_FRICTION_SHARE if unseen else limits.TORQUE_SHARE
+    torque = share * size / np.maximum(np.abs(moving.duration), 1e-12)
+    by_torque = moving.by_bias * torque[:, None, None, None]
+    elements = by_inertia.reshape(*by_inertia.shape[:3], 9)
+    return np.concatenate([elements, by_scale, by_bias * _bias_sd(told), by_torque], axis=-1)
+
+
+def _slope(values: np.ndarray, told: Told) -> np.ndarray:
+    """Time derivative of values (S, N, D); zero at the repeated moments of the end."""
+    steps = np.diff(told.reading.time * told.slews.time, axis=1)[..., None]
+    steps = np.where(steps == 0.0, np.inf, steps)
+    slopes = np.diff(values, axis=1) / steps
+    ends = np.concatenate([slopes[:, :1], slopes], axis=1)
+    starts = np.concatenate([slopes, slopes[:, -1:]], axis=1)
+    return 0.5 * (ends + starts)
+
+
+def _norm(vectors: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Root mean square length (S,) of vectors (S, N, D) where mask is True."""
+    count = np.maximum(mask.sum(axis=1), 1)
+    return np.sqrt(((vectors * mask[..., None]) ** 2).sum(axis=(1, 2)) / count)
+
+
+def _crossed(angles: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """What small rotations (S, N, 3, P) do to vectors (S, N, 3)."""
+    return np.cross(angles, vectors[..., None], axis=2)
+
+
+def wheel_momentum_B(told: Told) -> np.ndarray | None:
+    """The wheels' momentum relative to the body, along body axes.
+
+    Parameters
+    ----------
+    told : Told
+        The telemetry under a reading.
+
+    Returns
+    -------
+    (S, N, 3) array or None
+        From tachometers, else from commands up to a constant in each slew [N m s]; None without
+        either. Zero for a body without wheels.
+    """
+    slews, reading = told.slews, told.reading
+    if not reading.axes_B.shape[1]:
+        return np.zeros(slews.rate.shape)
+    if slews.momentum is not None:
+        return slews.momentum @ (reading.axes_B @ reading.momentum).T
+    if slews.impulse is not None:
+        return reading.time * slews.impulse @ (reading.axes_B @ reading.torque).T
+    return None
+
+
+def _momentum_noise(told: Told) -> float:
+    """Noise of J w + G h at one moment [N m s], as far as it is stated."""
+    rate = np.asarray(told.campaign.rate_sensor.sigma)
+    wheels = [wheel.momentum_sigma or 0.0 for wheel in told.campaign.wheels]
+    body = told.reading.inertia @ told.reading.rate @ np.diag(rate)
+    return float(np.sqrt((body**2).sum() + np.square(wheels).sum()))
+
+
+def drive(told: Told) -> LawData | None:
+    """Commanded torque against the tachometers.
+
+    Parameters
+    ----------
+    told : Told
+        The telemetry under a reading.
+
+    Returns
+    -------
+    LawData or None
+        None without commands or tachometers. Each wheel of each slew counts as a slew.
+    """
+    slews, reading = told.slews, told.reading
+    if slews.momentum is None or slews.impulse is None:
+        return None
+    h = slews.momentum @ reading.momentum.T
+    impulse = reading.time * slews.impulse @ reading.torque.T
+    count, _, wheels = h.shape
+    seen, commanded = _each_wheel(h), _each_wheel(impulse)
+    valid = np.repeat(slews.valid, wheels, axis=0)
+    size = np.maximum(_deviation(seen, valid), _deviation(commanded, valid))
+    since = slews.time - slews.time[:, :1]
+    share = np.repeat(since / np.maximum(since[:, -1:], 1e-12), wheels, axis=0)[..., None]
+    which = np.tile(np.eye(wheels), (count, 1))[:, None, None, :]
+    regressors = [
+        limits.GAIN_SD * commanded[..., None] * which,
+        limits.UNSEEN_FRICTION_SHARE * (share * size[:, None, None])[..., None] * which,
+    ]
+    noise = max((wheel.momentum_sigma or 0.0 for wheel in told.campaign.wheels), default=0.0)
+    return LawData(
+        seen - commanded,
+        np.concatenate(regressors, axis=-1),
+        np.ones((*seen.shape, 1)),
+        _sigma(size, noise),
+        valid,
+        early=-_each_wheel(_slope(h, told)),
+        noise=noise,
+    )
+
+
+def _each_wheel(values: np.ndarray) -> np.ndarray:
+    """Values (S, N, wheels) as (S wheels, N, 1)."""
+    slews, moments, wheels = values.shape
+    return np.swapaxes(values, 1, 2).reshape(slews * wheels, moments, 1)
+
+
+LAWS: Mapping[str, Callable[[Told], LawData | None]] = MappingProxyType(
+    {CLOSURE: closure, CONSERVATION: conservation, DRIVE: drive}
+)
+"""The laws by name."""
