@@ -45,10 +45,10 @@ BIAS_SHARE = 0.02
 GAIN_SD = 0.10
 """Sd of a wheel's torque gain: three times the library's."""
 
-IMPOSSIBLE = 4.0
+IMPOSSIBLE = 3.0
 """Misfit [sd] above which stated conventions are impossible.
 
-40 % of a slew's motion stays unexplained after J, K, misalignment, bias and torques have had their
+30 % of a slew's motion stays unexplained after J, K, misalignment, bias and torques have had their
 say. A flipped sign leaves 20 sds, a swapped pair 14, a wrong unit 10.
 """
 
