@@ -16,7 +16,8 @@ from bayes_inertia.importing.mapping import rate_sensor_axes
 from bayes_inertia.importing.mapping_schema import MappingPart
 from bayes_inertia.importing.rest_noise import RestNoise
 from bayes_inertia.importing.slew_cutting import SlewCut
-from bayes_inertia.importing.slew_tables import SlewTables, csv_of, written_streams
+from bayes_inertia.importing.slew_tables import SlewTables, csv_of
+from bayes_inertia.importing.written_columns import written_columns
 from bayes_inertia.version import __version__
 
 RECORD_FORMAT = "bayes-inertia-import/1"
@@ -60,7 +61,8 @@ def description_text(
         document["star_tracker"] = _table(mapping.star_tracker.model_dump(), seen, "star_tracker")
     document["columns"] = _columns(mapping, slews)
     document["slews"] = _array_of_tables(
-        _slew(tables, files) for tables, files in zip(slews, _file_names(slews), strict=True)
+        _slew(tables, files)
+        for tables, files in zip(slews, _file_names(mapping, slews), strict=True)
     )
     return tomlkit.dumps(document)
 
@@ -105,10 +107,9 @@ def _columns(mapping: MappingPart, slews: Sequence[SlewTables]) -> Any:
     held = {key for tables in slews for key in tables.streams}
     table = tomlkit.table()
     table["time"] = _inline({"names": ["t_s"], "unit": "s"})
-    for key, written in written_streams().items():
+    for key, written in written_columns(mapping).items():
         if key in held:
-            names = written.names(len(mapping.wheels))
-            table[key] = _inline({"names": names, **written.sense})
+            table[key] = _inline({"names": list(written.names), **written.sense})
     return table
 
 
@@ -125,10 +126,10 @@ def _slew(tables: SlewTables, files: Mapping[str, str]) -> Any:
     return _table(entries)
 
 
-def _file_names(slews: Sequence[SlewTables]) -> list[dict[str, str]]:
+def _file_names(mapping: MappingPart, slews: Sequence[SlewTables]) -> list[dict[str, str]]:
     """For each slew the name of the table of each stream."""
     digits = max(2, len(str(len(slews))))
-    written = written_streams()
+    written = written_columns(mapping)
     return [
         {
             key: f"slew_{k:0{digits}d}_{written[key].suffix}.csv"
@@ -154,10 +155,10 @@ def table_texts(mapping: MappingPart, slews: Sequence[SlewTables]) -> dict[str, 
     dict of str to str
         Texts of CSV by the name of the file.
     """
-    written = written_streams()
+    written = written_columns(mapping)
     return {
-        file: csv_of(tables.streams[key], written[key].names(len(mapping.wheels)))
-        for tables, files in zip(slews, _file_names(slews), strict=True)
+        file: csv_of(tables.streams[key], written[key])
+        for tables, files in zip(slews, _file_names(mapping, slews), strict=True)
         for key, file in files.items()
     }
 

@@ -2,78 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from bayes_inertia.importing.logged_stream import LoggedStream
 from bayes_inertia.importing.slew_cutting import SlewWindow
+from bayes_inertia.importing.written_columns import WrittenColumns
 
 # Rows of a table are written to the nanosecond.
 _DECIMALS_OF_TIME = 9
-
-
-@dataclass(frozen=True)
-class ColumnsOfStream:
-    """How a stream is written.
-
-    Parameters
-    ----------
-    suffix : str
-        What the names of its tables end with.
-    columns : tuple of str
-        The columns; with "{}" one a wheel.
-    sense : dict of str to str
-        The other keys of its entry in `[columns]`.
-    """
-
-    suffix: str
-    columns: tuple[str, ...]
-    sense: dict[str, str]
-
-    def names(self, wheels: int) -> list[str]:
-        """The columns of a campaign with so many wheels.
-
-        Parameters
-        ----------
-        wheels : int
-            Number of wheels.
-
-        Returns
-        -------
-        list of str
-            The columns.
-        """
-        if "{}" not in self.columns[0]:
-            return list(self.columns)
-        return [self.columns[0].format(k + 1) for k in range(wheels)]
-
-
-def written_streams() -> dict[str, ColumnsOfStream]:
-    """How each stream is written, by the key of `[columns]`.
-
-    Returns
-    -------
-    dict of str to ColumnsOfStream
-        In the order of `[columns]`.
-    """
-    wheel = {"relative_to": "body"}
-    quaternion = {"scalar": "last", "maps": "inertial_to_body"}
-    inertial = {"frame": "inertial"}
-    return {
-        "rate": ColumnsOfStream("rate", ("w1_radps", "w2_radps", "w3_radps"), {"unit": "rad/s"}),
-        "wheel_torque": ColumnsOfStream("torque", ("u{}_Nm",), {"unit": "N m", "acts_on": "wheel"}),
-        "wheel_momentum": ColumnsOfStream("momentum", ("h{}_Nms",), {"unit": "N m s", **wheel}),
-        "wheel_speed": ColumnsOfStream("speed", ("speed{}_radps",), {"unit": "rad/s", **wheel}),
-        "attitude": ColumnsOfStream("tracker", ("q1", "q2", "q3", "q4"), quaternion),
-        "magnetic_field": ColumnsOfStream(
-            "field", ("Bx_N_T", "By_N_T", "Bz_N_T"), {"unit": "T", **inertial}
-        ),
-        "position": ColumnsOfStream(
-            "position", ("rx_N_m", "ry_N_m", "rz_N_m"), {"unit": "m", **inertial}
-        ),
-    }
 
 
 @dataclass(frozen=True)
@@ -159,15 +98,15 @@ def _from_start(torque: LoggedStream, start: float, end: float) -> LoggedStream:
     )
 
 
-def csv_of(stream: LoggedStream, names: list[str]) -> str:
+def csv_of(stream: LoggedStream, columns: WrittenColumns) -> str:
     """A stream as a table of CSV with all digits; an element without a reading is an empty cell.
 
     Parameters
     ----------
     stream : LoggedStream
         The stream.
-    names : list of str
-        Its columns.
+    columns : WrittenColumns
+        How it is written.
 
     Returns
     -------
@@ -176,11 +115,12 @@ def csv_of(stream: LoggedStream, names: list[str]) -> str:
 
     Examples
     --------
-    >>> rate = LoggedStream("rate", np.array([0.5]), np.array([[1., np.nan]]), np.zeros(1, int), ())
-    >>> csv_of(rate, ["a", "b"])
+    >>> speeds = np.array([[1.0, np.nan]])
+    >>> stream = LoggedStream("wheel_speed", np.array([0.5]), speeds, np.zeros(1, dtype=int), ())
+    >>> csv_of(stream, WrittenColumns("speed", ("a", "b"), {}, (0, 1), (1.0, 1.0)))
     't_s,a,b\\n0.5,1.0,\\n'
     """
-    rows: list[Any] = [["t_s", *names]]
-    table = np.column_stack([stream.time, stream.values]).tolist()
-    rows += [["" if cell != cell else repr(cell) for cell in row] for row in table]
+    rows: list[list[str]] = [["t_s", *columns.names]]
+    table = np.column_stack([stream.time, columns.cells(stream.values)]).tolist()
+    rows += [["" if math.isnan(cell) else repr(cell) for cell in row] for row in table]
     return "".join(",".join(row) + "\n" for row in rows)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import json
 import sys
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -60,6 +61,22 @@ def test_the_imported_numbers_are_the_native_ones(logs, tracker, tmp_path):
     assert imported.inertia == foreign.native.inertia
     assert imported.rate_sensor == foreign.native.rate_sensor
     assert imported.star_tracker == foreign.native.star_tracker
+
+
+def test_units_and_senses_stay_those_of_the_mapping(logs, tmp_path):
+    """What doctor says of a key of campaign.toml then holds for the same key of the mapping."""
+    foreign = logs["csv"]
+    folder = import_logs(foreign.files, foreign.mapping, tmp_path / "c").folder
+    columns = tomllib.loads((folder / "campaign.toml").read_text())["columns"]
+    assert columns["rate"]["unit"] == "deg/s"
+    assert columns["wheel_torque"]["unit"] == "mN m"
+    assert columns["wheel_torque"]["acts_on"] == "body"
+    assert columns["wheel_speed"]["unit"] == "rpm"
+    assert columns["attitude"]["scalar"] == "first"
+    assert columns["attitude"]["maps"] == "body_to_inertial"
+    raw = foreign.files[0].read_text().splitlines()[1].split(",")
+    first = (folder / "slew_01_rate.csv").read_text().splitlines()[1].split(",")
+    assert [float(x) for x in first[1:]] == pytest.approx([float(x) for x in raw[1:]], rel=1e-14)
 
 
 def test_a_wrong_offset_is_seen_by_that_comparison(logs, tmp_path):

@@ -142,6 +142,15 @@ def test_streams_of_other_files_keep_their_own_rates(tmp_path, columns):
     np.testing.assert_allclose(np.diff(slew.time[has_rate]), 0.5, atol=1e-8)
 
 
+def test_a_unit_is_written_as_the_campaign_format_spells_it(tmp_path, columns):
+    log = write_csv(tmp_path / "log.csv", columns)
+    spelled = (('unit = "mN m"', 'unit = "mNm"'), ('unit = "deg/s"', 'unit = "arcsec/s"'))
+    import_logs([log], edited_mapping(tmp_path, *spelled), tmp_path / FOLDER)
+    text = (tmp_path / FOLDER / "campaign.toml").read_text()
+    assert 'unit = "mN m"' in text
+    assert 'unit = "rad/s"' in text  # the campaign format knows no arc seconds
+
+
 def test_a_file_that_no_stream_names_is_said(tmp_path, columns):
     log = write_csv(tmp_path / "log.csv", columns)
     other = write_csv(tmp_path / "temperatures.csv", {"t": np.arange(3.0)})
