@@ -11,6 +11,7 @@ at gaps and ends is left out.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -145,7 +146,7 @@ def _reduced_slew(slew: Slew, length: int) -> Slew:
     others &= ~np.isin(slew.time, middle)
     time = np.concatenate([middle, slew.time[others]])
     order = np.argsort(time, kind="stable")
-    channels = {}
+    channels: dict[str, Any] = {}
     for name in ("rate", "wheel_momentum", "magnetic_field_N", "position_N"):
         values = getattr(slew, name)
         if values is not None:

@@ -148,6 +148,21 @@ class Campaign:
         kept = {"", *(slew.name for slew in slews)}
         return replace(self, slews=slews, dirt=tuple(d for d in self.dirt if d.slew in kept))
 
+    def dirt_of(self, slew: str) -> tuple[Dirt, ...]:
+        """Records of one slew.
+
+        Parameters
+        ----------
+        slew : str
+            Its name; "" for records that concern all slews.
+
+        Returns
+        -------
+        tuple of Dirt
+            In their order.
+        """
+        return tuple(record for record in self.dirt if record.slew == slew)
+
     def valid_readings(self, slew: Slew) -> np.ndarray:
         """Which readings of the rate sensor count: possible numbers inside its range.
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -65,7 +66,7 @@ def stream_from_table(
     time = to_si(table.columns[stream.time.names[0]], "time", stream.time.unit)
     # Adding nothing would make a zero of -0.0.
     channels = {"time": time + stream.offset_s if stream.offset_s else time}
-    readers = {
+    readers: dict[str, Callable[[Table, Any], np.ndarray | None]] = {
         "rate": _rate,
         "wheel_torque": _torque,
         "wheel_momentum": _momentum,

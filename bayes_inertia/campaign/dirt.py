@@ -17,6 +17,7 @@ modelled |
 | infinite value | error that names the row and the column | |
 | rate axis or wheel without any reading | error that names the column | |
 | rate above 1000 rad/s, momentum above 100 times the wheel's limit | masked | outliers, masked |
+| a few commands above 100 times the wheel's limit | unknown: a gap | outliers of torque, masked |
 | reading at the sensor's range | masked | saturated, masked |
 | same value to the last digit for longer than noise explains (less than once in a million slews) \
 | the whole run is masked | stuck, masked |

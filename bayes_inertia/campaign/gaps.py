@@ -14,6 +14,7 @@ LONGEST_STEP = 1.5
 # A stream is regular if this share of its steps is within that fraction of the median.
 _REGULAR, _JITTER = 0.8, 0.2
 _FEWEST_STEPS = 5
+_FEWEST_RATES = 10  # of a part of a slew
 
 
 def missing_rows(time: np.ndarray) -> tuple[np.ndarray, float]:
@@ -130,7 +131,7 @@ def gap_note(count: int, longest: float) -> str:
 
 
 def without_intervals(
-    channels: dict[str, np.ndarray], intervals: Sequence[tuple[float, float]], fewest: int
+    channels: dict[str, np.ndarray], intervals: Sequence[tuple[float, float]]
 ) -> list[dict[str, np.ndarray]]:
     """Channels cut where nothing may lead across.
 
@@ -141,22 +142,22 @@ def without_intervals(
     intervals : sequence of (float, float)
         From the last time before to the first time after each cut [s]; rows between are left out.
         Infinite where rows before the first time or after the last are left out.
-    fewest : int
-        Parts with fewer rows that hold a rate are left out.
 
     Returns
     -------
     list of dict of str to array
-        The parts, in order.
+        The parts, in order; those with hardly any rate are left out.
 
     Examples
     --------
-    >>> parts = without_intervals({"time": np.arange(6.0)}, [(1.0, 3.0)], 1)
-    >>> [part["time"].tolist() for part in parts]
-    [[0.0, 1.0], [3.0, 4.0, 5.0]]
+    >>> parts = without_intervals({"time": np.arange(30.0)}, [(11.0, 14.0)])
+    >>> [(part["time"][0].item(), len(part["time"])) for part in parts]
+    [(0.0, 12), (14.0, 16)]
     """
     if not intervals:
         return [channels]
+    inside = any(np.isfinite(interval).all() for interval in intervals)
+    fewest = _FEWEST_RATES if inside else 2
     time = channels["time"]
     part_of = np.zeros(len(time), dtype=int)
     for after, before in intervals:
@@ -167,6 +168,6 @@ def without_intervals(
         rows = part_of == part
         rate = channels.get("rate")
         useful = rows if rate is None else rows & np.isfinite(rate).any(axis=1)
-        if useful.sum() >= max(fewest, 2):
+        if useful.sum() >= fewest:
             parts.append({name: values[rows] for name, values in channels.items()})
     return parts

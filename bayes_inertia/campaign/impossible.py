@@ -1,4 +1,4 @@
-"""Readings that nothing can reach, such as the -1e31 that marks a missing value in some logs."""
+"""Readings and commands that nothing can reach, such as the -1e31 that marks a missing value."""
 
 from __future__ import annotations
 
@@ -6,10 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.campaign.hardware import Wheel
 
 FASTEST_RATE = 1e3  # [rad/s]; small bodies are torn apart by a tenth of it
 _LARGEST_MOMENTUM = 1e6  # [N m s]; the largest gyros of space stations hold 5e3
+_LARGEST_TORQUE = 1e6  # [N m]
+_FEW = 0.02  # of the commands; where more are impossible, it is their unit that is wrong
 _TIMES_THE_LIMIT = 100.0  # of a wheel
 
 
@@ -31,7 +34,7 @@ def impossible_rates(rate: np.ndarray) -> np.ndarray:
     >>> impossible_rates(np.array([0.1, -1e31, np.nan])).tolist()
     [False, True, False]
     """
-    return np.abs(np.nan_to_num(rate)) > FASTEST_RATE
+    return np.abs(np.nan_to_num(rate)) >= FASTEST_RATE
 
 
 def impossible_momentum(momentum: np.ndarray, wheels: Sequence[Wheel]) -> np.ndarray:
@@ -60,3 +63,47 @@ def impossible_momentum(momentum: np.ndarray, wheels: Sequence[Wheel]) -> np.nda
         for w in wheels
     ]
     return np.abs(np.nan_to_num(momentum)) > np.array(limits)
+
+
+def without_impossible_torques(
+    channels: dict[str, np.ndarray], wheels: Sequence[Wheel]
+) -> tuple[dict[str, np.ndarray], list[tuple[Dirt, np.ndarray]]]:
+    """Channels without commands that no wheel can follow: what was commanded then is unknown.
+
+    Parameters
+    ----------
+    channels : dict of str to array
+        Channels (n, width) by the name of `Slew`, with "time".
+    wheels : sequence of Wheel
+        The wheels, with their limits where they are known.
+
+    Returns
+    -------
+    channels : dict of str to array
+        The same with NaN for these commands.
+    dirt : list of (Dirt, array)
+        A record without slew and rows, and the times [s] that it concerns; empty if there is none.
+
+    Examples
+    --------
+    >>> wheel = Wheel("x", (1.0, 0.0, 0.0), 1e-3, max_torque=0.02)
+    >>> torque = np.full((60, 1), 0.01)
+    >>> torque[7] = 1e31
+    >>> given = {"time": np.arange(60.0), "wheel_torque": torque}
+    >>> np.flatnonzero(np.isnan(without_impossible_torques(given, [wheel])[0]["wheel_torque"]))
+    array([7])
+    """
+    torque = channels.get("wheel_torque")
+    if torque is None:
+        return channels, []
+    limits = [
+        _LARGEST_TORQUE if w.max_torque is None else _TIMES_THE_LIMIT * w.max_torque for w in wheels
+    ]
+    absurd = np.abs(np.nan_to_num(torque)) > np.array(limits)
+    if not absurd.any() or np.mean(absurd.any(axis=1)) > _FEW:
+        return channels, []
+    note = f"commands up to {np.abs(torque[absurd]).max():.3g} N m, which no wheel can follow"
+    record = Dirt("outliers", "torque", "", (), "masked", note)
+    rows = absurd.any(axis=1)
+    kept = np.where(rows[:, None], np.nan, torque)
+    return {**channels, "wheel_torque": kept}, [(record, channels["time"][rows])]

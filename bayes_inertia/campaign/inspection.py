@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.dirt import Dirt
+from bayes_inertia.campaign.dirt import Dirt, Treatment
 from bayes_inertia.campaign.gaps import gap_records
 from bayes_inertia.campaign.hardware import RateSensor, Wheel
 from bayes_inertia.campaign.impossible import impossible_momentum, impossible_rates
@@ -142,7 +142,7 @@ def _quantised(campaign: Campaign) -> list[Dirt]:
                 f"{quantisation_sigma(step):.3g} the stated noise {sigma[k]:.3g} "
                 f"{'holds' if held else 'does not hold'}"
             )
-            treated = "modelled" if held else "ignored"
+            treated: Treatment = "modelled" if held else "ignored"
             dirt.append(Dirt("quantised", channel, "", (), treated, note))
     return dirt
 

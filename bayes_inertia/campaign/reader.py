@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import math
 import reprlib
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +12,19 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.channels import stream_from_table
-from bayes_inertia.campaign.commands import Negligible, with_known_torques
+from bayes_inertia.campaign.commands import with_known_torques
 from bayes_inertia.campaign.csv_table import read_table
 from bayes_inertia.campaign.description import parse_description
 from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
+from bayes_inertia.campaign.impossible import without_impossible_torques
 from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.campaign.inspection import with_dirt_masked
+from bayes_inertia.campaign.momentum_gaps import with_known_momentum
 from bayes_inertia.campaign.row_order import ordered_rows
 from bayes_inertia.campaign.schema import CampaignPart, ColumnsPart, SlewPart
 from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.campaign.slew_parts import located, parts_of
 from bayes_inertia.campaign.streams import Stream, streams_of, union
 from bayes_inertia.campaign.table import Table
 from bayes_inertia.errors import CampaignError, OutputError
@@ -65,7 +67,7 @@ def read_campaign(path: str | Path) -> Campaign:
     Traceback (most recent call last):
     bayes_inertia.errors.CampaignError: no/such/folder: does not exist; ...
     """
-    return with_dirt_masked(read_unmasked(path))
+    return with_known_momentum(with_dirt_masked(read_unmasked(path)))
 
 
 def read_unmasked(path: str | Path) -> Campaign:
@@ -101,7 +103,7 @@ def read_unmasked(path: str | Path) -> Campaign:
         except CampaignError as error:
             raise error.inside(str(description)) from None
         slews += parts
-        dirt += _located(records + unknown, part.name, parts)
+        dirt += located(records + unknown, parts)
     try:
         return Campaign(name=parsed.name, slews=tuple(slews), dirt=tuple(dirt), **hardware)
     except CampaignError as error:
@@ -277,58 +279,21 @@ def _slews(
     momentum = channels.get("wheel_momentum")
     is_read = momentum is not None and bool(np.isfinite(momentum).any(axis=0).all())
     is_read = is_read and all(w.momentum_sigma is not None for w in hardware["wheels"])
-    limits = _negligible(channels["time"], hardware)
-    pieces, dirt = with_known_torques(channels, is_read, limits)
-    if not pieces:
-        raise CampaignError(
-            "hardly any row has a known torque",
-            where=f"key slews.{part.name}",
-            advice="record commands or wheel momentum without gaps, or leave the slew out",
-        )
+    channels, dirt = without_impossible_torques(channels, hardware["wheels"])
+    limit = _negligible_impulse(channels["time"], hardware)
+    pieces, unknown = with_known_torques(channels, is_read, limit)
     angle = None if part.angle_deg is None else math.radians(part.angle_deg)
     axis: Any = None if part.axis is None else tuple(part.axis)
-    slews = []
-    for i, piece in enumerate(pieces):
-        later = float(piece["time"][0] - channels["time"][0])
-        start = part.start + later if later else part.start
-        name = f"{part.name} (part {i + 1} of {len(pieces)})"
-        if len(pieces) == 1:
-            slews.append(Slew(name=part.name, start=start, axis_B=axis, angle=angle, **piece))
-        else:
-            slews.append(Slew(name=name, start=start, **piece))
-    return slews, dirt
+    whole = Slew(part.name, part.start, channels["time"], axis_B=axis, angle=angle)
+    return parts_of(whole, pieces), dirt + unknown
 
 
-def _negligible(time: np.ndarray, hardware: dict[str, Any]) -> Negligible:
-    """Errors of wheel momentum that stay far below the noise of the rates and of the attitude."""
+def _negligible_impulse(time: np.ndarray, hardware: dict[str, Any]) -> float:
+    """An error of the wheels' momentum that rates and attitude cannot tell [N m s]."""
     inertia = float(np.linalg.eigvalsh(hardware["inertia"].tensor)[0])
-    rate = inertia * min(hardware["rate_sensor"].sigma)
+    rate = _OF_RATE_NOISE * min(hardware["rate_sensor"].sigma)
     tracker = hardware["star_tracker"]
-    angle = np.inf if tracker is None else inertia * tracker.sigma_cross
-    duration = max(float(time[-1] - time[0]), np.finfo(float).tiny)
-    return Negligible(
-        impulse=min(_OF_RATE_NOISE * rate, _OF_ATTITUDE_NOISE * angle / duration),
-        momentum=5.0 * _OF_RATE_NOISE * rate,
-        angular_impulse=2.0 * angle,
-    )
-
-
-def _located(records: list[_TimedDirt], name: str, slews: list[Slew]) -> list[Dirt]:
-    """Records with the names and rows of the slews that hold the times they concern."""
-    dirt = []
-    for record, times in records:
-        # A gap is recorded at its ends, which may be just outside of the parts.
-        nearest = [
-            min(range(len(slews)), key=lambda i: _distance(slews[i], at)) for at in times.tolist()
-        ]
-        for i in sorted(set(nearest)):
-            time = slews[i].time
-            own = times[np.array(nearest) == i]
-            rows = np.unique(np.searchsorted(0.5 * (time[1:] + time[:-1]), own))
-            dirt.append(replace(record, slew=slews[i].name, rows=tuple(rows.tolist())))
-    return dirt
-
-
-def _distance(slew: Slew, at: float) -> float:
-    """From a time to the telemetry of a slew [s]."""
-    return max(float(slew.time[0]) - at, at - float(slew.time[-1]), 0.0)
+    if tracker is not None:
+        duration = max(float(time[-1] - time[0]), np.finfo(float).tiny)
+        rate = min(rate, _OF_ATTITUDE_NOISE * tracker.sigma_cross / duration)
+    return inertia * rate

@@ -75,7 +75,7 @@ def ordered_rows(table: Table, time: str, names: Sequence[str]) -> tuple[Table, 
     mended = np.intersect1d(wrong, kept)
     lost = np.setdiff1d(wrong, kept)
     before_lost = stamps[np.maximum(lost - 1, 0)]
-    records = [
+    records: list[tuple[DirtKind, np.ndarray, Treatment, str]] = [
         ("clock", stamps[mended], "modelled", "with a wrong stamp given that between neighbours"),
         ("clock", before_lost, "masked", "with a wrong stamp left out"),
         ("clock", stamps[late], "ignored", "out of order put in place"),
@@ -204,7 +204,7 @@ def _joined(table: Table, time: str, names: Sequence[str]) -> tuple[Table, np.nd
         return table, np.zeros(0, dtype=int)
     first, group = np.flatnonzero(is_new), np.cumsum(is_new) - 1
     columns = {name: values[first].copy() for name, values in table.columns.items()}
-    for row in np.flatnonzero(~is_new):
+    for row in np.flatnonzero(~is_new).tolist():
         for name in names:
             value, kept = table.columns[name][row], columns[name][group[row]]
             if np.isnan(kept):

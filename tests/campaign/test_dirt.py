@@ -217,6 +217,26 @@ STUCK = [
 ]
 
 
+def test_a_stuck_tachometer_that_drives_the_model_is_a_gap(tmp_path):
+    wheels = ("h1_Nms", "h2_Nms", "h3_Nms")
+    stuck = stick(wheels, slice(SLEWING, SLEWING + 60))
+    campaign = read_campaign(dirty(tmp_path / "a", stuck, without="commands"))
+    assert kinds(campaign)[-1] == ("gap", "momentum", "masked")
+    assert len(campaign.slews) == 3
+    assert {d.slew for d in campaign.dirt if d.kind == "stuck"} <= {s.name for s in campaign.slews}
+    commanded = read_campaign(dirty(tmp_path / "b", stuck))
+    assert len(commanded.slews) == 2
+
+
+def test_impossible_commands_are_unknown(tmp_path):
+    def absurd(header, rows):
+        rows[SLEWING][header.index("u1_Nm")] = "1e300"
+
+    campaign = read_campaign(dirty(tmp_path / "c", absurd))
+    assert kinds(campaign) == [("outliers", "torque", "masked"), ("gap", "torque", "masked")]
+    assert campaign.slews[0].wheel_torque is None
+
+
 @pytest.mark.parametrize(("channel", "columns", "where", "rows"), STUCK)
 def test_stuck_readings_are_masked(tmp_path, clean, channel, columns, where, rows):
     campaign = read_campaign(dirty(tmp_path / "c", stick(columns, where)))

@@ -120,8 +120,8 @@ def campaigns(draw) -> Campaign:
     for name in draw(st.lists(st.text(max_size=5), min_size=1, max_size=3, unique=True)):
         time = np.array(sorted(draw(st.lists(NUMBER, min_size=2, max_size=5, unique=True))))
         rows = len(time)
-        rate = arrays(draw, rows, 3, gaps=True) * 1e-3
-        rate[0] = 1e-3 * draw(NUMBER)
+        rate = arrays(draw, rows, 3, gaps=True) * 9e-4
+        rate[0] = 9e-4 * draw(NUMBER)
         fixes = np.array(
             [unit(draw, 4) if draw(st.booleans()) else (np.nan,) * 4 for _ in range(rows)]
         )
