@@ -84,7 +84,8 @@ def row_of(case: Case, work: Path, twins: dict[tuple, Outcome]) -> dict:
         "named": list(outcome.named),
         "seconds": round(outcome.seconds, 2),
     }
-    return row | _distances(outcome, _twin(case, clean, twins), truth_in(clean))
+    twin = outcome if not case.dirt else _twin(case, clean, twins)
+    return row | _distances(outcome, twin, truth_in(clean))
 
 
 def _counted(dirt: tuple[dict, ...]) -> list[str]:

@@ -19,7 +19,6 @@ from bayes_inertia.errors import BayesInertiaError
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import clean_fit
 from bayes_inertia.inference.convergence import Diagnostics
-from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.gates import check_gates
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
@@ -74,11 +73,8 @@ def judged(folder: Path) -> Outcome:
     """By the Laplace estimate, cleaned as `fit` cleans it."""
     campaign = read_campaign(folder)
     refuse_impossible(folder)
-    cleaned = clean_fit(optimizer.estimate(Model(campaign)))
-    dirt = (*campaign.dirt, *cleaned.treatment.dirt)
-    context = FitContext(dirt=dirt)
-    gates = check_gates(cleaned.estimate, _PERFECT, context)
-    return outcome_of(cleaned.estimate, gates, tuple(d.json() for d in dirt))
+    estimate = clean_fit(optimizer.estimate(Model(campaign))).estimate
+    return outcome_of(estimate, check_gates(estimate, _PERFECT), dirt_of(estimate.model.campaign))
 
 
 def uncleaned(folder: Path) -> Outcome:
@@ -89,8 +85,8 @@ def uncleaned(folder: Path) -> Outcome:
 
 
 def dirt_of(campaign) -> tuple[dict, ...]:
-    """The records of dirt that a campaign carries."""
-    return tuple(d.json() for d in getattr(campaign, "dirt", ()))
+    """The records of dirt that a campaign or a diagnosis carries."""
+    return tuple(d.json() for d in campaign.dirt)
 
 
 def outcome_of(estimate: Estimate, gates: list[dict], dirt: tuple[dict, ...]) -> Outcome:
@@ -142,12 +138,11 @@ def diagnosed(folder: Path) -> Outcome:
     campaign = read_campaign(folder)
     diagnosis = diagnose(campaign)
     final, noise = diagnosis.final, {k: round(v, 2) for k, v in diagnosis.noise.items() if v > 1}
-    dirt = dirt_of(diagnosis) or dirt_of(campaign)
     trusted = diagnosis.verdict != "unknown"
     return Outcome(
         "trusted" if trusted else "untrusted",
         f"noise {noise}" if noise else "",
-        dirt,
+        dirt_of(diagnosis),
         final.theta[:9],
         quoted(final),
         verdict=diagnosis.verdict,
