@@ -253,22 +253,7 @@ def _at_rests(
     windows: list[SlewWindow] = []
     dropped: list[DroppedPart] = []
     for k, (start, end) in enumerate(motions):
-        span = scan.segment_span(start)
-        # Two slews share the rest between them: no reading is used twice.
-        rest_before = _share(
-            start,
-            span[0],
-            *((motions[k - 1][1], before[k], after[k - 1]) if k else (-np.inf, before[k], 0.0)),
-        )
-        rest_after = _share(
-            -end,
-            -span[1],
-            *(
-                (-motions[k + 1][0], after[k], before[k + 1])
-                if k + 1 < len(motions)
-                else (-np.inf, after[k], 0.0)
-            ),
-        )
+        rest_before, rest_after = _rests_of(k, motions, scan, before, after)
         reason = _why_not(turned[k], max(turned), rest_before, rest_after, shortest)
         if reason:
             dropped.append(DroppedPart(start, end, reason))
@@ -304,6 +289,23 @@ def _wanted_rests(
             least = least if least <= _LONGEST_WAIT_S else 0.0
             side.append(max(_REST_KEPT_S if seconds is None else seconds, least, shortest))
     return wanted
+
+
+def _rests_of(
+    k: int,
+    motions: list[tuple[float, float]],
+    scan: MotionScan,
+    before: list[float],
+    after: list[float],
+) -> tuple[float, float]:
+    """Seconds of rest that a slew gets before and after; slews share the rest between them."""
+    (start, end), span = motions[k], scan.segment_span(motions[k][0])
+    earlier = (motions[k - 1][1], after[k - 1]) if k else (-np.inf, 0.0)
+    later = (motions[k + 1][0], before[k + 1]) if k + 1 < len(motions) else (np.inf, 0.0)
+    return (
+        _share(start, span[0], earlier[0], before[k], earlier[1]),
+        _share(-end, -span[1], -later[0], after[k], later[1]),
+    )
 
 
 def _share(edge: float, end: float, other: float, wanted: float, wanted_by_other: float) -> float:
