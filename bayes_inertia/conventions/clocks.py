@@ -70,8 +70,9 @@ def clocks(misfits: Misfits, reading: Reading, columns: Columns) -> Clocks:
     }
     gross = {law: late for law, late in told.items() if _is_gross(misfits, late)}
     remarks = tuple(
-        f"the {_STREAM[law]} are {_sense(late.seconds)}: no wrong clock but a physical effect "
-        f"({_EFFECT[law]})".replace("star tracker are", "star tracker is")
+        f"the {_STREAM[law]} are {_sense(late.seconds)} against the rate: as little as a physical "
+        f"effect can be ({_EFFECT[law]}); `diagnose` fits it, unless you know of a clock error"
+        "".replace("star tracker are", "star tracker is")
         for law, late in told.items()
         if law not in gross
     )

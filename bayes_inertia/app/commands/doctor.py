@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -57,7 +57,7 @@ def show_check(check: ConventionsCheck) -> None:
     console.print(headed(f"{check.campaign}: {check.verdict}", style=style))
     console.print(check.sentence)
     for title, lines in (
-        ("telemetry:", [dirt["note"] or dirt["kind"] for dirt in check.dirt]),
+        ("telemetry:", [_dirt_in_words(dirt) for dirt in check.dirt]),
         ("physical, no wrong convention:", check.remarks),
         ("this campaign cannot show:", check.cannot_show),
     ):
@@ -65,3 +65,9 @@ def show_check(check: ConventionsCheck) -> None:
             console.print(title)
             for line in lines:
                 console.print(f"  - {line}")
+
+
+def _dirt_in_words(dirt: dict[str, Any]) -> str:
+    """A record of dirt with its place and what is done, as `check` prints it."""
+    where = ", ".join(str(dirt[key]) for key in ("slew", "channel") if dirt.get(key))
+    return f"{dirt['kind']} ({where}): {dirt.get('note') or ''} [{dirt['treated']}]"
