@@ -21,8 +21,10 @@ _AVERAGED_ROWS = 5
 _OUTLIER_ROWS = 5  # The running median: two rows in a row may be outliers.
 # Share of the readings that are slowest: the rate at rest is their median.
 _SLOWEST = 0.2
-# A body whose slowest rate is more than this share of its largest does not rest.
+# A body whose slowest rate is more than this share of its largest does not rest, unless it keeps
+# that rate for this share of the time, as one that points to the Earth does.
 _RESTS_BELOW = 0.2
+_RESTS_FOR = 0.3
 # A log whose rates do not exceed their noise at rest by this factor shows no slew.
 _VISIBLE = 8.0
 # `low` is this factor above the median at rest, but at most this share of `high`.
@@ -124,12 +126,13 @@ def scan_motion(rate: LoggedStream, *, threshold: float | None, pause: float) ->
     rates, width = _smoothed(rate, segment)
     norm = np.linalg.norm(rates, axis=1)
     rest_rate = np.median(rates[norm <= np.quantile(norm, _SLOWEST)], axis=0)
-    _require_rest(float(np.linalg.norm(rest_rate)), float(norm.max()), rate)
     speed = np.linalg.norm(rates - rest_rate, axis=1)
     floor = _SIGMAS_OF_REST * _noise(rate) / np.sqrt(width)
     largest = float(speed.max())
     high = threshold or _threshold(floor, largest, rate)
     at_rest = speed[speed < high]
+    if len(at_rest) < _RESTS_FOR * len(speed):
+        _require_rest(float(np.linalg.norm(rest_rate)), float(norm.max()), rate)
     level = float(np.median(at_rest)) if len(at_rest) else 0.0
     # Near the noise, so that a slew is over only when it has settled.
     low = min(high, max(min(_LOW_OVER_HIGH * high, _ABOVE_REST * level), 2.0 * level, 1e-3 * high))

@@ -214,7 +214,9 @@ def _head(streams: Sequence[tuple[_Group, ColumnFamily]]) -> str:
 def _stream(group: _Group, family: ColumnFamily, *, commented: bool) -> str:
     """One `[[streams]]`."""
     path = ("streams", family.holds)
-    lines = ["[[streams]]", _entry((*path, "holds"), family.holds, "a guess from the names")]
+    stated = family.holds == "attitude" and group.table.attitude is not None
+    why = "the file says so" if stated else "a guess from the names"
+    lines = ["[[streams]]", _entry((*path, "holds"), family.holds, why)]
     lines.append(_entry((*path, "files"), _pattern(group.files)))
     if group.table_name:
         lines.append(_entry((*path, "table"), group.table_name))
