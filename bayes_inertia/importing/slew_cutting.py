@@ -24,6 +24,8 @@ _LONGEST_WAIT_S = 300.0  # [s] for the first fixes after a motion.
 _SHORTEST_REST_S = 2.0
 _FIXES_IN_REST = 3
 _RATES_IN_REST = 10
+# A slew begins with its first command if that spares it this share of its first rest at most.
+_WITHOUT_COMMAND = 0.1
 # A pause of the rates longer than this divides a log [s], and longer than so many steps.
 _PAUSE_S = 30.0
 _PAUSE_STEPS = 20
@@ -233,6 +235,19 @@ def _with_motion(window: SlewWindow, scan: MotionScan | None, fixes: np.ndarray)
     return replace(window, motion=(start, end), turned=turned, fixes=(before, after))
 
 
+def _from_first_command(window: SlewWindow, logs: Logs) -> SlewWindow:
+    """A window without the moments before the wheels' log begins, or goes on after a pause."""
+    torque = logs.streams.get("wheel_torque")
+    if torque is None or window.motion is None:
+        return window
+    in_force = (torque.time > window.start - 2.0 * torque.step) & (torque.time <= window.start)
+    later = torque.time[torque.time > window.start]
+    latest = window.start + _WITHOUT_COMMAND * (window.motion[0] - window.start)
+    if in_force.any() or not len(later) or later[0] > latest:
+        return window
+    return replace(window, start=float(later[0]))
+
+
 def _turned(scan: MotionScan, start: float, end: float) -> float:
     rows = (scan.time >= start) & (scan.time <= end)
     return float(np.trapezoid(scan.speed[rows], scan.time[rows]))
@@ -262,6 +277,7 @@ def _at_rests(
         if windows and windows[-1].end >= begin:
             windows[-1] = replace(windows[-1], end=float(np.nextafter(begin, -np.inf)))
         window = SlewWindow(f"slew {len(windows) + 1}", begin, end + rest_after)
+        window = _from_first_command(_with_motion(window, scan, fixes), logs)
         windows.append(_with_motion(window, scan, fixes))
     spare = _left_over(windows, scan, "rest that no slew needs")
     return windows, sorted([*dropped, *_without(spare, dropped)], key=lambda part: part.start)

@@ -203,3 +203,13 @@ def test_the_noise_of_the_rests_is_seen(tmp_path, columns):
     stated = imported(tmp_path / "w", columns, EVERY_FIX, wrong).noises
     assert next(noise for noise in stated if noise.key == "rate_sensor.sigma").differs
     assert not rates.differs
+
+
+@pytest.mark.parametrize(("first_command", "begins"), [(0.0, 0.0), (1.0, 1.0), (15.0, 0.0)])
+def test_a_slew_begins_with_its_first_command(tmp_path, columns, first_command, begins):
+    columns["torque"][columns["t_ms"] < 1e3 * first_command] = np.nan
+    cut = imported(tmp_path, columns, ("[inertia]", "[cut]\nbefore_s = 100\n\n[inertia]")).cut
+    assert cut.windows[0].start == begins
+    missing = [dirt for dirt in read_campaign(tmp_path / "c").dirt if dirt.channel == "torque"]
+    # A long rest is worth more than the commands in it.
+    assert bool(missing) == (first_command == 15.0)
