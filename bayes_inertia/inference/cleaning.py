@@ -29,6 +29,8 @@ from bayes_inertia.physics.forward_model import Model
 _ROUNDS_OF_MASKS = 3
 # Rounding that adds less to the noise than this factor is left alone.
 _ROUNDING_THAT_COUNTS = 1.005
+# Noise beyond what is stated and rounded by this factor has another cause.
+_MORE_THAN_ROUNDING = 1.15
 
 
 @dataclass(frozen=True)
@@ -172,11 +174,11 @@ def _with_level(fit: CleanFit) -> DirtTreatment:
         alike = factor > 1.0 and (
             channel == "attitude" or is_alike_everywhere(slews, series[channel])
         )
-        if alike and factor > by_rounding:
-            level[channel] *= factor
-        elif by_rounding > _ROUNDING_THAT_COUNTS:
-            level[channel] *= by_rounding
+        if by_rounding > _ROUNDING_THAT_COUNTS and factor < _MORE_THAN_ROUNDING * by_rounding:
+            level[channel] *= max(by_rounding, factor)
             rounded.add(channel)
+        elif alike:
+            level[channel] *= factor
     return replace(fit.treatment, level=level, rounded=tuple(sorted(rounded)))
 
 

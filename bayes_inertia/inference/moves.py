@@ -6,6 +6,8 @@ import numpy as np
 from emcee.moves import MHMove
 from scipy import linalg
 
+from bayes_inertia.maths.linear_algebra import cholesky_factor
+
 
 class IndependenceMove(MHMove):
     """Propose every walker anew from a multivariate t distribution (an independence sampler).
@@ -45,7 +47,7 @@ class IndependenceMove(MHMove):
         )
         self.mean, self.degrees = self._unfolded(mean), float(degrees)
         slope = np.where(self.logarithmic, 1.0 / np.where(self.logarithmic, mean, 1.0), 1.0)
-        self.root = np.linalg.cholesky(covariance * np.outer(slope, slope))
+        self.root = cholesky_factor(covariance * np.outer(slope, slope))
         super().__init__(self._propose, ndim=len(self.mean))
 
     def log_density(self, x: np.ndarray) -> np.ndarray:

@@ -18,6 +18,8 @@ from bayes_inertia.campaign.slew import Slew
 
 # Components of a longer period than this [readings, and share of a series] are left to the model.
 _LONGEST_PERIOD, _LONGEST_SHARE = 100.0, 1.0 / 3.0
+# Spectra are averaged over so many bins of frequency.
+_BINS = 128
 # Stretches of fewer readings tell nothing.
 _FEWEST_READINGS = 24
 # Groups of stretches with fewer components are not compared.
@@ -248,14 +250,25 @@ def _best_noise(
 ) -> ColourOfAxis:
     """The noise of greatest Whittle likelihood."""
     mean = float(power.mean())
+    # Neighbouring components share a spectrum: a hundredth of the work.
+    place = np.minimum((angle * (_BINS / np.pi)).astype(int), _BINS - 1)
+    count = np.bincount(place, minlength=_BINS)
+    filled = count > 0
+    count = count[filled]
+    middle = np.bincount(place, angle, _BINS)[filled] / count
+    average = np.bincount(place, power, _BINS)[filled] / count
 
     def cost(x: np.ndarray) -> float:
-        spectrum = _spectrum(x, angle)
-        return 0.5 * float(np.sum(np.log(spectrum) + power / spectrum))
+        spectrum = _spectrum(x, middle)
+        return 0.5 * float(np.sum(count * (np.log(spectrum) + average / spectrum)))
 
     level = float(np.log(mean))
     bounds = [(level - 8.0, level + 8.0), (-6.0, 12.0), (-6.0, 8.0)]
-    fits = [optimize.minimize(cost, [level, *start], bounds=bounds) for start in starts]
+    stop = {"xatol": 1e-3, "fatol": 1e-4}
+    fits = [
+        optimize.minimize(cost, [level, *start], method="Nelder-Mead", bounds=bounds, options=stop)
+        for start in starts
+    ]
     best = min(fits, key=lambda result: result.fun)
     white = 0.5 * len(power) * (level + 1.0)
     return ColourOfAxis(

@@ -300,7 +300,7 @@ def distinct_optima(model: Model, descents: list[tuple[float, Point]]) -> list[t
         ]
         if same:
             same[0].append(point)
-        elif objective < descents[0][0] + _MAX_OBJECTIVE_EXCESS:
+        elif objective <= descents[0][0] + _MAX_OBJECTIVE_EXCESS:
             groups.append([point])
     return [(group[0], len(group)) for group in groups]
 

@@ -20,6 +20,8 @@ _NEIGHBOURS = 5
 _FALSE_ALARM = 1e-3
 # More outliers than this share of a channel's readings are no outliers but its noise.
 MOST_OUTLIERS = 0.03
+# The same of fixes: they are few, and compared only with those of their own burst.
+_MOST_OUTLYING_FIXES = 0.15
 # The scale around a reading is taken from so many readings on either side.
 _READINGS_AROUND = 12
 _SD_OVER_MAD = 1.4826
@@ -145,7 +147,8 @@ def outlying_fixes(slews: list[np.ndarray], bursts: list[list[np.ndarray]]) -> l
     Returns
     -------
     list of (fixes,) arrays of bool
-        None of a burst of less than three fixes, where nobody can say which is wrong.
+        None of a burst of less than three fixes, where nobody can say which is wrong, and never
+        more than a third of a burst.
     """
     distances = [np.full(slew.shape, np.nan) for slew in slews]
     for slew, distance, parts in zip(slews, distances, bursts, strict=True):
@@ -165,8 +168,11 @@ def outlying_fixes(slews: list[np.ndarray], bursts: list[list[np.ndarray]]) -> l
     # A quarter more: a median of a few others scatters itself. Never below what is stated.
     scale = 1.25 * max(1.0, _SD_OVER_MAD * float(np.median(np.abs(every))))
     flags = [(np.abs(np.nan_to_num(d)) > limit * scale).any(axis=1) for d in distances]
+    for flag, parts in zip(flags, bursts, strict=True):
+        for part in parts:
+            flag[part] &= 3 * int(flag[part].sum()) <= len(part)
     share = sum(int(flag.sum()) for flag in flags) / max(1, sum(map(len, flags)))
-    return [flag & (share <= 2.0 * MOST_OUTLIERS) for flag in flags]
+    return [flag & (share <= _MOST_OUTLYING_FIXES) for flag in flags]
 
 
 def away_from_switches(slews: tuple[Slew, ...], flags: list[np.ndarray]) -> list[np.ndarray]:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy import linalg
 
+from bayes_inertia.errors import EstimateError
+
 # Signal-to-noise power, for an effect of prior size, below which a direction is invisible.
 VISIBLE = 1.0
 
@@ -55,6 +57,39 @@ def inverse(matrix: np.ndarray) -> np.ndarray:
     return root.T @ root
 
 
+def cholesky_factor(matrix: np.ndarray) -> np.ndarray:
+    """Lower triangular L (n, n), L L^T a symmetric positive definite matrix.
+
+    Parameters
+    ----------
+    matrix : (n, n) array
+        Symmetric.
+
+    Returns
+    -------
+    (n, n) array
+        L, lower triangular.
+
+    Raises
+    ------
+    EstimateError
+        If the matrix is not positive definite to rounding.
+
+    Examples
+    --------
+    >>> cholesky_factor(np.diag([4.0, 1.0])).tolist()
+    [[2.0, 0.0], [0.0, 1.0]]
+    """
+    try:
+        return np.linalg.cholesky(matrix)
+    except np.linalg.LinAlgError as error:
+        raise EstimateError(
+            "the fit has no covariance: its normal equations are not positive definite",
+            advice="check units and signs of the telemetry columns (`bayes-inertia doctor "
+            "CAMPAIGN`): J and K far from what was known before do this",
+        ) from error
+
+
 def inverse_root(matrix: np.ndarray) -> np.ndarray:
     """Lower triangular R (n, n), R^T R the inverse of a symmetric positive definite matrix.
 
@@ -74,7 +109,7 @@ def inverse_root(matrix: np.ndarray) -> np.ndarray:
     [[0.5, 0.0], [0.0, 1.0]]
     """
     scale = np.sqrt(np.diag(matrix))
-    factor = np.linalg.cholesky(matrix / np.outer(scale, scale))
+    factor = cholesky_factor(matrix / np.outer(scale, scale))
     return linalg.solve_triangular(factor, np.eye(len(scale)), lower=True) / scale
 
 

@@ -1,0 +1,284 @@
+"""Dirt in residuals is seen for what it is, and a missing effect is not taken for dirt."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from bayes_inertia.campaign.hardware import CorrelatedNoise
+from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.errors import EstimateError
+from bayes_inertia.inference import optimizer
+from bayes_inertia.inference.cleaning import clean_fit
+from bayes_inertia.inference.gates import prior_gate
+from bayes_inertia.inference.noise_colour import colour_of, is_alike_everywhere
+from bayes_inertia.inference.noise_memory import correlated_noise, innovations, rate_noise_memory
+from bayes_inertia.inference.outliers import (
+    away_from_switches,
+    outlying_fixes,
+    outlying_readings,
+)
+from bayes_inertia.inference.point import Point
+from bayes_inertia.inference.treatment import DirtTreatment, treated, treatment_from
+from bayes_inertia.maths.linear_algebra import inverse_root
+from bayes_inertia.physics.forward_model import Model
+
+DATA = Path(__file__).parents[1] / "data"
+
+
+def fitted(campaign):
+    return optimizer.estimate(Model(campaign))
+
+
+def too_large(estimate):
+    return [name for name, test in estimate.tests.items() if test.too_large]
+
+
+def shift(estimate, clean):
+    """Change of J and K in sd of the clean fit."""
+    return np.abs(estimate.theta - clean.theta)[:9] / clean.sd[:9]
+
+
+def changed(campaign, change):
+    return replace(campaign, slews=tuple(change(i, s) for i, s in enumerate(campaign.slews)))
+
+
+@pytest.fixture(scope="module")
+def clean_at(flown):
+    return fitted(flown.campaign)
+
+
+def spiked(campaign, share=0.005, seed=3):
+    """The campaign with outliers of the rate sensor, and their rows by slew."""
+    rng, rows = np.random.default_rng(seed), {}
+
+    def change(i, slew):
+        hit = rng.random(slew.rate.shape) < share
+        size = rng.choice([-1.0, 1.0], hit.shape) * rng.uniform(10.0, 60.0, hit.shape) * 2e-5
+        rows[slew.name] = set(np.flatnonzero(hit.any(axis=1)).tolist())
+        return replace(slew, rate=np.where(hit, slew.rate + size, slew.rate))
+
+    return changed(campaign, change), rows
+
+
+def test_a_clean_campaign_is_left_alone_to_the_bit(clean_at):
+    result = clean_fit(clean_at)
+    assert result.estimate is clean_at
+    assert result.treatment.is_nothing
+    assert treated(clean_at.model.campaign, result.treatment, "commanded") is (
+        clean_at.model.campaign
+    )
+
+
+def test_outliers_are_masked_and_move_nothing(flown, clean_at):
+    campaign, rows = spiked(flown.campaign)
+    dirty = fitted(campaign)
+    assert too_large(dirty)
+    result = clean_fit(dirty)
+    assert {d.slew: set(d.rows) for d in result.treatment.masked} == {
+        name: hit for name, hit in rows.items() if hit
+    }
+    assert not too_large(result.estimate)
+    assert shift(result.estimate, clean_at).max() < 1.0
+    assert {d.kind for d in result.estimate.model.campaign.dirt} == {"outliers"}
+
+
+def test_a_wrong_fix_is_masked(flown, clean_at):
+    def change(i, slew):
+        attitude = np.array(slew.attitude)
+        if i == 1:
+            attitude[2, 0] += 3e-3
+            attitude[2] /= np.linalg.norm(attitude[2])
+        return replace(slew, attitude=attitude)
+
+    result = clean_fit(fitted(changed(flown.campaign, change)))
+    (record,) = result.treatment.masked
+    assert (record.channel, record.slew, record.rows) == ("attitude", "slew 2", (2,))
+    assert shift(result.estimate, clean_at).max() < 1.0
+
+
+def test_noise_stated_too_small_is_measured(flown, clean_at):
+    sensor = flown.campaign.rate_sensor
+    stated = tuple(s / 3.0 for s in sensor.sigma)
+    dirty = fitted(replace(flown.campaign, rate_sensor=replace(sensor, sigma=stated)))
+    result = clean_fit(dirty)
+    n = 3 * sum(len(s.time) for s in flown.campaign.slews)
+    # Power from second differences scatters by sqrt(3.9 / number).
+    assert abs(result.treatment.level["rate"] - 3.0) < 5.0 * 3.0 * 0.5 * np.sqrt(3.9 / n)
+    assert [d.kind for d in result.treatment.dirt] == ["noise_level"]
+    assert not too_large(result.estimate)
+    assert shift(result.estimate, clean_at).max() < 1.0
+
+
+def test_rounding_of_readings_is_modelled_as_such(flown):
+    step = 3.0 * 2e-5
+    rounded = changed(flown.campaign, lambda i, s: replace(s, rate=np.round(s.rate / step) * step))
+    result = clean_fit(fitted(rounded))
+    assert [(d.kind, d.channel) for d in result.treatment.dirt] == [("quantised", "rate")]
+    assert not too_large(result.estimate)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["hidden_lag", "hidden_dipole"])
+def test_a_missing_effect_is_neither_masked_nor_taken_for_noise(name):
+    result = clean_fit(fitted(read_campaign(DATA / name)))
+    assert too_large(result.estimate)
+    assert not result.treatment.masked
+    assert result.treatment.colour is None
+
+
+def motion(rows=400, at_rest=90):
+    """A slew that rests, turns, and rests."""
+    speed = np.zeros((rows, 3))
+    speed[at_rest:-at_rest, 0] = np.sin(np.linspace(0.0, np.pi, rows - 2 * at_rest)) ** 2
+    return Slew("", 0.0, 0.25 * np.arange(rows), rate=0.01 * speed)
+
+
+def gauss_markov(rng, rows=400, phi=0.8):
+    white = rng.normal(size=(rows + 100, 3))
+    return lfilter([np.sqrt(1.0 - phi**2)], [1.0, -phi], white, axis=0)[100:]
+
+
+def named(slew, n=4):
+    return [replace(slew, name=str(i)) for i in range(n)]
+
+
+def test_correlated_noise_is_seen_where_it_is_alike_everywhere():
+    rng, slews = np.random.default_rng(1), named(motion())
+    colour = colour_of(slews, [gauss_markov(rng) for _ in slews])
+    assert colour is not None
+    # 4 x 400 readings: a correlation of 0.8 is known to sqrt((1 - 0.64) / 1600) = 0.015.
+    assert all(abs(a.share * a.correlation - 0.8) < 0.1 for a in colour.axes)
+    assert all(abs(a.sd - 1.0) < 0.2 for a in colour.axes)
+
+
+def test_white_noise_has_no_colour_and_what_is_tied_to_the_motion_neither():
+    rng, slews = np.random.default_rng(2), named(motion())
+    white = [rng.normal(size=(400, 3)) for _ in slews]
+    assert colour_of(slews, white) is None
+    moving = (np.abs(motion().rate[:, :1]) > 5e-4).astype(float)
+    tied = [x + 2.0 * moving * gauss_markov(rng) for x in white]
+    assert colour_of(slews, tied) is None
+    assert not is_alike_everywhere(slews, tied)
+    of_one = [x + 2.0 * (i == 0) * gauss_markov(rng) for i, x in enumerate(white)]
+    assert colour_of(slews, of_one) is None
+
+
+@pytest.mark.parametrize(
+    "misfit",
+    [
+        lambda t: 30.0 * (t > 200),  # a step
+        lambda t: 0.2 * t,  # a drift
+        lambda t: 20.0 * np.sin(0.5 * t),  # a ringing
+        lambda t: 40.0 * ((t > 100) & (t < 140)),  # a lag while torque acts
+    ],
+)
+def test_no_shape_of_a_missing_effect_is_an_outlier(misfit):
+    noise = np.random.default_rng(4).normal(size=(400, 3))
+    series = noise + misfit(np.arange(400.0))[:, None]
+    assert not outlying_readings([series])[0].any()
+    series[[60, 300]] += 400.0
+    assert set(np.flatnonzero(outlying_readings([series])[0].any(axis=1))) == {60, 300}
+
+
+def test_too_many_outliers_are_the_noise():
+    rng = np.random.default_rng(5)
+    heavy = rng.standard_t(1.0, size=(2000, 3))
+    assert not outlying_readings([heavy])[0].any()
+
+
+def test_outliers_that_gather_where_torque_changes_are_no_dirt():
+    torque = np.zeros((400, 1))
+    torque[[100, 101, 250, 251]] = 1.0
+    slew = Slew("", 0.0, np.arange(400.0), rate=np.zeros((400, 3)), wheel_torque=torque)
+    flag = np.zeros((400, 3), bool)
+    flag[[101, 102, 251, 252], 0] = True
+    assert not away_from_switches((slew,), [flag])[0].any()
+    scattered = np.zeros((400, 3), bool)
+    scattered[[10, 101, 180, 320, 390], 1] = True
+    assert np.array_equal(away_from_switches((slew,), [scattered])[0], scattered)
+
+
+def test_a_burst_of_two_fixes_has_no_outlier():
+    rng = np.random.default_rng(6)
+    slews = [rng.normal(size=(4, 3)) for _ in range(4)]
+    slews[0][0] += 50.0
+    pairs = [[np.array([0, 1]), np.array([2, 3])]] * 4
+    together = [[np.arange(4)]] * 4
+    assert not any(flag.any() for flag in outlying_fixes(slews, pairs))
+    assert np.flatnonzero(outlying_fixes(slews, together)[0]).tolist() == [0]
+
+
+def coloured(campaign, share, time):
+    sensor = replace(campaign.rate_sensor, correlated_noise=CorrelatedNoise(share, time))
+    return replace(campaign, rate_sensor=sensor)
+
+
+def test_innovations_give_the_likelihood_of_gauss_markov_noise(flown):
+    """r^T C^-1 r of the full covariance, missing readings included."""
+
+    def change(i, slew):
+        rate = np.array(slew.rate)
+        rate[[20, 21, 50]] = np.nan
+        return replace(slew, rate=rate)
+
+    campaign = coloured(changed(flown.campaign, change), 1.0, 2.0)
+    model = Model(campaign)
+    memory = rate_noise_memory(model)
+    valid = np.asarray(model.data.arrays.telemetry.rate_valid)
+    z = np.random.default_rng(7).normal(size=valid.shape) * valid
+    new = np.asarray(innovations(z, memory))
+    rows = np.flatnonzero(valid[0, :, 1])
+    time = campaign.slews[0].time[rows]
+    covariance = np.exp(-np.abs(time[:, None] - time) / 2.0)
+    x = z[0, rows, 1]
+    assert np.sum(new[0, :, 1] ** 2) == pytest.approx(x @ np.linalg.solve(covariance, x), rel=1e-9)
+    noise = correlated_noise(new, memory)
+    assert np.allclose(noise[valid], z[valid], atol=1e-9)
+
+
+def test_readings_of_correlated_noise_tell_less(flown, clean_at):
+    correlated = fitted(coloured(flown.campaign, 0.9, 3.0))
+    assert np.all(correlated.sd[:9] > 0.99 * clean_at.sd[:9])
+    assert np.max(correlated.sd[:9] / clean_at.sd[:9]) > 1.3
+
+
+def test_a_treatment_survives_its_json(flown):
+    campaign, _ = spiked(flown.campaign)
+    rng, slews = np.random.default_rng(1), named(motion())
+    colour = colour_of(slews, [gauss_markov(rng) for _ in slews])
+    result = clean_fit(fitted(campaign))
+    treatment = replace(result.treatment, colour=colour, rounded=("rate",))
+    assert treatment_from(treatment.json()) == treatment
+    assert treatment_from(DirtTreatment().json()).is_nothing
+
+
+def test_scale_factors_far_from_their_prior_are_never_trusted(clean_at, flown):
+    """Rates in deg/s read as rad/s: K = 0.01745, tens of prior sd away, whatever chi^2 says."""
+    assert prior_gate(clean_at)["passed"]
+    theta = clean_at.theta.copy()
+    theta[6:9] *= np.pi / 180.0
+    point = Point(theta, clean_at.point.bias, clean_at.point.local)
+    gate = prior_gate(replace(clean_at, point=point))
+    assert not gate["passed"]
+    assert "deg/s read as rad/s" in gate["says"]
+    # Nine that are each 4 sd away are as impossible together.
+    moved = clean_at.model.space.mean + 4.0 * clean_at.model.space.sd
+    together = prior_gate(replace(clean_at, point=replace(point, theta=moved)))
+    assert not together["passed"]
+    assert "together" in together["says"]
+
+
+def test_a_huge_objective_is_no_reason_to_lose_the_only_optimum(clean_at):
+    descents = [(1e60, clean_at.point)]
+    assert len(optimizer.distinct_optima(clean_at.model, descents)) == 1
+
+
+def test_normal_equations_that_are_singular_end_in_a_message():
+    with pytest.raises(EstimateError, match="units and signs"):
+        inverse_root(np.array([[1.0, 2.0], [2.0, 1.0]]))
