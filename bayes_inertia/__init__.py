@@ -87,6 +87,9 @@ _PUBLIC = {
     # Fits.
     "ChannelTest": "inference.residual_tests",
     "Estimate": "inference.laplace",
+    "Colour": "inference.noise_colour",
+    "ColourOfAxis": "inference.noise_colour",
+    "DirtTreatment": "inference.treatment",
     "FitContext": "inference.fit_context",
     "Posterior": "inference.posterior",
     "Settings": "inference.sampler",
