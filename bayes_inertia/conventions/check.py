@@ -31,6 +31,8 @@ from bayes_inertia.files import description_path, read_bytes, text_of
 from bayes_inertia.maths.values import json_ready
 
 FORMAT = "bayes-inertia-doctor/1"
+# Numbers beyond this mark missing values, in whatever unit.
+_LARGEST_NUMBER = 1e10
 
 
 @dataclass(frozen=True)
@@ -156,27 +158,30 @@ def check_conventions(campaign: Campaign | str | Path, *, quick: bool = False) -
     path = description_path(campaign)
     text = text_of(read_bytes(path), str(path))
     description = parse_description(text, str(path))
-    return _checked(_believable(read_unmasked(campaign)), description, text, quick)
+    written = read_unmasked(campaign)
+    masked = with_dirt_masked(written)
+    if _suspect(written, masked):
+        # Readings that are impossible in numbers are in a wrong unit, or marks for missing values.
+        check = _checked(written, description, text, quick)
+        if check.changes:
+            return check
+    return _checked(masked, description, text, quick)
 
 
-def _believable(campaign: Campaign) -> Campaign:
-    """The campaign without unbelievable readings, unless that takes most of a channel away.
-
-    Readings that are nearly all impossible are no outliers but in a wrong unit.
-    """
-    masked = with_dirt_masked(campaign)
+def _suspect(written: Campaign, masked: Campaign) -> bool:
+    """Whether so many readings are unbelievable that their unit may be to blame."""
     for channel in ("rate", "wheel_momentum"):
-        before, after = (
-            sum(
-                int(np.isfinite(values).sum())
-                for slew in c.slews
-                if (values := getattr(slew, channel)) is not None
-            )
-            for c in (campaign, masked)
-        )
-        if after < limits.BELIEVABLE_SHARE * before:
-            return campaign
-    return masked
+        before, after = (_all_readings(c, channel) for c in (written, masked))
+        count = np.isfinite(before).sum()
+        few = np.isfinite(after).sum() < limits.BELIEVABLE_SHARE * count
+        if few and np.nanmax(np.abs(before)) < _LARGEST_NUMBER:
+            return True
+    return False
+
+
+def _all_readings(campaign: Campaign, channel: str) -> np.ndarray:
+    readings = [getattr(slew, channel) for slew in campaign.slews]
+    return np.concatenate([np.zeros(0), *(np.ravel(r) for r in readings if r is not None)])
 
 
 def refuse_impossible(campaign: Campaign | str | Path) -> None:

@@ -15,8 +15,8 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.units import UNITS
 from bayes_inertia.conventions import limits
-from bayes_inertia.conventions.dirt_at_rest import noise_ratios
 from bayes_inertia.conventions.hypothesis import KeyChange, Mistake
+from bayes_inertia.conventions.noise_seen import noise_ratios
 
 
 def with_companions(mistake: Mistake, campaign: Campaign, written: Mapping[str, Any]) -> Mistake:

@@ -10,14 +10,14 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.conventions import limits
 from bayes_inertia.conventions.misfits import Misfits
+from bayes_inertia.conventions.noise_seen import CHANNELS, noise_ratios
 from bayes_inertia.conventions.reading import Reading
 from bayes_inertia.conventions.rotations import angle_of, composed, turned_back
 
-# The variance of second differences of white noise, and of a normal distribution's median.
-_SECOND_DIFFERENCE, _MEDIAN_DEVIATION = 6.0, 1.4826
-# Fewer rows than this do not tell a noise.
+# The median deviation of a normal distribution times this is its sd.
+_MEDIAN_DEVIATION = 1.4826
+# Rows of a rest, at least.
 _FEW_ROWS = 30
-_FIELD = {"rate": "rate", "momentum": "wheel_momentum"}
 _PEOPLE = {"rate": "the rate's noise", "momentum": "the tachometers' noise"}
 # A bias is stale if it is this many of its stated sds off, and this many of its own.
 _STALE_SDS = 5.0
@@ -41,62 +41,8 @@ def dirt_of(misfits: Misfits, reading: Reading) -> tuple[dict[str, Any], ...]:
         As `Dirt.json` writes them; a stale bias has the kind "stale_bias".
     """
     by_reader = [dirt.json() for dirt in misfits.campaign.dirt]
-    levels = [dirt.json() for c in _FIELD if (dirt := _level(misfits.campaign, c)) is not None]
+    levels = [dirt.json() for c in CHANNELS if (dirt := _level(misfits.campaign, c)) is not None]
     return (*by_reader, *levels, *_stale_bias(misfits, reading))
-
-
-def smooth_noise(values: np.ndarray) -> float:
-    """Noise of readings (n,), from their second differences, which hardly see smooth motion.
-
-    Parameters
-    ----------
-    values : (n,) array
-        Readings at even steps; NaN where there is none.
-
-    Returns
-    -------
-    float
-        Standard deviation; NaN with few readings.
-
-    Examples
-    --------
-    >>> bool(0.8 < smooth_noise(np.random.default_rng(1).normal(size=500)) < 1.2)
-    True
-    """
-    values = values[np.isfinite(values)]
-    if len(values) < _FEW_ROWS:
-        return float("nan")
-    second = np.abs(np.diff(values, 2))
-    return float(_MEDIAN_DEVIATION * np.median(second) / _SECOND_DIFFERENCE**0.5)
-
-
-def noise_ratios(campaign: Campaign, channel: str) -> np.ndarray:
-    """Noise in smooth rows over the stated noise, median over the slews.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        What was flown.
-    channel : str
-        "rate" or "momentum".
-
-    Returns
-    -------
-    array
-        One number an axis or wheel; empty or NaN where nothing is known.
-    """
-    if channel == "rate":
-        stated = np.asarray(campaign.rate_sensor.sigma)
-    else:
-        stated = np.array([wheel.momentum_sigma or np.nan for wheel in campaign.wheels])
-    channels = [getattr(slew, _FIELD[channel]) for slew in campaign.slews]
-    seen = [[smooth_noise(c) for c in v.T] for v in channels if v is not None and v.shape[1]]
-    if not seen or not len(stated):
-        return np.zeros(0)
-    ratios = np.array(seen) / stated
-    return np.array(
-        [np.median(r[np.isfinite(r)]) if np.isfinite(r).any() else np.nan for r in ratios.T]
-    )
 
 
 def _level(campaign: Campaign, channel: str) -> Dirt | None:

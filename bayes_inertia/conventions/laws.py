@@ -41,12 +41,15 @@ class Told:
         Conventions, stated or supposed.
     motion : Motion
         What the rates then tell of the motion.
+    noise : mapping of str to array
+        Sd of the readings of "rate" (3,) and "momentum" (wheels,), in the units stated.
     """
 
     campaign: Campaign
     slews: SampledSlews
     reading: Reading
     motion: Motion
+    noise: Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +151,9 @@ def _bias_sd(told: Told) -> np.ndarray:
     """Sd of the rate bias (3,): what is stated, or more where it may be stale [rad/s]."""
     valid = told.slews.valid
     rms = np.sqrt(np.mean(np.sum(told.motion.rate_B[valid] ** 2, axis=-1)))
-    return np.maximum(told.campaign.rate_sensor.bias_sigma, limits.BIAS_SHARE * rms)
+    # A reading in a smaller unit must not drown in a bias that is stated in the larger one.
+    stated = np.minimum(told.campaign.rate_sensor.bias_sigma, rms)
+    return np.maximum(stated, limits.BIAS_SHARE * rms)
 
 
 def _deviation(vectors: np.ndarray, mask: np.ndarray) -> np.ndarray:
@@ -274,11 +279,10 @@ def wheel_momentum_B(told: Told) -> np.ndarray | None:
 
 
 def _momentum_noise(told: Told) -> float:
-    """Noise of J w + G h at one moment [N m s], as far as it is stated."""
-    rate = np.asarray(told.campaign.rate_sensor.sigma)
-    wheels = [wheel.momentum_sigma or 0.0 for wheel in told.campaign.wheels]
-    body = told.reading.inertia @ told.reading.rate @ np.diag(rate)
-    return float(np.sqrt((body**2).sum() + np.square(wheels).sum()))
+    """Noise of J w + G h at one moment [N m s]."""
+    body = told.reading.inertia @ told.reading.rate @ np.diag(told.noise["rate"])
+    wheels = told.reading.momentum @ told.noise["momentum"]
+    return float(np.sqrt((body**2).sum() + (wheels**2).sum()))
 
 
 def drive(told: Told) -> LawData | None:
@@ -310,7 +314,7 @@ def drive(told: Told) -> LawData | None:
         limits.GAIN_SD * commanded[..., None] * which,
         limits.UNSEEN_FRICTION_SHARE * (share * size[:, None, None])[..., None] * which,
     ]
-    noise = max((wheel.momentum_sigma or 0.0 for wheel in told.campaign.wheels), default=0.0)
+    noise = float(np.abs(reading.momentum @ told.noise["momentum"]).max(initial=0.0))
     return LawData(
         seen - commanded,
         np.concatenate(regressors, axis=-1),

@@ -58,6 +58,12 @@ ORDINARY = 2.0
 IMPROVEMENT = 3.0
 """A change must bring the misfit down by this factor at least to be proposed."""
 
+PAIR_IMPOSSIBLE, PAIR_ORDINARY = 5.0, 1.0
+"""The same for two mistakes at once.
+
+There are a thousand pairs, so that a pair must mend more: to 10 % of the motion.
+"""
+
 HOPELESS = 8.0
 """Misfit [sd] above which data are called impossible although no change mends them.
 
@@ -103,8 +109,11 @@ NOTABLE = 0.3
 NOISE_RATIO = 2.0
 """Noise seen in smooth rows that differs from the stated one by this factor is reported."""
 
-BELIEVABLE_SHARE = 0.7
-"""Where fewer readings of a channel than this are believable, its unit is wrong, not the rest."""
+BELIEVABLE_SHARE = 0.97
+"""Where fewer readings of a channel than this are believable, its unit may be wrong."""
+
+NOISE_BELIEVED = 3.0
+"""A noise that is stated larger than this many times the one seen is not believed."""
 
 ONE_UNIT = 4.0
 """A stated noise that is within this factor of the one seen was written in the readings' unit."""

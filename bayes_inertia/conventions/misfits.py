@@ -11,6 +11,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE, LAWS, LawData, Told
 from bayes_inertia.conventions.linear_fit import LinearFit
 from bayes_inertia.conventions.motion import Motion, motion_of
+from bayes_inertia.conventions.noise_seen import CHANNELS, believed_noise
 from bayes_inertia.conventions.reading import Reading
 from bayes_inertia.conventions.sampled_slews import SampledSlews
 
@@ -100,7 +101,25 @@ class Misfits:
         LawData or None
             None if the telemetry says nothing about it.
         """
-        return LAWS[law](Told(self.campaign, self.slews, reading, self.motion(reading)))
+        return LAWS[law](self.told(reading))
+
+    def told(self, reading: Reading) -> Told:
+        """What the telemetry tells under a reading.
+
+        Parameters
+        ----------
+        reading : Reading
+            Conventions, stated or supposed.
+
+        Returns
+        -------
+        Told
+            For the laws.
+        """
+        if "noise" not in self.kept:
+            self.kept["noise"] = {c: believed_noise(self.campaign, c) for c in CHANNELS}
+        noise = self.kept["noise"]
+        return Told(self.campaign, self.slews, reading, self.motion(reading), noise)
 
     def fit(self, law: str, reading: Reading) -> LinearFit | None:
         """The fit of one law; the same reading of the same channels is fitted once.

@@ -14,7 +14,7 @@ import numpy as np
 
 from bayes_inertia.conventions.candidates import axes_mistake
 from bayes_inertia.conventions.hypothesis import Mistake
-from bayes_inertia.conventions.laws import Told, wheel_momentum_B
+from bayes_inertia.conventions.laws import wheel_momentum_B
 from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.reading import Reading
 from bayes_inertia.conventions.rotations import angle_of, composed, turned_back
@@ -104,8 +104,7 @@ def _from_fixes(misfits: Misfits, reading: Reading) -> np.ndarray | None:
 def _from_momentum(misfits: Misfits, reading: Reading) -> np.ndarray | None:
     """R by turns: estimate F = J R with the path of the last R, and take the rotation in F."""
     slews = misfits.slews
-    told = Told(misfits.campaign, slews, reading, misfits.motion(reading))
-    stored = wheel_momentum_B(told)
+    stored = wheel_momentum_B(misfits.told(reading))
     if stored is None or not reading.axes_B.shape[1]:
         return None
     rotation = np.eye(3)

@@ -70,18 +70,23 @@ def remedies(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> l
     """
     before = worst(misfits.of(stated))
     tried = [*singles, *turned_sensor(misfits, stated)]
-    alone = _ranked(misfits, stated, before, tried)
-    if alone:
+    alone = _ranked(misfits, stated, before, tried, limits.ORDINARY)
+    if alone or before < limits.PAIR_IMPOSSIBLE:
         return alone
-    return _ranked(misfits, stated, before, _pairs(misfits, stated, singles))
+    pairs = _pairs(misfits, stated, singles)
+    return _ranked(misfits, stated, before, pairs, limits.PAIR_ORDINARY)
 
 
 def _ranked(
-    misfits: Misfits, stated: Reading, before: float, tried: Sequence[Mistake]
+    misfits: Misfits,
+    stated: Reading,
+    before: float,
+    tried: Sequence[Mistake],
+    ordinary: float,
 ) -> list[Remedy]:
     """Those that mend, cut to the best and its equals, the most common mistake first."""
     mending = []
-    limit = min(limits.ORDINARY, before / limits.IMPROVEMENT)
+    limit = min(ordinary, before / limits.IMPROVEMENT)
     for mistake in tried:
         mended = mistake.mend(stated)
         if misfits.mends(mended, limit):
@@ -107,10 +112,10 @@ def _pairs(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> lis
     pairs = {
         frozenset((id(a), id(b))): both(a, b) for a in helpful for b in singles if _differ(a, b)
     }
-    if not any(misfits.mends(pair.mend(stated), limits.ORDINARY) for pair in pairs.values()):
+    if not any(misfits.mends(pair.mend(stated), limits.PAIR_ORDINARY) for pair in pairs.values()):
         for i, a in enumerate(singles):
             for b in singles[:i]:
-                if a.rarity + b.rarity <= _RAREST_PAIR and _differ(a, b):
+                if _may_meet(a, b):
                     pairs.setdefault(frozenset((id(a), id(b))), both(a, b))
     return list(pairs.values())
 
@@ -122,6 +127,20 @@ def _broken(fits: dict[str, LinearFit]) -> frozenset[str]:
 def _differ(first: Mistake, second: Mistake) -> bool:
     keys = {change.key for change in first.changes}
     return not keys & {change.key for change in second.changes}
+
+
+def _may_meet(first: Mistake, second: Mistake) -> bool:
+    """Whether two mistakes of which neither mends a law alone are tried together."""
+    common = first.rarity + second.rarity <= _RAREST_PAIR
+    return common and _differ(first, second) and not (_scales(first) and _scales(second))
+
+
+def _scales(mistake: Mistake) -> bool:
+    """Whether a mistake is one of scale; two of these in different quantities may compensate."""
+    return any(
+        isinstance(c.stated, str) and c.key.endswith(".unit") and "time" not in c.key
+        for c in mistake.changes
+    ) or any(c.key.endswith((".spin_inertia", "inertia.tensor")) for c in mistake.changes)
 
 
 def misfit_of(fits: dict[str, LinearFit]) -> dict[str, float]:
