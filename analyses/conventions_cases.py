@@ -20,6 +20,8 @@ class Base:
     """A right campaign to be spoilt.
 
     `moving_fixes`: the star tracker gives fixes in motion. `limits`: torques have a stated limit.
+    `moments_differ`: as far as the prior knows. `late`: by how much a late stream is late [s].
+    `share`: the place of the third of the wrong conventions that are tried; None for all.
     """
 
     name: str
@@ -28,6 +30,8 @@ class Base:
     moving_fixes: bool = False
     limits: bool = True
     moments_differ: bool = True
+    late: float = 1.0
+    share: int | None = None
 
 
 @dataclass(frozen=True)

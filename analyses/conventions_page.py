@@ -12,7 +12,7 @@ from scipy import stats
 Row = Mapping[str, Any]
 
 
-def page(rows: Sequence[Row], missing: Sequence[str], seconds: float) -> str:
+def page(rows: Sequence[Row], missing: Sequence[str]) -> str:
     """The result as Markdown.
 
     Parameters
@@ -21,12 +21,11 @@ def page(rows: Sequence[Row], missing: Sequence[str], seconds: float) -> str:
         Of all parts of the study.
     missing : sequence of str
         Folders of others' telemetry that were absent.
-    seconds : float
-        Processor time of the study [s].
     """
     wrong = [row for row in rows if row["part"] == "wrong"]
     right = [row for row in rows if row["part"] == "right"]
     timed = [row for row in rows if row["part"] == "time"]
+    seconds = sum(row["seconds"] for row in rows if row["part"] == "cost")
     parts = [
         "# Conventions: named where wrong, silent where right",
         "`python analyses/conventions_study.py` writes this page. A wrong convention counts as "

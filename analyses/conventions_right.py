@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import cycle, product
 from pathlib import Path
 
@@ -17,6 +18,7 @@ import numpy as np
 from conventions_cases import FULL, KINDS, NO_TACHOMETERS, NO_TRACKER, THROWS
 from conventions_dirt import DIRT
 from conventions_folder import RawCampaign, changed, of_slews, raw_of, read_raw, stated, without
+from conventions_random import random_craft
 from conventions_spacecraft import (
     EASILY_FOUND,
     THROWN_BODIES,
@@ -59,15 +61,21 @@ def as_kind(raw: RawCampaign, kind: str) -> RawCampaign:
     return without(raw, "attitude") if kind == NO_TRACKER else raw
 
 
-def right_campaigns(delft: Path | None, basilisk: Path | None) -> Iterator[Right]:
-    """All of them, in a fixed order; folders that are None or absent are left out."""
-    yield from _clean()
-    yield from _with_effects()
-    yield from _with_dirt()
-    yield from _with_both()
-    yield from _throws(delft)
-    yield from _of_basilisk(basilisk)
-    yield from _at_the_edge()
+def right_campaigns(delft: Path | None, basilisk: Path | None, group: str = "") -> Iterator[Right]:
+    """All of them, or those of one group, in a fixed order; absent folders are left out."""
+    groups: dict[str, Callable[[], Iterator[Right]]] = {
+        "clean": _clean,
+        "hidden effect": _with_effects,
+        "dirt": _with_dirt,
+        "effects and dirt": _with_both,
+        "random spacecraft": _random,
+        "throws": partial(_throws, delft),
+        "another simulator": partial(_of_basilisk, basilisk),
+        "edge": _at_the_edge,
+    }
+    for name, campaigns in groups.items():
+        if group in ("", name):
+            yield from campaigns()
 
 
 def _clean() -> Iterator[Right]:
@@ -125,6 +133,22 @@ def _with_both() -> Iterator[Right]:
             raw = DIRT[dirt](raw, rng)
         name = f"{' + '.join(effects)}; {' + '.join(dirts)}; {craft.name}, seed {seed}"
         yield Right("effects and dirt", name, kind, raw)
+
+
+def _random() -> Iterator[Right]:
+    """Spacecraft drawn at random: every other one with an effect, every third with dirt."""
+    for seed in range(40, 80):
+        (craft, controller), rng = random_craft(seed), np.random.default_rng([seed, 4])
+        kind, moving = FLOWN_KINDS[seed % 3], seed % 4 < 2
+        effect = rng.choice(list(EASILY_FOUND))
+        strengths = {effect: 1.0} if seed % 2 else None
+        raw = raw_of(
+            flown(craft, seed, moving_fixes=moving, strengths=strengths, controller=controller)
+        )
+        raw, dirt = as_kind(raw, kind), rng.choice(list(DIRT))
+        raw = DIRT[dirt](raw, rng) if seed // 3 % 3 == 0 else raw
+        name = f"{craft.name}, {effect if seed % 2 else ''}, {dirt if seed // 3 % 3 == 0 else ''}"
+        yield Right("random spacecraft", name, kind, raw)
 
 
 def _throws(delft: Path | None) -> Iterator[Right]:

@@ -18,8 +18,10 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+import zlib
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -28,6 +30,7 @@ import numpy as np
 from conventions_cases import THROWS, Base, Wrong
 from conventions_folder import RawCampaign, raw_of, read_raw, write_raw
 from conventions_page import page
+from conventions_random import random_craft
 from conventions_right import (
     BASILISK_FOLDERS,
     FLOWN_KINDS,
@@ -35,7 +38,7 @@ from conventions_right import (
     as_kind,
     right_campaigns,
 )
-from conventions_spacecraft import THROWN_BODIES, crafts, flown, thrown
+from conventions_spacecraft import THROWN_BODIES, Craft, ThrownBody, crafts, flown, thrown
 from conventions_wrong import wrong_conventions
 
 import bayes_inertia
@@ -47,27 +50,66 @@ HERE = Path(__file__).parent
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 # How often each command is timed as a process.
 TIMED = 5
+RANDOM_SEEDS = range(20, 32)
 
 
-def bases(delft: Path | None, basilisk: Path | None) -> Iterator[Base]:
-    """The right campaigns that are spoilt: of each kind, flown and thrown, simulated and real."""
+def bases(delft: Path | None, basilisk: Path | None, campaign: str = "") -> Iterator[Base]:
+    """The right campaigns that are spoilt: of each kind, flown and thrown, simulated and real.
+
+    Only those whose name contains `campaign`.
+    """
+    makers: dict[str, Callable[[], Iterator[Base]]] = {}
     for number, (craft, moving) in enumerate(product(crafts(), (False, True))):
-        strengths = {"rate_sensor_misalignment": 0.3, "wheel_command_lag": 0.1}
-        hidden = strengths if number % 4 == 3 else None
-        campaign = flown(craft, 100 + number, moving_fixes=moving, strengths=hidden)
-        limits = craft.mission.spacecraft.wheels[0].max_torque is not None
-        for kind in FLOWN_KINDS:
-            raw = as_kind(raw_of(campaign), kind)
-            fixes = "in motion" if moving else "at rest"
-            yield Base(f"{craft.name}, fixes {fixes}", kind, raw, moving, limits)
-    for name, kind in product(BASILISK_FOLDERS if basilisk else (), FLOWN_KINDS):
-        yield Base(f"Basilisk {name}", kind, as_kind(read_raw(basilisk / name), kind))
+        fixes = "in motion" if moving else "at rest"
+        name = f"{craft.name}, fixes {fixes}"
+        makers[name] = partial(_flown, name, craft, 100 + number, moving)
+    for number, seed in enumerate(RANDOM_SEEDS):
+        craft, _ = random_craft(seed)
+        makers[craft.name] = partial(_random, number, seed)
+    for name in BASILISK_FOLDERS if basilisk else ():
+        makers[f"Basilisk {name}"] = partial(_of_basilisk, basilisk / name)
     for body, seed in product(THROWN_BODIES, (200, 201, 202)):
-        yield Base(f"{body.name}, seed {seed}", THROWS, raw_of(thrown(body, seed)))
+        makers[f"{body.name}, seed {seed}"] = partial(_thrown, body, seed)
     for name in THROW_FOLDERS if delft else ():
-        moments_differ = name != "proof_body"
-        raw = read_raw(delft / name)
-        yield Base(f"real {name}", THROWS, raw, moments_differ=moments_differ)
+        makers[f"real {name}"] = partial(_really_thrown, delft / name)
+    for name, make in makers.items():
+        if campaign in name:
+            yield from make()
+
+
+def _flown(name: str, craft: Craft, seed: int, moving: bool) -> Iterator[Base]:
+    """Every other spacecraft with fixes in motion has small effects that nobody mentions."""
+    strengths = {"rate_sensor_misalignment": 0.3, "wheel_command_lag": 0.1}
+    hidden = strengths if seed % 4 == 3 else None
+    raw = raw_of(flown(craft, seed, moving_fixes=moving, strengths=hidden))
+    limits = craft.mission.spacecraft.wheels[0].max_torque is not None
+    for kind in FLOWN_KINDS:
+        yield Base(name, kind, as_kind(raw, kind), moving, limits)
+
+
+def _random(number: int, seed: int) -> Iterator[Base]:
+    """A spacecraft drawn at random, to be spoilt by a third of the wrong conventions."""
+    (craft, controller), moving = random_craft(seed), bool(seed % 2)
+    raw = raw_of(flown(craft, seed, moving_fixes=moving, controller=controller))
+    limits = craft.mission.spacecraft.wheels[0].max_torque is not None
+    late = 2.0 * craft.plan.telemetry_period
+    for k, kind in enumerate(FLOWN_KINDS):
+        share = (number + k) % 3
+        yield Base(craft.name, kind, as_kind(raw, kind), moving, limits, late=late, share=share)
+
+
+def _of_basilisk(folder: Path) -> Iterator[Base]:
+    for kind in FLOWN_KINDS:
+        yield Base(f"Basilisk {folder.name}", kind, as_kind(read_raw(folder), kind))
+
+
+def _thrown(body: ThrownBody, seed: int) -> Iterator[Base]:
+    yield Base(f"{body.name}, seed {seed}", THROWS, raw_of(thrown(body, seed)))
+
+
+def _really_thrown(folder: Path) -> Iterator[Base]:
+    moments_differ = folder.name != "proof_body"
+    yield Base(f"real {folder.name}", THROWS, read_raw(folder), moments_differ=moments_differ)
 
 
 def judged(raw: RawCampaign, folder: Path) -> dict[str, Any]:
@@ -109,6 +151,7 @@ def wrong_row(base: Base, wrong: Wrong, answer: dict[str, Any]) -> dict[str, Any
         "alone": any(mend.needs > 1 or len(changes) == 1 for mend in fitting),
         "changes": [{"key": c["key"], "to": c["to"]} for c in changes],
         "seconds": answer["seconds"],
+        "worst_misfit": max(answer.get("misfits", {}).values(), default=0.0),
         "sentence": answer.get("sentence", ""),
     }
 
@@ -120,13 +163,15 @@ class Options:
     delft: Path | None
     basilisk: Path | None
     only: str
+    campaign: str
+    group: str
     folder: Path
 
 
 def wrong_rows(options: Options) -> Iterator[dict[str, Any]]:
     """Every wrong convention in every campaign that has what it is about."""
-    for number, base in enumerate(bases(options.delft, options.basilisk)):
-        rng = np.random.default_rng([number, 7])
+    for number, base in enumerate(bases(options.delft, options.basilisk, options.campaign)):
+        rng = np.random.default_rng([zlib.crc32(f"{base.name}, {base.kind}".encode()), 7])
         for k, wrong in enumerate(wrong_conventions(base, rng)):
             if options.only not in f"{wrong.name} | {base.kind} | {base.name}":
                 continue
@@ -136,7 +181,7 @@ def wrong_rows(options: Options) -> Iterator[dict[str, Any]]:
 
 def right_rows(options: Options) -> Iterator[dict[str, Any]]:
     """Every right campaign."""
-    for number, right in enumerate(right_campaigns(options.delft, options.basilisk)):
+    for number, right in enumerate(right_campaigns(options.delft, options.basilisk, options.group)):
         if options.only not in f"{right.group} | {right.kind} | {right.name}":
             continue
         answer = judged(right.raw, options.folder / f"right_{number}")
@@ -149,6 +194,7 @@ def right_rows(options: Options) -> Iterator[dict[str, Any]]:
             "verdict": answer["verdict"],
             "changes": [{"key": c["key"], "to": c["to"]} for c in changes],
             "seconds": answer["seconds"],
+            "worst_misfit": max(answer.get("misfits", {}).values(), default=0.0),
             "sentence": answer.get("sentence", ""),
         }
 
@@ -180,28 +226,52 @@ def main() -> None:
     parser.add_argument(
         "--basilisk", type=Path, default=HERE.parent.parent / "shared/data/basilisk"
     )
-    parser.add_argument("--part", choices=PARTS, help="only this part; nothing is written")
+    parser.add_argument("--part", choices=PARTS, help="only this part; no page is written")
     parser.add_argument("--only", default="", help="only rows that contain this text")
+    parser.add_argument("--campaign", default="", help="only campaigns to spoil of this name")
+    parser.add_argument("--group", default="", help="only this group of right campaigns")
+    parser.add_argument(
+        "--rows",
+        type=Path,
+        help="file that a piece of the study adds its rows to; without naming a piece the page "
+        "is written from it",
+    )
     parser.add_argument("--keep", type=Path, help="keep the campaign folders here")
     given = parser.parse_args()
     delft, basilisk = (p if p.is_dir() else None for p in (given.delft, given.basilisk))
     for path, name in ((delft, "thrown bodies"), (basilisk, "the other simulator")):
         if path is None:
             print(f"no telemetry of {name}: left out", file=sys.stderr)
+    piece = given.part or given.only or given.campaign or given.group
+    rows: list[dict[str, Any]] = []
+    if given.rows and given.rows.exists():
+        rows = [json.loads(line) for line in given.rows.read_text(encoding="utf-8").splitlines()]
+    if piece or not rows:
+        rows += _new_rows(given, delft, basilisk)
+    if given.rows and piece:
+        given.rows.write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
+    if not piece:
+        missing = [n for n, p in (("delft", delft), ("basilisk", basilisk)) if p is None]
+        content = ",\n".join(json.dumps(row) for row in rows)
+        results = HERE / "results"
+        write_atomically(results / "conventions_study.json", f"[{content}]\n")
+        write_atomically(results / "conventions_study.md", page(rows, missing))
+
+
+def _new_rows(
+    given: argparse.Namespace, delft: Path | None, basilisk: Path | None
+) -> list[dict[str, Any]]:
+    """The rows of the study, or of a piece of it."""
     rows = []
     with tempfile.TemporaryDirectory() as temporary:
-        options = Options(delft, basilisk, given.only, given.keep or Path(temporary))
+        folder = given.keep or Path(temporary)
+        options = Options(delft, basilisk, given.only, given.campaign, given.group, folder)
         for part in [given.part] if given.part else PARTS:
             for row in PARTS[part](options):
                 rows.append(row)
                 _say(row)
-    if given.part or given.only:
-        return
-    missing = [name for name, path in (("delft", delft), ("basilisk", basilisk)) if path is None]
-    results = HERE / "results"
-    text = "".join(json.dumps(row) + "\n" for row in rows)
-    write_atomically(results / "conventions_study.json", f"[{',\n'.join(text.splitlines())}]\n")
-    write_atomically(results / "conventions_study.md", page(rows, missing, time.process_time()))
+    rows.append({"part": "cost", "seconds": time.process_time()})
+    return rows
 
 
 def _say(row: dict[str, Any]) -> None:
@@ -216,7 +286,7 @@ def _say(row: dict[str, Any]) -> None:
     mark = "ok " if good else "BAD"
     print(
         f"{mark} {what} | {row['kind']} | {row['campaign']} | {row['verdict']} | {changes} | "
-        f"{row['seconds']:.2f} s",
+        f"misfit {row['worst_misfit']:.2f} | {row['seconds']:.2f} s",
         flush=True,
     )
 

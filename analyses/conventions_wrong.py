@@ -94,7 +94,8 @@ def wrong_conventions(base: Base, rng: np.random.Generator) -> tuple[Wrong, ...]
         of_inertia,
         not_shown,
     )
-    return tuple(itertools.chain.from_iterable(family(base, rng) for family in families))
+    wrong = tuple(itertools.chain.from_iterable(family(base, rng) for family in families))
+    return wrong if base.share is None else wrong[base.share :: 3]
 
 
 def _of_quaternion(base: Base, rng: np.random.Generator) -> Iterator[Wrong]:
@@ -164,6 +165,7 @@ def _of_rate_axes(base: Base, rng: np.random.Generator) -> Iterator[Wrong]:
         changed(raw, "rate", lambda w: w * signs),
         (
             *_turned(base, signs[:, None] * axes),
+            *_exchanged_about_wheel(base),
             Mend("rate_sensor.scale_factor"),
             Mend("columns.rate.sign*"),
         ),
@@ -177,6 +179,14 @@ def _of_rate_axes(base: Base, rng: np.random.Generator) -> Iterator[Wrong]:
             Mend("columns.rate.sign*"),
         ),
     )
+
+
+def _exchanged_about_wheel(base: Base) -> tuple[Mend, ...]:
+    """A mirror turned by 90 degrees about the wheel exchanges the other two axes."""
+    if base.moments_differ:
+        return ()
+    i, j = np.flatnonzero(np.abs(wheel_axis(base.raw)) < 0.5)
+    return (Mend("columns.rate.names", exchanged_names(base.raw.names("rate"), i, j)),)
 
 
 def _pair_off_wheel(base: Base, rng: np.random.Generator) -> tuple[int, int]:
@@ -240,13 +250,13 @@ def _step(raw: RawCampaign) -> float:
 def _of_lateness(base: Base, rng: np.random.Generator) -> Iterator[Wrong]:
     raw = base.raw
     thrown = base.kind == THROWS
-    late = 0.03 if thrown else 1.0
+    late = 0.03 if thrown else base.late
     step = _step(raw)
     late = max(1, round(late / step)) * step
     momentum = raw.momentum_channel
     if raw.has("attitude"):
         yield Wrong(
-            "star tracker 1 s late",
+            "star tracker late",
             later(raw, "attitude", late),
             (_offset("attitude", -late),),
             base.moving_fixes,
@@ -263,4 +273,4 @@ def _of_lateness(base: Base, rng: np.random.Generator) -> Iterator[Wrong]:
     )
     if raw.has(momentum) and not thrown:
         mends = (_offset(momentum, -late),)
-        yield Wrong("tachometers 1 s late", later(raw, momentum, late), mends)
+        yield Wrong("tachometers late", later(raw, momentum, late), mends)
