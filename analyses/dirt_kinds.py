@@ -75,7 +75,7 @@ KINDS = {
         Kind("clock jumps ahead 1 s", clock_jump(1.0), sizes=(0.02, 3.0)),
         Kind("clock jumps back 1 s", clock_jump(-1.0), sizes=(0.02, 3.0)),
         Kind("single wrong stamps", clock_glitch),
-        Kind("stamps jitter 5 %", late_row_period, sizes=(0.3, 1.0)),
+        Kind("stamps jitter 5 %", late_row_period, sizes=(0.03, 1.0)),
         Kind("float32 times, 12 days", float32_times(1.0e6), sizes=(1.0, 1.0)),
         Kind("float32 times, 1 year", float32_times(3.2e7), sizes=(1.0, 1.0)),
         Kind("outliers in rate", outliers("rate"), demanded=True),

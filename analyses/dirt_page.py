@@ -33,11 +33,9 @@ def write_page(parts: dict[str, list[dict]], path: Path) -> Path:
     """All parts that have rows."""
     lines = ["# Dirt in telemetry", "", *_INTRODUCTION]
     for name, title in _TITLES.items():
-        for key in (name, f"{name}.before"):
-            if rows := parts.get(key):
-                version = ", before dirt was treated" if key.endswith(".before") else ""
-                lines += ["", f"## {title}{version}", "", _summary(rows)]
-                lines += _section(name, rows)
+        if rows := parts.get(name):
+            earlier = {row["case"]: row for row in parts.get(f"{name}.before", ())}
+            lines += ["", f"## {title}", "", _summary(rows), *_section(name, rows, earlier)]
     return write_atomically(path, "\n".join(lines) + "\n")
 
 
@@ -65,26 +63,34 @@ def _summary(rows: Rows) -> str:
     return f"{len(rows)} cases: {counts}; {said}; {seconds:.0f} s of processor time."
 
 
-def _section(name: str, rows: Rows) -> list[str]:
-    if name in ("random", "uncleaned"):
-        return ["", *_by_reason(rows), "", *_table(_COLUMNS, [_cells(r) for r in _extreme(rows)])]
-    columns = (*_COLUMNS, "verdict") if name == "diagnose" else _COLUMNS
-    extra = name == "diagnose"
-    return ["", *_table(columns, [_cells(row, verdict=extra) for row in rows])]
+def _section(name: str, rows: Rows, earlier: dict[str, dict]) -> list[str]:
+    """The table of a part; of the random ones the extremes and the reasons only."""
+    shown = _extreme(rows) if name in ("random", "uncleaned") else rows
+    extra = {
+        "before": lambda row: _result(earlier[row["case"]]) if row["case"] in earlier else "",
+        "verdict": lambda row: " ".join([row["verdict"], *row["named"]]),
+    }
+    wanted = (["before"] if earlier else []) + (["verdict"] if name == "diagnose" else [])
+    cells = [[*_cells(row), *(extra[key](row) for key in wanted)] for row in shown]
+    head = ["", *_by_reason(rows)] if shown is not rows else []
+    return [*head, "", *_table((*_COLUMNS, *wanted), cells)]
 
 
-def _cells(row: dict, *, verdict: bool = False) -> list[str]:
-    result = row["status"] if not wrong(row) else "**trusted and wrong**"
-    cells = [
+def _cells(row: dict) -> list[str]:
+    result = _result(row)
+    return [
         row["case"],
         f"{result}: {_short(row['says'])}" if row["says"] else result,
         row["policy"],
-        ", ".join(row["dirt"]) or "",
+        _short(", ".join(row["dirt"])),
         *(_number(row[key]) for key in ("shift", "z", "widened")),
         f"{row['seconds']:.1f}",
     ]
-    named = f" ({', '.join(row['named'])})" if row["named"] else ""
-    return [*cells, row["verdict"] + named] if verdict else cells
+
+
+def _result(row: dict) -> str:
+    """Trusted, untrusted, error or crash; with its distance where it is wrong."""
+    return f"**trusted and wrong ({row['z']:.1f})**" if wrong(row) else row["status"]
 
 
 def _short(text: str, limit: int = 110) -> str:
