@@ -29,7 +29,8 @@ PUBLIC = set(
     SlewContext State Trajectory check_effect scalar vector
     Controller Flight Mission Orbit Plan PlannedSlew Spacecraft fly most_like_prior
     most_like_spacecraft paper_like_plan read_plan simulate write_plan
-    ChannelTest Colour ColourOfAxis DirtTreatment Estimate FitContext Posterior Settings estimate fit
+    ChannelTest Colour ColourOfAxis DirtTreatment Estimate FitContext Posterior Settings
+    estimate fit
     Degeneracy Direction InformationArrival Observability ParameterObservability observe
     AlternativeEffect AlternativeParameters BinnedResiduals Candidate DiagnosedFit Diagnosis
     Disagreement FreeSignal Investigation Match Rules Spectrum Step Undetected
