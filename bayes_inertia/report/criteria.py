@@ -21,6 +21,10 @@ class Criteria:
         How many of them the kept part of a chain must last.
     rejected_below : float
         p-value below which the residuals of a channel are not what the model predicts.
+    prior_sd_at_most : float
+        How far J and K may lie from their prior means [prior sd].
+    prior_p_value_above : float
+        p-value of all of J and K together, were the truth a draw of the prior.
     observable_above : float
         Contraction of the prior variance above which the data told something of a parameter.
     determined_above : float
@@ -31,6 +35,8 @@ class Criteria:
     effective_samples: float = 400.0
     autocorrelation_times: float = 20.0
     rejected_below: float = 1e-3
+    prior_sd_at_most: float = 5.0
+    prior_p_value_above: float = 1e-6
     observable_above: float = 0.5
     determined_above: float = 0.9
 
