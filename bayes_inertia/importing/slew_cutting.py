@@ -16,7 +16,8 @@ from bayes_inertia.importing.log_reader import utc_ns
 from bayes_inertia.importing.mapping_schema import CutPart, MappedSlew, MappingPart
 from bayes_inertia.importing.motion_scan import MotionScan, scan_motion
 
-# Rest kept on each side of a slew unless the mapping says otherwise [s], but so many fixes.
+# Rest kept on each side of a slew unless the mapping says otherwise: as long as the motion, at least
+# these seconds and so many fixes. Rest tells the bias and the attitude before and after.
 _REST_KEPT_S = 30.0
 _FIXES_KEPT = 10
 _LONGEST_WAIT_S = 300.0  # [s] for the first fixes after a motion.
@@ -303,7 +304,8 @@ def _wanted_rests(
             least = float(away[min(count, len(away)) - 1]) if len(away) else 0.0
             # A tracker that comes back much later is no part of this slew.
             least = least if least <= _LONGEST_WAIT_S else 0.0
-            side.append(max(_REST_KEPT_S if seconds is None else seconds, least, shortest))
+            usual = max(_REST_KEPT_S, end - start) if seconds is None else seconds
+            side.append(max(usual, least, shortest))
     return wanted
 
 

@@ -328,7 +328,7 @@ def _left_over(groups: Sequence[_Group], streams: Sequence[tuple[_Group, ColumnF
 def _cut() -> str:
     return """\
 # [cut]  # how the log becomes slews; without it, at the rests
-# before_s = 30.0  # rest kept before a motion [s]; more where fixes need it
+# before_s = 30.0  # rest kept before a motion [s]; without it, as long as the motion
 # after_s = 30.0
 # rest_rate = 1e-4  # [rad/s]; a slew exceeds it
 
