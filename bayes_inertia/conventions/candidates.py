@@ -214,8 +214,14 @@ def _rate_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
             elif same_order and flipped == 3:
                 words, rarity = "all rates have the other sign", 3
             else:
-                words, rarity = "the rates are along other axes", 4
+                words, rarity = f"the rates are along the axes {_axes_in_words(turned)}", 4
             yield axes_mistake(axes, turned @ axes, rarity, words)
+
+
+def _axes_in_words(turned: np.ndarray) -> str:
+    """A signed permutation as (-y, x, z)."""
+    named = [("-" if row.sum() < 0.0 else "") + "xyz"[int(abs(row).argmax())] for row in turned]
+    return f"({', '.join(named)})"
 
 
 def axes_mistake(axes: np.ndarray, mended: np.ndarray, rarity: int, words: str) -> Mistake:

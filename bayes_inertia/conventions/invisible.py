@@ -34,7 +34,7 @@ def invisible(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> 
     said = [*_by_nature(misfits), *_without_telemetry(misfits, set(laws))]
     largest = limits.EQUAL_FACTOR * worst(laws) + limits.EQUAL_MISFIT
     for mistake in singles:
-        if worst(misfits.of(mistake.mend(stated))) <= min(largest, limits.ORDINARY):
+        if misfits.mends(mistake.mend(stated), min(largest, limits.ORDINARY)):
             keys = ", ".join(dict.fromkeys(change.key for change in mistake.changes))
             said.append(f"{keys}: the data would be as content if {mistake.words}")
     return tuple(dict.fromkeys(said))
