@@ -44,6 +44,8 @@ _QUATERNIONS: tuple[tuple[tuple[str, ...], str], ...] = (
     (("0", "1", "2", "3"), ""),
     (("1", "2", "3", "4"), ""),
 )
+# What a date and time of ISO 8601 begins with, by calendar or by day of year.
+_DATE = re.compile(r"\d{4}-(\d{2}-\d{2}|\d{3})[T ]\d{2}:\d{2}")
 _TIME = re.compile(
     r"(t|time|times|utc|tai|gps|epoch|timestamps?|tow|week|met|sclk|unix|posix|date|datetime|sec|s)"
 )
@@ -166,7 +168,7 @@ def time_names(table: RawTable) -> list[str]:
     Returns
     -------
     list of str
-        What the file states, or columns with a name of a time; [] if there is none.
+        What the file states, columns with a name of a time, or one of dates; [] if there is none.
     """
     if table.time_names:
         return list(table.time_names)
@@ -177,7 +179,15 @@ def time_names(table: RawTable) -> list[str]:
     ]
     weeks = [name for name in named if "week" in name.lower()]
     seconds = [name for name in named if name not in weeks]
-    return [weeks[0], seconds[0]] if weeks and seconds else named[:1]
+    if weeks and seconds:
+        return [weeks[0], seconds[0]]
+    return (named or [name for name in table.columns if _holds_dates(table.column(name))])[:1]
+
+
+def _holds_dates(column: RawColumn) -> bool:
+    return bool(
+        column.is_text and len(column.values) and _DATE.match(str(column.values[0]).strip())
+    )
 
 
 def _stems(columns: Mapping[str, RawColumn]) -> dict[str, tuple[str, str]]:

@@ -185,3 +185,11 @@ def test_the_command_needs_one_of_its_two_ways(log, capsys):
     code, _, error = command(capsys, log, "--using", "m.toml")
     assert code == 2
     assert "-o CAMPAIGN" in error
+
+
+def test_a_column_of_dates_is_the_time_whatever_its_name(tmp_path):
+    log = tmp_path / "a.csv"
+    rows = [f"2026-03-14T02:00:0{k}.250Z;0,1;0,2;0,3" for k in range(4)]
+    log.write_text("\n".join(["Zeit;wx;wy;wz", *rows]) + "\n")
+    text = starting_mapping([log])
+    assert 'time = { names = ["Zeit"], kind = "utc" }' in text
