@@ -10,6 +10,7 @@ import pytest
 import bayes_inertia as bi
 from bayes_inertia.app import diagnosed_fit, run_folder
 from bayes_inertia.app.diagnosed_fit import NextFit, fit_after_diagnosis
+from bayes_inertia.inference.treatment import DirtTreatment
 from bayes_inertia.physics.effects import ConstantTorque
 
 QUICK = bi.Settings(seed=4, ensembles=4, walkers=32, steps=40, max_steps=40, target_ess=100.0)
@@ -53,7 +54,7 @@ def test_noise_is_taken_as_measured_unless_something_has_no_name(flown, monkeypa
     monkeypatch.setattr(diagnosed_fit, "fit", fit)
     monkeypatch.setattr(diagnosed_fit, "averaged_posterior", lambda posterior, *_: posterior)
     noise = {"rate": 2.0, "attitude": 1.0, "momentum": 1.0}
-    wanted = NextFit(verdict, (ConstantTorque(),), noise, "commanded")
+    wanted = NextFit(verdict, (ConstantTorque(),), DirtTreatment(level=noise), "commanded")
     fit_after_diagnosis(flown.campaign, wanted, drive=None, settings=QUICK)
     assert calls["settings"].seed == 4
     assert calls["effects"] == (ConstantTorque(),)

@@ -9,6 +9,7 @@ change by X(t) c(t). One set of six tangents a slew serves all torque histories.
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -129,7 +130,7 @@ class TorqueResponse:
         return Residuals(*(x.reshape(len(sample), -1, rate_B.shape[-1]) for x in channels))
 
 
-def _innovations(of_rate: np.ndarray, memory: Memory | None) -> np.ndarray:
+def _innovations(of_rate: Any, memory: Memory | None) -> Any:
     """Changes (slews, n, 3, k) of the whitened rates, without what the noise before tells."""
     if memory is None:
         return of_rate

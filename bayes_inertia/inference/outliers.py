@@ -50,10 +50,11 @@ def distance_from_both_sides(series: np.ndarray) -> np.ndarray:
 
     Examples
     --------
-    >>> distance_from_both_sides(np.array([0., 0., 0., 9., 0., 0., 0.])).tolist()
-    [0.0, 0.0, 0.0, 9.0, 0.0, 0.0, 0.0]
-    >>> distance_from_both_sides(np.arange(7.0)[::-1].cumsum())[2:5].tolist()
-    [0.0, 0.0, 0.0]
+    >>> spike = np.where(np.arange(13) == 6, 9.0, 0.0)
+    >>> float(distance_from_both_sides(spike)[6])
+    9.0
+    >>> float(distance_from_both_sides(np.arange(13.0))[6])
+    0.0
     """
     before = series - _median_before(series)
     after = series - _median_before(series[::-1])[::-1]

@@ -174,13 +174,15 @@ def _masked(slew: Slew, masks: tuple[Dirt, ...]) -> Slew:
         if mask.slew == slew.name and getattr(slew, key) is not None:
             values = np.array(getattr(slew, key))
             values[list(mask.rows)] = np.nan
-            slew = replace(slew, **{key: values})
+            masked: dict[str, Any] = {key: values}
+            slew = replace(slew, **masked)
     return slew
 
 
 def _with_colour(sensor: RateSensor, colour: Colour) -> RateSensor:
     x, y, z = (axis.sd * sigma for axis, sigma in zip(colour.axes, sensor.sigma, strict=True))
-    noise = CorrelatedNoise(tuple(axis.share for axis in colour.axes), colour.times)
+    (a, b, c), (s, t, u) = (axis.share for axis in colour.axes), colour.times
+    noise = CorrelatedNoise((a, b, c), (s, t, u))
     return replace(sensor, sigma=(x, y, z), correlated_noise=noise)
 
 

@@ -51,7 +51,7 @@ def test_each_member_of_an_ambiguous_set_has_its_own_J_and_K(
     stored = next_fit_from(json.loads(json.dumps(content)), rigid_library)
     direct = next_fit(Investigation(torqued, scan_residuals(torqued.base), alternatives=others))
     assert (stored.verdict, stored.effects) == (direct.verdict, direct.effects)
-    assert (stored.noise, stored.drive) == (direct.noise, direct.drive)
+    assert (stored.treatment, stored.drive) == (direct.treatment, direct.drive)
     for again, other in zip(stored.alternatives, others, strict=True):
         assert (again.effect, again.probability, again.names) == (
             other.effect,
