@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.importing.common_clock import Logs
@@ -18,6 +19,10 @@ from bayes_inertia.importing.noise_fit import NoiseFit, fit_noise
 _EVEN = 0.1
 # A stated noise further from the seen one than this factor is worth a word.
 _DIFFERS = 1.3
+# A reading is an outlier beyond so many sds from the running median of so many readings.
+_OUTLIER_SDS = 8.0
+_MEDIAN_OF = 7
+_SD_OF_MEDIAN = 1.4826  # Sd of a Gaussian over the median of its absolute value.
 
 
 @dataclass(frozen=True)
@@ -156,10 +161,23 @@ def _attitudes(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[R
 
 
 def _fit(time: np.ndarray, values: np.ndarray, scan: MotionScan) -> NoiseFit | None:
-    given = np.isfinite(values)
+    given = _without_outliers(values)
     rows = _series(time, given, scan)
     step = float(np.median(np.diff(time[given]))) if given.sum() > 1 else 0.0
     return fit_noise([values[r] for r in rows], step)
+
+
+def _without_outliers(values: np.ndarray) -> np.ndarray:
+    """Which readings (n,) are numbers and no outliers: a few of these would look like noise."""
+    given = np.isfinite(values)
+    rows = np.flatnonzero(given)
+    if len(rows) < _MEDIAN_OF:
+        return given
+    away = np.abs(values[rows] - median_filter(values[rows], _MEDIAN_OF, mode="nearest"))
+    spread = _SD_OF_MEDIAN * float(np.median(away))
+    # Readings that are rounded coarsely have no spread to judge by.
+    given[rows] = (away <= _OUTLIER_SDS * spread) | (spread == 0.0)
+    return given
 
 
 def _series(time: np.ndarray, given: np.ndarray, scan: MotionScan) -> list[np.ndarray]:
