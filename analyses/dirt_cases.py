@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 from dirt import RawCampaign, read_raw, write_raw
@@ -64,10 +64,10 @@ def dirty(case: Case, raw: RawCampaign) -> RawCampaign:
 def row_of(case: Case, work: Path, twins: dict[tuple, Outcome]) -> dict:
     """What became of a case, against its clean twin (kept in `twins`) and the truth."""
     clean = case.folder(work)
-    folder = work / "dirty"
-    shutil.rmtree(folder, ignore_errors=True)
-    write_raw(dirty(case, read_raw(clean)), folder)
-    outcome = guarded(_TREATMENTS[case.treatment], folder)
+    # A folder of its own: several parts may run at once.
+    with TemporaryDirectory() as temporary:
+        folder = write_raw(dirty(case, read_raw(clean)), Path(temporary))
+        outcome = guarded(_TREATMENTS[case.treatment], folder)
     row = {
         "case": case.label,
         "origin": Path(case.origin).name,
