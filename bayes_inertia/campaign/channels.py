@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from bayes_inertia.campaign.gaps import is_regular
 from bayes_inertia.campaign.schema import (
     AttitudeColumns,
     ColumnsPart,
@@ -68,7 +69,7 @@ def stream_from_table(
     channels = {"time": time + stream.offset_s if stream.offset_s else time}
     readers: dict[str, Callable[[Table, Any], np.ndarray | None]] = {
         "rate": _rate,
-        "wheel_torque": _torque,
+        "wheel_torque": lambda table, entry: _torque(table, entry, time),
         "wheel_momentum": _momentum,
         "wheel_speed": _momentum,
         "attitude": _attitude,
@@ -88,14 +89,16 @@ def _rate(table: Table, entry: RateColumns) -> np.ndarray:
     return to_si(table.stack(entry.names), "rate", entry.unit)
 
 
-def _torque(table: Table, entry: TorqueColumns) -> np.ndarray:
-    _refuse_half_empty_rows(
-        table,
-        entry.names,
-        "the simulator needs every wheel at every row: "
-        "repair the row, or leave the columns out of [columns]",
-    )
+def _torque(table: Table, entry: TorqueColumns, time: np.ndarray) -> np.ndarray:
+    _refuse_empty_columns(table, entry.names)
     values = to_si(table.stack(entry.names), "wheel_torque", entry.unit)
+    missing = np.isnan(values).any(axis=1)
+    if not is_regular(time[~missing]):
+        # A log of changes does not show that a command is missing.
+        advice = "repair the row: commands that come at no regular step need every wheel"
+        _refuse_half_empty_rows(table, entry.names, advice)
+    # Without one wheel's command, what all wheels did is unknown.
+    values = np.where(missing[:, None], np.nan, values)
     # 0 - values, because -values would make zeros negative.
     return 0.0 - values if entry.acts_on == "body" else values
 

@@ -12,7 +12,10 @@ modelled |
 | single wrong stamp beside a gap | the row is left out | clock, masked |
 | clock set back for more than a row | error that names the row and the size | |
 | clock set forward | looks like a gap | gap |
-| times of 32 bits too coarse for their spacing | error | |
+| rounded stamps (32 bits, few digits) that a regular clock fits within their resolution | the \
+clock's times are taken | clock, modelled |
+| times of 32 bits too coarse for their spacing, no such clock | error | |
+| stamps of a regular clock with jitter | kept; said by how much they are uneven | clock, ignored |
 | empty cell, "nan" | no reading; every vector but the rate as a whole | |
 | infinite value | error that names the row and the column | |
 | rate axis or wheel without any reading | error that names the column | |
@@ -24,7 +27,10 @@ modelled |
 | steps larger than the stated noise | kept; held by the noise if that is step / sqrt(12) or more \
 | quantised, modelled or ignored |
 | gap in rates or tachometers | kept: the motion is integrated across it | gap, ignored |
+| command of one wheel is missing | the commands of that row are unknown: a gap | |
 | gap in commands, same command before and after | the command is held | |
+| gap in commands of 1 to 3 rows among smooth commands | a cubic fills it if all these errors \
+together are less than what rates and star tracker tell | gap of torque, modelled |
 | gap in commands, every wheel with tachometer | the slew's commands are left out: measured \
 momentum drives the model | gap of torque, masked |
 | gap in commands, no tachometers | the slew is cut there, each part has its own start | gap of \

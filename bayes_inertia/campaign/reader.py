@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import reprlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from bayes_inertia.campaign.row_order import ordered_rows
 from bayes_inertia.campaign.schema import CampaignPart, ColumnsPart, SlewPart
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import located, parts_of
+from bayes_inertia.campaign.stamps import regular_stamps
 from bayes_inertia.campaign.streams import Stream, streams_of, union
 from bayes_inertia.campaign.table import Table
 from bayes_inertia.errors import CampaignError, OutputError
@@ -267,7 +269,10 @@ def _channels(
     for stream in streams_of(part, parsed.columns):
         time, *names = _columns(stream, parsed.columns)
         table, dirt = ordered_rows(tables[stream.file], time, names)
+        times, uneven = regular_stamps(table.columns[time], stream.time.unit)
+        table = replace(table, columns={**table.columns, time: times})
         readings.append(stream_from_table(table, parsed.columns, stream, spin_inertias))
+        dirt += [] if uneven is None else [uneven]
         disorder += [(record, readings[-1]["time"][list(record.rows)]) for record in dirt]
     return union(readings, f"slews.{part.name}"), disorder
 

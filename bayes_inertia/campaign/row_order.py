@@ -14,6 +14,7 @@ from typing import NoReturn
 import numpy as np
 
 from bayes_inertia.campaign.dirt import Dirt, DirtKind, Treatment
+from bayes_inertia.campaign.stamps import regular_stamps
 from bayes_inertia.campaign.table import Table
 from bayes_inertia.errors import CampaignError
 
@@ -122,7 +123,11 @@ def _refuse_coarse_times(table: Table, time: str, steps: np.ndarray) -> None:
     if time not in table.single or not len(steps):
         return
     resolution = float(np.spacing(np.float32(np.abs(table.columns[time]).max())))
-    if resolution > _COARSE * abs(float(np.median(steps))):
+    if resolution <= _COARSE * abs(float(np.median(steps))):
+        return
+    # A regular clock may be known better than its stamps.
+    _, record = regular_stamps(table.columns[time]) if np.all(steps > 0.0) else (None, None)
+    if record is None or record.treated != "modelled":
         raise CampaignError(
             "times stored with 32 bits are too coarse for their spacing",
             where=f"{table.label}, column {time}",

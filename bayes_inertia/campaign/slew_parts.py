@@ -64,7 +64,7 @@ def located(records: Sequence[tuple[Dirt, np.ndarray]], slews: Sequence[Slew]) -
     Parameters
     ----------
     records : sequence of (Dirt, array)
-        Records and the times [s] that each concerns.
+        Records and the times [s] that each concerns; none if it concerns all rows.
     slews : sequence of Slew
         The parts of one slew; a time between two of them belongs to the nearer one.
 
@@ -81,6 +81,9 @@ def located(records: Sequence[tuple[Dirt, np.ndarray]], slews: Sequence[Slew]) -
     """
     dirt = []
     for record, times in records:
+        if not len(times):
+            dirt += [replace(record, slew=slew.name) for slew in slews]
+            continue
         distances = np.array([_distances(slew, times) for slew in slews])
         nearest = np.argmin(distances, axis=0)
         for i in np.unique(nearest).tolist():

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.campaign_files import assert_same, assert_teaches, edited, refusal
+from support.dirty_example import SLEWING, dirty, kinds, without_rows
 
-import bayes_inertia
 import bayes_inertia as bi
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.reader import read_campaign
@@ -17,38 +17,10 @@ from bayes_inertia.campaign.stuck import stuck_readings
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.errors import CampaignError
 
-EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
-PARTS = {"tachometers": ("wheel_momentum", "momentum_sigma"), "commands": ("wheel_torque",)}
-
-
-def rows_of(text: str) -> tuple[list[str], list[list[str]]]:
-    header, *lines = text.splitlines()
-    return header.split(","), [line.split(",") for line in lines]
-
-
-def dirty(folder: Path, change, without: str = "") -> Path:
-    """The example's first two slews, the rows of the first changed."""
-    folder.mkdir()
-    toml = (EXAMPLE / "campaign.toml").read_text()
-    head, first, second, *_ = toml.split("[[slews]]")
-    left_out = PARTS.get(without, ())
-    kept = [line for line in head.splitlines(True) if not line.startswith(left_out or "\0")]
-    (folder / "campaign.toml").write_text("[[slews]]".join(["".join(kept), first, second]))
-    for i in (1, 2):
-        header, rows = rows_of((EXAMPLE / f"slew_0{i}.csv").read_text())
-        changed = (change(header, rows) or rows) if i == 1 else rows
-        lines = [",".join(row) for row in [header, *changed]]
-        (folder / f"slew_0{i}.csv").write_text("\n".join(lines) + "\n")
-    return folder
-
 
 @pytest.fixture(scope="module")
 def clean(tmp_path_factory):
     return read_campaign(dirty(tmp_path_factory.mktemp("clean") / "c", lambda h, rows: None))
-
-
-def kinds(campaign) -> list[tuple[str, str, str]]:
-    return [(d.kind, d.channel, d.treated) for d in campaign.dirt]
 
 
 def test_clean_telemetry_is_not_accused(clean):
@@ -127,16 +99,6 @@ def test_a_clock_that_jumps_back_is_refused(tmp_path, by):
 def test_a_clock_that_jumps_back_by_whole_steps_is_refused(tmp_path):
     error = refusal(dirty(tmp_path / "c", jump(10.0)))
     assert_teaches(error, ["slew_01.csv, line", "repeated with another content"])
-
-
-def without_rows(*numbers: int):
-    def change(header, rows):
-        return [row for i, row in enumerate(rows) if i not in numbers]
-
-    return change
-
-
-SLEWING = 170  # a row of the example in which the torque changes
 
 
 def test_a_lost_row_leaves_its_commands_unknown(tmp_path):
