@@ -129,10 +129,11 @@ def _scale_around(distance: np.ndarray) -> np.ndarray:
         return np.zeros(len(distance))
     beyond = np.where(distance != 0.0, np.abs(distance), np.nan)
     padded = np.pad(beyond, _READINGS_AROUND, mode="reflect")
-    with np.errstate(all="ignore"):
-        windows = sliding_window_view(padded, width)
-        around = np.nanquantile(windows, 0.5, axis=1)
-    return np.nan_to_num(around) * _SD_OVER_MAD / _SCALE_OF_WHITE
+    windows = sliding_window_view(padded, width)
+    some = ~np.isnan(windows).all(axis=1)
+    around = np.zeros(len(distance))
+    around[some] = np.nanquantile(windows[some], 0.5, axis=1)
+    return around * _SD_OVER_MAD / _SCALE_OF_WHITE
 
 
 def outlying_fixes(slews: list[np.ndarray], bursts: list[list[np.ndarray]]) -> list[np.ndarray]:

@@ -192,6 +192,13 @@ def test_too_many_outliers_are_the_noise():
     assert not outlying_readings([heavy])[0].any()
 
 
+def test_readings_that_do_not_change_for_long_are_judged_without_a_warning():
+    # Warnings are errors here: a window of equal readings has no spread of its own.
+    series = np.random.default_rng(5).normal(size=(400, 3))
+    series[100:200] = 0.0
+    assert not outlying_readings([series])[0][110:190].any()
+
+
 def test_outliers_that_gather_where_torque_changes_are_no_dirt():
     torque = np.zeros((400, 1))
     torque[[100, 101, 250, 251]] = 1.0
