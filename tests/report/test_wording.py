@@ -5,6 +5,7 @@ import re
 import pytest
 from jinja2 import Environment, StrictUndefined
 
+from bayes_inertia.inference.gate_limits import criteria
 from bayes_inertia.report.criteria import Criteria, criteria_of
 from bayes_inertia.report.diagnosis_wording import alike_sentences, nameless_text
 from bayes_inertia.report.formatting import number
@@ -147,3 +148,10 @@ def test_the_rules_of_the_search_decide_what_the_report_doubts():
     assert "likely, not proven" in nameless_text(strict)
     assert "correlation of 0.6" in alike_sentences(content)[0]
     assert "correlation of 0.8" in alike_sentences(strict)[0]
+
+
+def test_the_report_knows_every_limit_of_the_gates():
+    limits = criteria()
+    assert vars(criteria_of({"criteria": limits})) == limits | {
+        "determined_above": Criteria().determined_above
+    }
