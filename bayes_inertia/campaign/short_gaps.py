@@ -19,7 +19,8 @@ _FEWEST_TRIALS = 30
 _SAFETY = 2.0
 # All curves of a slew may err by this many errors that all readings together do not tell.
 _TIMES_NEGLIGIBLE = 2.0
-_SMOOTH = 4.0  # a bend so many times the usual one is a step
+# Bends larger than twice those of nine in ten rows are steps or corners.
+_SMOOTH, _MOST = 2.0, 0.9
 _WHOLE = 0.2  # of a step, by which a gap's length may differ from whole steps
 
 Channels = dict[str, np.ndarray]
@@ -99,31 +100,38 @@ def _weights(nodes: np.ndarray) -> np.ndarray:
     return np.vander(_lost(nodes).astype(float), 4) @ np.linalg.inv(np.vander(nodes * 1.0, 4))
 
 
-def _bend(rows: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """By how much four rows (..., 4, wheels) differ from a smooth change across the gap."""
+def _bends(rows: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """By how much four rows (..., 4, wheels) differ from a smooth change across the gap.
+
+    Returns (..., 2 wheels): what the change across the gap exceeds that of the slopes beside it
+    by, and the difference of these slopes over half the gap.
+    """
     change = np.diff(rows, axis=-2)
     slopes = change / np.diff(nodes)[:, None]
-    across = 0.5 * (slopes[..., 0, :] + slopes[..., 2, :])
-    return change[..., 1, :] - (nodes[2] - nodes[1]) * across
+    half = 0.5 * (nodes[2] - nodes[1])
+    step = change[..., 1, :] - half * (slopes[..., 0, :] + slopes[..., 2, :])
+    corner = half * (slopes[..., 2, :] - slopes[..., 0, :])
+    return np.abs(np.concatenate([step, corner], axis=-1))
 
 
 def _error_of_curve(at: np.ndarray, commands: np.ndarray, k: int, nodes: np.ndarray) -> float:
     """Momentum [N m s] by which the curve across the gap after row k may be wrong."""
     step = float(np.median(np.diff(at)))
     trials = _unbroken(at, int(nodes[3]), step)
-    bends = np.abs(_bend(commands[trials[:, None] + nodes], nodes))
+    bends = _bends(commands[trials[:, None] + nodes], nodes)
     if len(trials) < _FEWEST_TRIALS:
         return np.inf
     # The rounding of equal numbers is no bend.
-    limit = _SMOOTH * 1.4826 * np.median(bends, axis=0) + 1e-12 * np.abs(commands).max()
+    limit = _SMOOTH * np.quantile(bends, _MOST, axis=0) + 1e-12 * np.abs(commands).max()
     smooth = trials[(bends <= limit).all(axis=1), None]
     if len(smooth) < _FEWEST_TRIALS:
         return np.inf
     errors = commands[smooth + _lost(nodes)] - _weights(nodes) @ commands[smooth + nodes]
     impulses = step * errors.sum(axis=1)
     error = np.sqrt(np.mean(np.square(impulses), axis=0))
-    own = np.abs(_bend(commands[k - 1 : k + 3], nodes))
-    hidden = np.where(own > limit, 0.5 * len(_lost(nodes)) * step * own, 0.0)
+    own = _bends(commands[k - 1 : k + 3], nodes)
+    unusual = np.where(own > limit, own, 0.0).reshape(2, -1).max(axis=0)
+    hidden = 0.5 * len(_lost(nodes)) * step * unusual
     return float(np.linalg.norm(np.maximum(error, hidden)))
 
 

@@ -44,7 +44,7 @@ def test_rows_lost_among_smooth_commands_are_filled(tmp_path):
     assert_same(replace(again, dirt=()), replace(campaign, dirt=()))
 
 
-@pytest.mark.parametrize("hidden", ["step", "pulses", "noise"])
+@pytest.mark.parametrize("hidden", ["step", "corner", "pulses", "noise"])
 def test_what_no_curve_shows_is_not_filled(tmp_path, hidden):
     rng = np.random.default_rng(5)
 
@@ -52,7 +52,12 @@ def test_what_no_curve_shows_is_not_filled(tmp_path, hidden):
         smooth_commands(header, rows)
         at = header.index("u1_Nm")
         for i, row in enumerate(rows):
-            more = {"step": 1e-4 * (i > SLEWING), "pulses": 1e-4 * (i % 40 == 20), "noise": 0.0}
+            more = {
+                "step": 1e-4 * (i > SLEWING),
+                "corner": 1e-4 * max(0, i - SLEWING),
+                "pulses": 1e-4 * (i % 40 == 20),
+                "noise": 0.0,
+            }
             noise = 1e-5 * rng.normal() * (hidden == "noise")
             row[at] = repr(float(row[at]) + more[hidden] + noise)
         return without_rows(SLEWING)(header, rows)
