@@ -21,6 +21,7 @@ _SAFETY = 2.0
 _TIMES_NEGLIGIBLE = 2.0
 # Bends larger than twice those of nine in ten rows are steps or corners.
 _SMOOTH, _MOST = 2.0, 0.9
+_SAME = 0.01  # of a step: a row so close to a lost command takes it
 _WHOLE = 0.2  # of a step, by which a gap's length may differ from whole steps
 
 Channels = dict[str, np.ndarray]
@@ -59,11 +60,16 @@ def with_short_gaps_filled(
     at, commands = channels["time"][rows], torque[rows]
     before, step = missing_rows(at)
     gaps, errors = [], []
+    usual: dict[tuple[int, ...], tuple[np.ndarray, np.ndarray]] = {}
     for k in before.tolist():
         nodes = _nodes(at[k - 1 : k + 3], step) if 0 < k < len(at) - 2 else None
         if nodes is not None:
             gaps.append((k, nodes))
-            errors.append(_error_of_curve(at, commands, k, nodes))
+            if tuple(nodes) not in usual:
+                usual[tuple(nodes)] = _usual(at, commands, nodes)
+            errors.append(
+                _error_of_curve(commands[k - 1 : k + 3], nodes, step, *usual[tuple(nodes)])
+            )
     order = np.argsort(errors)
     total = _SAFETY * np.sqrt(np.cumsum(np.array(errors)[order] ** 2))
     accepted = order[total <= _TIMES_NEGLIGIBLE * negligible]
@@ -75,10 +81,10 @@ def with_short_gaps_filled(
         f"commands of {count} lost row{'' if count == 1 else 's'} lie on a smooth curve through "
         f"their neighbours; momentum errs by less than {total[len(accepted) - 1]:.2g} N m s"
     )
-    for i in accepted:
-        k, nodes = gaps[i]
-        curve = _weights(nodes) @ commands[k - 1 : k + 3]
-        channels = _with_commands(channels, at[k] + step * (_lost(nodes) - nodes[1]), curve, step)
+    chosen = [gaps[i] for i in np.sort(accepted)]
+    times = [at[k] + step * (_lost(nodes) - nodes[1]) for k, nodes in chosen]
+    curves = [_weights(nodes) @ commands[k - 1 : k + 3] for k, nodes in chosen]
+    channels = _with_commands(channels, np.concatenate(times), np.concatenate(curves), step)
     return channels, [(Dirt("gap", "torque", "", (), "modelled", note), ends)]
 
 
@@ -114,25 +120,33 @@ def _bends(rows: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     return np.abs(np.concatenate([step, corner], axis=-1))
 
 
-def _error_of_curve(at: np.ndarray, commands: np.ndarray, k: int, nodes: np.ndarray) -> float:
-    """Momentum [N m s] by which the curve across the gap after row k may be wrong."""
+def _usual(
+    at: np.ndarray, commands: np.ndarray, nodes: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of such gaps: rms error (wheels,) [N m s], and the largest bends of smooth commands [N m]."""
     step = float(np.median(np.diff(at)))
     trials = _unbroken(at, int(nodes[3]), step)
-    bends = _bends(commands[trials[:, None] + nodes], nodes)
+    none = np.full(commands.shape[1], np.inf), np.zeros(2 * commands.shape[1])
     if len(trials) < _FEWEST_TRIALS:
-        return np.inf
+        return none
+    bends = _bends(commands[trials[:, None] + nodes], nodes)
     # The rounding of equal numbers is no bend.
     limit = _SMOOTH * np.quantile(bends, _MOST, axis=0) + 1e-12 * np.abs(commands).max()
     smooth = trials[(bends <= limit).all(axis=1), None]
     if len(smooth) < _FEWEST_TRIALS:
-        return np.inf
+        return none
     errors = commands[smooth + _lost(nodes)] - _weights(nodes) @ commands[smooth + nodes]
-    impulses = step * errors.sum(axis=1)
-    error = np.sqrt(np.mean(np.square(impulses), axis=0))
-    own = _bends(commands[k - 1 : k + 3], nodes)
-    unusual = np.where(own > limit, own, 0.0).reshape(2, -1).max(axis=0)
+    return step * np.sqrt(np.mean(np.square(errors.sum(axis=1)), axis=0)), limit
+
+
+def _error_of_curve(
+    rows: np.ndarray, nodes: np.ndarray, step: float, usual: np.ndarray, limit: np.ndarray
+) -> float:
+    """Momentum [N m s] by which the curve through four rows around a gap may be wrong."""
+    bends = _bends(rows, nodes)
+    unusual = np.where(bends > limit, bends, 0.0).reshape(2, -1).max(axis=0)
     hidden = 0.5 * len(_lost(nodes)) * step * unusual
-    return float(np.linalg.norm(np.maximum(error, hidden)))
+    return float(np.linalg.norm(np.maximum(usual, hidden)))
 
 
 def _unbroken(at: np.ndarray, steps: int, step: float) -> np.ndarray:
@@ -146,17 +160,22 @@ def _unbroken(at: np.ndarray, steps: int, step: float) -> np.ndarray:
 def _with_commands(
     channels: Channels, times: np.ndarray, commands: np.ndarray, step: float
 ) -> Channels:
-    """Channels with commands at some times, in rows that are there or new."""
-    for moment, command in zip(times, commands, strict=True):
-        time = channels["time"]
-        row = int(np.searchsorted(time, moment - _WHOLE * step))
-        if row == len(time) or time[row] > moment + _WHOLE * step:
-            row = int(np.searchsorted(time, moment))
-            channels = {
-                name: np.insert(values, row, moment if name == "time" else np.nan, axis=0)
-                for name, values in channels.items()
-            }
-        torque = channels["wheel_torque"].copy()
-        torque[row] = command
-        channels = {**channels, "wheel_torque": torque}
-    return channels
+    """Channels with commands at increasing times, in rows that are there or new."""
+    time = channels["time"]
+    is_new = ~_has_row(time, times, step)
+    at = np.searchsorted(time, times[is_new])
+    grown = {
+        name: np.insert(values, at, np.nan, axis=0)
+        for name, values in channels.items()
+        if name != "time"
+    }
+    grown["time"] = np.insert(time, at, times[is_new])
+    grown["wheel_torque"] = grown["wheel_torque"].copy()
+    grown["wheel_torque"][np.searchsorted(grown["time"], times - _SAME * step)] = commands
+    return grown
+
+
+def _has_row(time: np.ndarray, times: np.ndarray, step: float) -> np.ndarray:
+    """Whether there are rows close to some times."""
+    first = np.searchsorted(time, times - _SAME * step)
+    return (first < len(time)) & (time[np.minimum(first, len(time) - 1)] <= times + _SAME * step)
