@@ -11,6 +11,8 @@ from support.campaign_files import assert_same, assert_teaches, edited, refusal
 from support.dirty_example import SLEWING, dirty, kinds, without_rows
 
 import bayes_inertia as bi
+from bayes_inertia.campaign.hardware import Wheel
+from bayes_inertia.campaign.impossible import without_impossible_torques
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.campaign.stuck import stuck_readings
@@ -343,3 +345,14 @@ def test_lost_rows_move_the_estimate_by_less_than_one_sd(tmp_path):
     held = replace(campaign.slews[0], wheel_torque=clean.slews[0].wheel_torque[rows])
     wrong = bi.estimate(bi.Model(replace(campaign, slews=(held, *campaign.slews[1:]))))
     assert np.abs((wrong.theta - reference.theta) / reference.sd).max() > 1.0
+
+
+def test_the_largest_commands_of_a_wrong_unit_are_no_dirt():
+    wheel = Wheel("x", (1.0, 0.0, 0.0), 1e-3, max_torque=0.02)
+    # A ramp in mN m read as N m: 1 % of it lies beyond a hundred times the limit of the wheel.
+    ramp = np.linspace(0.0, 2.02, 200)[:, None]
+    channels = {"time": np.arange(200.0), "wheel_torque": ramp}
+    assert without_impossible_torques(channels, [wheel]) == (channels, [])
+    ramp[7] = 1e31
+    _, dirt = without_impossible_torques(channels, [wheel])
+    assert [record.kind for record, _ in dirt] == ["outliers"]
