@@ -39,6 +39,15 @@ torque, masked |
 of momentum, masked |
 | rows before the first command | left out if they are few; else as a gap in commands | gap of \
 torque, masked |
+
+What 2 % lost rows cost (`basilisk/clean_varied`, closed loop with noise of 1.5e-5 N m at 4 Hz; and
+three simulated slews whose commands are smooth):
+
+| Commands | Tachometers | Slews become | sd of J and K grows by | Shift, in quoted sd |
+|---|---|---|---|---|
+| noisy | yes | 5 -> 6 | 1.02 to 1.5 | 0.1 to 1.3 |
+| noisy | no | 5 -> 49 | 7 to 100 | 0.2 to 1.7 |
+| smooth | yes or no | 3 -> 3, filled (20 parts if cut) | | |
 """
 
 from __future__ import annotations
