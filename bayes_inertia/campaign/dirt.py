@@ -47,7 +47,7 @@ three simulated slews whose commands are smooth):
 |---|---|---|---|---|
 | noisy | yes | 5 -> 6 | 1.02 to 1.5 | 0.1 to 1.3 |
 | noisy | no | 5 -> 49 | 7 to 100 | 0.2 to 1.7 |
-| smooth | yes or no | 3 -> 3, filled (20 parts if cut) | | |
+| smooth | yes or no | 3 -> 3, filled (20 parts if cut) | 1.01 | 0.0 to 0.32 |
 """
 
 from __future__ import annotations
