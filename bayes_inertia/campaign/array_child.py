@@ -4,12 +4,13 @@ A damaged file of these kinds can crash or hang the libraries that read it, or c
 than there is. `isolated_arrays` runs this file as a script, with a limit of time and memory, and
 reads what it leaves. It imports nothing of the package, so that it starts fast.
 
-    python array_child.py KIND PATH OUTPUT.npz BYTES
+    python array_child.py KIND PATH OUTPUT.npz BYTES SECONDS MEMORY
 """
 
 from __future__ import annotations
 
 import json
+import os
 import sys
 import warnings
 from typing import Any
@@ -283,7 +284,29 @@ def _add_units(struct: dict[str, Any], place: str, into: Contents) -> None:
             into.units[path] = unit
 
 
-def main(kind: str, path: str, output: str, limit: str) -> int:
+def keep_within(seconds: int, memory: int) -> None:
+    """Keep a damaged file from taking the machine's time and memory.
+
+    The child limits itself: a limit set between fork and exec would run code of the parent, whose
+    threads the fork does not copy.
+
+    Parameters
+    ----------
+    seconds : int
+        Processor time [s].
+    memory : int
+        Address space [bytes].
+    """
+    if os.name != "posix":
+        return
+    import resource
+
+    resource.setrlimit(resource.RLIMIT_AS, (memory, memory))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))
+
+
+def main(kind: str, path: str, output: str, limit: str, seconds: str, memory: str) -> int:
     """Read one file and leave its arrays.
 
     Parameters
@@ -296,12 +319,17 @@ def main(kind: str, path: str, output: str, limit: str) -> int:
         The .npz file to write.
     limit : str
         The most bytes of all arrays.
+    seconds : str
+        Limit of processor time [s].
+    memory : str
+        Limit of memory [bytes].
 
     Returns
     -------
     int
         0, or 3 with what is wrong on the standard output.
     """
+    keep_within(int(seconds), int(memory))
     into = Contents(int(limit))
     readers = {"hdf5": read_hdf5, "netcdf": read_netcdf, "mat": read_mat}
     try:
@@ -321,4 +349,4 @@ def main(kind: str, path: str, output: str, limit: str) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main(*sys.argv[1:5]))
+    sys.exit(main(*sys.argv[1:7]))

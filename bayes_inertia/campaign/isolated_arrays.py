@@ -14,7 +14,7 @@ import signal
 import subprocess
 import sys
 import tempfile
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
 from typing import Literal
 
@@ -94,7 +94,8 @@ def _read(label: str, path: str, kind: ArrayKind, limit: float, size: int, _: in
     with tempfile.TemporaryDirectory() as folder:
         output = Path(folder) / "arrays.npz"
         child = str(Path(__file__).with_name("array_child.py"))
-        _run([sys.executable, child, kind, path, str(output), str(content)], limit, label, kind)
+        limits = [str(content), str(math.ceil(limit)), str(_MEMORY)]
+        _run([sys.executable, child, kind, path, str(output), *limits], limit, label, kind)
         return _contents(output, label)
 
 
@@ -107,7 +108,6 @@ def _run(command: list[str], limit: float, label: str, kind: str) -> None:
             timeout=_PATIENCE * limit,
             env=environment,
             check=False,
-            preexec_fn=partial(_limit, limit) if os.name == "posix" else None,
         )
     except subprocess.TimeoutExpired as error:
         raise _hangs(limit, label, kind) from error
@@ -135,16 +135,6 @@ def _hangs(limit: float, label: str, kind: str) -> CampaignError:
         where=label,
         advice="the file is damaged: export it again, or use CSV",
     )
-
-
-def _limit(seconds: float) -> None:
-    """Keep a damaged file from taking the machine's time and memory."""
-    import resource
-
-    resource.setrlimit(resource.RLIMIT_AS, (_MEMORY, _MEMORY))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    processor = math.ceil(seconds)
-    resource.setrlimit(resource.RLIMIT_CPU, (processor, processor + 1))
 
 
 def _contents(output: Path, label: str) -> FileArrays:
