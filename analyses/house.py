@@ -32,7 +32,7 @@ FLOORS = (
     ("report",),
     ("observability", "diagnosis", "design"),
     ("inference", "flight"),
-    ("physics",),
+    ("physics", "importing", "conventions"),
     ("campaign",),
     ("maths",),
 )
@@ -45,6 +45,8 @@ SAYS = {
     "inference": "likelihood, optimizer, sampler",
     "flight": "plans flown in closed loop",
     "physics": "effects, simulator, forward model",
+    "importing": "raw logs to a campaign",
+    "conventions": "units, signs, axes, clocks",
     "campaign": "what was flown: files to records",
     "maths": "quaternions, inertia tensors",
 }
@@ -287,7 +289,7 @@ def main() -> None:
     draw_modules(left, past)
     left.set_title(f"Before: {len(past.sources)} files, drawn by import floor")
     draw_wings(right, present, every=True)
-    right.set_title(f"Now: ten wings of {len(present.sources)} files, arrows only down")
+    right.set_title(f"Now: {len(SAYS)} wings of {len(present.sources)} files, arrows only down")
     save(figure, ROOT / "figures" / "house.svg")
     figure, axes = plt.subplots(figsize=(8, 7), layout="constrained")
     draw_wings(axes, present, every=False)
