@@ -161,7 +161,8 @@ def _random(number: int, treatment: str) -> Case:
     origin = str(rng.choice(SPACECRAFT))
     possible = [kind for kind in KINDS.values() if _has(origin, kind)]
     chosen = rng.choice(len(possible), int(rng.integers(1, 4)), replace=False)
-    dirt = tuple((possible[k].name, possible[k].size(rng)) for k in chosen)
+    ordered = sorted((possible[k] for k in chosen), key=lambda kind: kind.stage)
+    dirt = tuple((kind.name, kind.size(rng)) for kind in ordered)
     return Case(origin, int(rng.integers(_CAMPAIGNS)), dirt, treatment, seed=1000 + number)
 
 
