@@ -109,13 +109,15 @@ def _distances(outcome: Outcome, twin: Outcome, truth: np.ndarray) -> dict:
     """Largest shift and distance from the truth in quoted sds, and of which element."""
     if outcome.theta is None:
         return {"shift": None, "z": None, "worst": "", "widened": None}
-    z = (outcome.theta - truth) / outcome.sd
+    # Of thrown bodies only the principal moments are known: no distance element by element.
+    known = bool(np.isfinite(truth).all())
+    z = (outcome.theta - truth) / outcome.sd if known else np.full(9, np.nan)
     # Fixes while slewing make the sd smaller than the twin's, most dirt makes it larger.
     shift = (outcome.theta - twin.theta) / np.maximum(outcome.sd, twin.sd)
     return {
         "shift": round(float(np.abs(shift).max()), 3),
-        "z": round(float(np.nanmax(np.abs(z))), 3),
-        "worst": NAMES[int(np.nanargmax(np.abs(z)))],
+        "z": round(float(np.abs(z).max()), 3) if known else None,
+        "worst": NAMES[int(np.abs(z).argmax())] if known else "",
         "widened": round(float(np.median(outcome.sd / twin.sd)), 3),
     }
 
