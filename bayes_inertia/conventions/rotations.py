@@ -123,7 +123,7 @@ def matrix_to_start(q: np.ndarray) -> np.ndarray:
 
     Examples
     --------
-    >>> (matrix_to_start(np.array([0., 0., .5**.5, .5**.5])) @ [1., 0., 0.]).round(6).tolist()
+    >>> np.abs(matrix_to_start(np.array([0., 0., .5**.5, .5**.5])) @ [1., 0., 0.]).round(6).tolist()
     [0.0, 1.0, 0.0]
     """
     x, y, z, w = np.moveaxis(q, -1, 0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -44,7 +43,7 @@ class Logs:
     unused: tuple[str, ...] = ()
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class FileShare:
     """One file's share of a stream, its stamps not yet on the common clock.
 

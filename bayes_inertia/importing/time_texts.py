@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Callable, Sequence
 from datetime import date
 
@@ -110,8 +111,11 @@ def plain_dates(cells: Sequence[str]) -> np.ndarray | None:
     if any(len(cell) != size or cell.endswith("Z") != zone for cell in cells):
         return None
     try:
-        stamps = np.array([cell.rstrip("Z") for cell in cells], dtype="datetime64[ns]")
-    except ValueError:
+        with warnings.catch_warnings():
+            # numpy only warns of what it takes for an offset, and then drops it.
+            warnings.simplefilter("error")
+            stamps = np.array([cell.rstrip("Z") for cell in cells], dtype="datetime64[ns]")
+    except (ValueError, UserWarning):
         return None
     first, last = (np.datetime64(f"{year}-01-01", "ns") for year in (_YEARS[0], _YEARS[1]))
     if np.isnat(stamps).any() or stamps.min() < first or stamps.max() > last:

@@ -36,5 +36,5 @@ def test_the_seed_is_the_one_given_or_that_of_the_settings(flown, monkeypatch, g
     monkeypatch.setattr(fit_campaign, "restarted_with_mode", lambda estimate: estimate)
     monkeypatch.setattr(fit_campaign, "sample", sample)
     with pytest.raises(Sampling):
-        fit_campaign.fit(flown.campaign, **given)
+        fit_campaign.fit(flown.campaign, as_stated=True, **given)
     assert seeds == [seed, seed]
