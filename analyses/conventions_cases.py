@@ -20,7 +20,8 @@ class Base:
     """A right campaign to be spoilt.
 
     `moving_fixes`: the star tracker gives fixes in motion. `limits`: torques have a stated limit.
-    `moments_differ`: as far as the prior knows. `late`: by how much a late stream is late [s].
+    `moments_differ`: as far as the prior knows. `late`: by how much a late stream is late [s]; 0
+    for none.
     `share`: the place of the third of the wrong conventions that are tried; None for all.
     """
 
@@ -38,7 +39,7 @@ class Base:
 class Wrong:
     """A wrong convention put into a campaign.
 
-    `shown` says whether the data can show it, and `why` why not.
+    `shown` says whether the data can show it, and `why` why not. `keys`: how many keys are wrong.
     """
 
     name: str
@@ -46,6 +47,7 @@ class Wrong:
     mends: tuple[Mend, ...]
     shown: bool = True
     why: str = ""
+    keys: int = 1
 
 
 def exchanged_names(names: list, i: int, j: int) -> list:

@@ -28,6 +28,7 @@ from typing import Any
 
 import numpy as np
 from conventions_cases import THROWS, Base, Wrong
+from conventions_dirt import DIRT
 from conventions_folder import RawCampaign, raw_of, read_raw, write_raw
 from conventions_page import page
 from conventions_random import random_craft
@@ -51,6 +52,7 @@ EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 # How often each command is timed as a process.
 TIMED = 5
 RANDOM_SEEDS = range(20, 32)
+DIRTY_SEED = 100
 
 
 def bases(delft: Path | None, basilisk: Path | None, campaign: str = "") -> Iterator[Base]:
@@ -66,6 +68,8 @@ def bases(delft: Path | None, basilisk: Path | None, campaign: str = "") -> Iter
     for number, seed in enumerate(RANDOM_SEEDS):
         craft, _ = random_craft(seed)
         makers[craft.name] = partial(_random, number, seed)
+    for number, dirt in enumerate(DIRT):
+        makers[f"dirty, {dirt}"] = partial(_dirty, number, dirt)
     for name in BASILISK_FOLDERS if basilisk else ():
         makers[f"Basilisk {name}"] = partial(_of_basilisk, basilisk / name)
     for body, seed in product(THROWN_BODIES, (200, 201, 202)):
@@ -98,6 +102,18 @@ def _random(number: int, seed: int) -> Iterator[Base]:
         yield Base(craft.name, kind, as_kind(raw, kind), moving, limits, late=late, share=share)
 
 
+def _dirty(number: int, dirt: str) -> Iterator[Base]:
+    """A spacecraft drawn at random with dirty telemetry; late streams are left out."""
+    seed = DIRTY_SEED + number
+    (craft, controller), moving = random_craft(seed), bool(seed % 2)
+    raw = raw_of(flown(craft, seed, moving_fixes=moving, controller=controller))
+    limits = craft.mission.spacecraft.wheels[0].max_torque is not None
+    for k, kind in enumerate(FLOWN_KINDS):
+        share, rng = (number + k) % 3, np.random.default_rng([seed, 5])
+        spoilt = DIRT[dirt](as_kind(raw, kind), rng)
+        yield Base(f"dirty, {dirt}", kind, spoilt, moving, limits, late=0.0, share=share)
+
+
 def _of_basilisk(folder: Path) -> Iterator[Base]:
     for kind in FLOWN_KINDS:
         yield Base(f"Basilisk {folder.name}", kind, as_kind(read_raw(folder), kind))
@@ -119,10 +135,10 @@ def judged(raw: RawCampaign, folder: Path) -> dict[str, Any]:
     try:
         answer = check_conventions(folder).json()
     except CampaignError as error:
-        answer = {"verdict": "refused", "changes": [], "sentence": str(error)}
+        answer = {"verdict": "refused", "changes": [], "error": str(error)}
     except Exception as error:
-        answer = {"verdict": "crashed", "changes": [], "sentence": repr(error)}
-    return answer | {"seconds": time.process_time() - begun}
+        answer = {"verdict": "crashed", "changes": [], "error": repr(error)}
+    return answer | {"seconds": round(time.process_time() - begun, 3)}
 
 
 def proposed(changes: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -133,8 +149,8 @@ def proposed(changes: list[dict[str, Any]]) -> list[dict[str, Any]]:
 def wrong_row(base: Base, wrong: Wrong, answer: dict[str, Any]) -> dict[str, Any]:
     """What became of one wrong convention.
 
-    `named`: the first change is one that mends it, with its value. `alone`: no other beside it,
-    where one is enough.
+    `named`: the first change is one that mends it, with its value. `alone`: no other key beside
+    it, but where the convention is wrong in several.
     """
     changes = proposed(answer["changes"])
     fitting = [mend for mend in wrong.mends if mend.fits(changes)] if changes else []
@@ -146,13 +162,13 @@ def wrong_row(base: Base, wrong: Wrong, answer: dict[str, Any]) -> dict[str, Any
         "shown": wrong.shown,
         "why": wrong.why,
         "verdict": answer["verdict"],
+        "error": answer.get("error", ""),
         "key_named": bool(changes) and any(mend.names(changes) for mend in wrong.mends),
         "named": bool(fitting),
-        "alone": any(mend.needs > 1 or len(changes) == 1 for mend in fitting),
+        "alone": any(mend.needs > 1 or len(changes) <= wrong.keys for mend in fitting),
         "changes": [{"key": c["key"], "to": c["to"]} for c in changes],
         "seconds": answer["seconds"],
-        "worst_misfit": max(answer.get("misfits", {}).values(), default=0.0),
-        "sentence": answer.get("sentence", ""),
+        "worst_misfit": round(max(answer.get("misfits", {}).values(), default=0.0), 3),
     }
 
 
@@ -192,10 +208,10 @@ def right_rows(options: Options) -> Iterator[dict[str, Any]]:
             "kind": right.kind,
             "campaign": right.name,
             "verdict": answer["verdict"],
+            "error": answer.get("error", ""),
             "changes": [{"key": c["key"], "to": c["to"]} for c in changes],
             "seconds": answer["seconds"],
-            "worst_misfit": max(answer.get("misfits", {}).values(), default=0.0),
-            "sentence": answer.get("sentence", ""),
+            "worst_misfit": round(max(answer.get("misfits", {}).values(), default=0.0), 3),
         }
 
 

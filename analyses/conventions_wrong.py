@@ -130,7 +130,7 @@ def _of_rate_unit(base: Base, rng: np.random.Generator) -> Iterator[Wrong]:
     mend = (Mend("columns.rate.unit", "deg/s"),)
     yield Wrong("rate in deg/s", in_degrees, mend)
     misread = stated(in_degrees, rate_sensor__sigma=sigma.tolist())
-    yield Wrong("rate and its noise in deg/s", misread, mend)
+    yield Wrong("rate and its noise in deg/s", misread, mend, keys=2)
     yield Wrong(
         "rate in deg/h",
         changed(raw, "rate", lambda w: w * 3600.0 / DEGREE),
@@ -249,6 +249,8 @@ def _step(raw: RawCampaign) -> float:
 
 def _of_lateness(base: Base, rng: np.random.Generator) -> Iterator[Wrong]:
     raw = base.raw
+    if base.late == 0.0:
+        return
     thrown = base.kind == THROWS
     late = 0.03 if thrown else base.late
     step = _step(raw)

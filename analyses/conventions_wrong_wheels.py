@@ -37,7 +37,7 @@ def of_torque(base: Base, rng: np.random.Generator) -> Iterator[Wrong]:
         return
     both = changed(in_milli, "wheel_momentum", lambda h: 1e3 * h)
     mends = (torque_unit, Mend("columns.wheel_momentum.unit", "mN m s"), *tensor)
-    yield Wrong("torque and momentum in thousandths", both, mends)
+    yield Wrong("torque and momentum in thousandths", both, mends, keys=2)
 
 
 def _negative(wheel: dict) -> list[float]:
@@ -164,7 +164,7 @@ def of_inertia(base: Base, rng: np.random.Generator) -> Iterator[Wrong]:
         tensor = (factor * np.array(inertia["tensor"])).tolist()
         products = factor * inertia["product_sigma"]
         wrong = stated(base.raw, inertia__tensor=tensor, inertia__product_sigma=products)
-        yield Wrong(f"inertia in {unit}", wrong, mends)
+        yield Wrong(f"inertia in {unit}", wrong, mends, keys=2)
 
 
 def not_shown(base: Base, rng: np.random.Generator) -> Iterator[Wrong]:
