@@ -98,7 +98,7 @@ def _failures(wrong: Sequence[Row]) -> str:
 
 
 def _changes(row: Row) -> str:
-    return "; ".join(f"`{c['key']}`" for c in row["changes"]) or "nothing"
+    return "; ".join(f"`{c['key']}`" for c in row.get("changes", ())) or "nothing"
 
 
 def _hidden(wrong: Sequence[Row]) -> str:
