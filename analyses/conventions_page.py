@@ -59,7 +59,7 @@ def _table(header: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
 def _interval(named: int, of: int) -> str:
     """A share with its 95 % interval (Clopper and Pearson)."""
     low, high = stats.binomtest(named, of).proportion_ci(0.95)
-    return f"{named} of {of} ({100 * low:.0f} to {100 * high:.0f} %)"
+    return f"{named} of {of} ({100 * low:.1f} to {100 * high:.1f} %)"
 
 
 def _shown(wrong: Sequence[Row]) -> str:

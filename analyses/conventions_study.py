@@ -268,10 +268,18 @@ def main() -> None:
         given.rows.write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
     if not piece:
         missing = [n for n, p in (("delft", delft), ("basilisk", basilisk)) if p is None]
-        content = ",\n".join(json.dumps(row) for row in rows)
+        content = ",\n".join(json.dumps(_short(row)) for row in rows)
         results = HERE / "results"
         write_atomically(results / "conventions_study.json", f"[{content}]\n")
         write_atomically(results / "conventions_study.md", page(rows, missing))
+
+
+def _short(row: dict[str, Any]) -> dict[str, Any]:
+    """The row without what is empty, and without proposed values that are right."""
+    row = {key: value for key, value in row.items() if value not in ("", [])}
+    if row.get("named"):
+        row["changes"] = [{"key": change["key"]} for change in row["changes"]]
+    return row
 
 
 def _new_rows(
