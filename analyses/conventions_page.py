@@ -77,7 +77,7 @@ def _shown(wrong: Sequence[Row]) -> str:
     total = _interval(sum(row["named"] for row in shown), len(shown))
     lines.append(["**all**", *cells, f"**{total}**"])
     beside = sum(row["named"] and not row["alone"] for row in shown)
-    note = f"A key that is right stood beside in {beside} cases."
+    note = f"Another change stood beside a single one that is enough in {beside} cases."
     return _table(["wrong convention", *KINDS, "all, 95 % interval"], lines) + f"\n\n{note}"
 
 

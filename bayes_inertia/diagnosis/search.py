@@ -28,7 +28,7 @@ from bayes_inertia.diagnosis.refitting import ScoredRound, best_step
 from bayes_inertia.diagnosis.result import Diagnosis, Step
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.cleaning import CleanFit, clean_fit
+from bayes_inertia.inference.cleaning import CleanFit
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.noise_level import noise_factors
 from bayes_inertia.inference.treatment import DirtTreatment
@@ -108,9 +108,6 @@ def _fit_without_effects(
         compiled = pool.submit(precompile, model)
         plain = optimizer.estimate(Model(model.campaign, (), drive), seed=seed, discount=False)
         clean = CleanFit(plain, DirtTreatment())
-        if not as_stated:
-            # The level of the noise is measured here, again after every effect.
-            clean = clean_fit(plain, seed=seed, level=False, discount=False)
         noise = noise_factors(clean.estimate)
         compiled.result()
     estimate = optimizer.with_noise(clean.estimate, noise)

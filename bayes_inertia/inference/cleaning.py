@@ -27,6 +27,8 @@ from bayes_inertia.physics.forward_model import Model
 
 # Outliers hide each other; so often they are looked for again.
 _ROUNDS_OF_MASKS = 3
+# Readings that noise may remember. Slower residuals look like a constant torque, and are none.
+_LONGEST_COLOUR = 12.0
 # Rounding that adds less to the noise than this factor is left alone.
 _ROUNDING_THAT_COUNTS = 1.005
 # Noise beyond what is stated and rounded by this factor has another cause.
@@ -160,6 +162,8 @@ def _with_colour(fit: CleanFit) -> DirtTreatment:
         return fit.treatment
     slews = fit.estimate.model.campaign.slews
     colour = colour_of(slews, _plain_series(fit.estimate)["rate"])
+    if colour is not None and max(colour.times) > _LONGEST_COLOUR * colour.spacing:
+        return fit.treatment
     return replace(fit.treatment, colour=colour)
 
 
