@@ -95,6 +95,10 @@ _PUBLIC = {
     "Settings": "inference.sampler",
     "estimate": "inference.optimizer",
     "fit": "app.fit_campaign",
+    # Many fits.
+    "TaskFailure": "studies.work",
+    "WorkResult": "studies.work",
+    "fit_many": "app.fit_many_folder",
     # What a campaign tells.
     "Degeneracy": "observability.degeneracy",
     "Direction": "observability.result",
@@ -132,7 +136,7 @@ _PUBLIC = {
     "Limits": "design.limits",
     "Margin": "design.margins",
     "Separation": "design.separating_slew",
-    "compare_plans": "design.comparison",
+    "compare_plans": "studies.plan_comparison",
     "design_plan": "design.designer",
     "next_slew": "design.designer",
     "separating_slew": "design.separating_slew",
@@ -149,6 +153,7 @@ _PUBLIC = {
     "EstimateError": "errors",
     "OutputError": "errors",
     "SettingsError": "errors",
+    "StudyError": "errors",
 }
 
 __all__ = sorted(_PUBLIC)

@@ -69,3 +69,7 @@ class DesignError(BayesInertiaError):
 
 class SettingsError(BayesInertiaError):
     """A setting has a value that it cannot have; `where` names the setting."""
+
+
+class StudyError(BayesInertiaError):
+    """A study cannot go on as it is: its workers are lost, or another run holds its folder."""

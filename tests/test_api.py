@@ -31,6 +31,7 @@ PUBLIC = set(
     most_like_spacecraft paper_like_plan read_plan simulate write_plan
     ChannelTest Colour ColourOfAxis DirtTreatment Estimate FitContext Posterior Settings
     estimate fit
+    TaskFailure WorkResult fit_many
     Degeneracy Direction InformationArrival Observability ParameterObservability observe
     AlternativeEffect AlternativeParameters BinnedResiduals Candidate DiagnosedFit Diagnosis
     Disagreement FreeSignal Investigation Match Rules Spectrum Step Undetected
@@ -39,7 +40,7 @@ PUBLIC = set(
     compare_plans design_plan next_slew separating_slew
     Picture Section standard_sections write_report
     BayesInertiaError CampaignError DesignError EffectError EstimateError OutputError
-    SettingsError
+    SettingsError StudyError
     """.split()  # noqa: SIM905
 )
 

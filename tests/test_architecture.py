@@ -33,8 +33,9 @@ ARROWS = {
     "observability": ("inference", "physics", *BELOW_PHYSICS, *OPEN_TO_ALL),
     "diagnosis": ("inference", "physics", *BELOW_PHYSICS, *OPEN_TO_ALL),
     "design": (*BELOW_DESIGN, *OPEN_TO_ALL),
+    "studies": (*MIDDLE, *BELOW_DESIGN, *OPEN_TO_ALL),
     "report": (*MIDDLE, "inference", "physics", *BELOW_PHYSICS, *OPEN_TO_ALL),
-    "app": ("report", *MIDDLE, "importing", "conventions", *BELOW_DESIGN, *OPEN_TO_ALL),
+    "app": ("report", "studies", *MIDDLE, "importing", "conventions", *BELOW_DESIGN, *OPEN_TO_ALL),
 }
 
 

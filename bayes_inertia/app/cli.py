@@ -18,6 +18,7 @@ from bayes_inertia.app.commands.design import design_command
 from bayes_inertia.app.commands.diagnose import diagnose_command
 from bayes_inertia.app.commands.doctor import doctor_command
 from bayes_inertia.app.commands.fit import fit_command
+from bayes_inertia.app.commands.fit_many import fit_many_command
 from bayes_inertia.app.commands.import_raw import import_command
 from bayes_inertia.app.commands.observe import observe_command
 from bayes_inertia.app.commands.report import report_command
@@ -31,6 +32,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "import": import_command,
     "check": check_command,
     "fit": fit_command,
+    "fit-many": fit_many_command,
     "diagnose": diagnose_command,
     "observe": observe_command,
     "design": design_command,

@@ -9,9 +9,11 @@ from bayes_inertia.app.named_plans import plan_sha256, plans_named, prior_missio
 from bayes_inertia.app.plan_json import contender_json
 from bayes_inertia.app.result_folder import ResultFolder
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
-from bayes_inertia.design.comparison import Contender, compare_plans
+from bayes_inertia.design.comparison import Contender
 from bayes_inertia.report.pictures.design import draw_comparison
 from bayes_inertia.report.pictures.figure_file import write_png
+from bayes_inertia.studies.engine import Execution
+from bayes_inertia.studies.plan_comparison import compare_plans
 
 FORMAT = "bayes-inertia-compare/1"
 
@@ -23,7 +25,7 @@ def run_compare(
     *,
     simulated: int = 0,
     seed: int = 0,
-    jobs: int = 1,
+    execution: Execution | None = None,
 ) -> tuple[Contender, ...]:
     """Compare plans and write compare.json and compare.png.
 
@@ -39,8 +41,8 @@ def run_compare(
         Campaigns to fly and fit for each plan.
     seed : int
         Of those.
-    jobs : int
-        Processes.
+    execution : Execution or None
+        Where campaigns are fitted, and who is told; None: in this process.
 
     Returns
     -------
@@ -53,6 +55,8 @@ def run_compare(
         If campaign or a plan is no good.
     OutputError
         If the folder holds something else.
+    StudyError
+        If a simulated campaign could not be fitted, or the workers are lost.
     """
     flown, digest = read_campaign(campaign), campaign_sha256(campaign)
     named = plans_named(plans, flown)
@@ -66,7 +70,12 @@ def run_compare(
     )
     owner.holds_this_work()
     contenders = compare_plans(
-        named, prior_mission(flown), simulated=simulated, seed=seed, jobs=jobs
+        named,
+        prior_mission(flown),
+        simulated=simulated,
+        seed=seed,
+        folder=folder / "fits",
+        **vars(execution or Execution()),
     )
     owner.claim(
         {

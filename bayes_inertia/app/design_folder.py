@@ -13,7 +13,6 @@ from bayes_inertia.app.result_folder import ResultFolder
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.design.after_campaign import plan_after
-from bayes_inertia.design.comparison import compare_plans
 from bayes_inertia.design.designer import Design, design_plan
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.files import write_atomically
@@ -23,6 +22,7 @@ from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.report.pictures.design import draw_comparison
 from bayes_inertia.report.pictures.figure_file import write_png
+from bayes_inertia.studies.plan_comparison import compare_plans
 
 FORMAT = "bayes-inertia-design/1"
 WHEELS_AT_REST = (

@@ -2,38 +2,36 @@
 
 The plan is flown again and again with noise, each time with another J, K and bias from the
 campaign's prior. Each campaign is fitted as real data would be. If the stated sds are right,
-errors over sds are standard normal, and intervals hold the truth as often as they say. Campaigns
-are kept in shards: a killed study goes on where it was.
+errors over sds are standard normal, and intervals hold the truth as often as they say. Rows are
+kept in shards: a killed study goes on where it was.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import joblib
 import numpy as np
 from scipy import stats
 
 from bayes_inertia.app.named_plans import PAPER, plan_sha256, plans_named, prior_mission
 from bayes_inertia.app.result_folder import ResultFolder
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
-from bayes_inertia.design.simulated_fits import AchievedErrors, fit_simulated_campaigns
+from bayes_inertia.design.simulated_fits import AchievedErrors
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import write_atomically
-from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
-from bayes_inertia.inference.sampler import Progress
 from bayes_inertia.physics.parameters import BASE_NAMES
 from bayes_inertia.report.pictures.figure_file import write_png
 from bayes_inertia.report.pictures.study import draw_coverage
+from bayes_inertia.studies.engine import Execution
+from bayes_inertia.studies.simulated_fits import achieved_errors, simulated_fits
+from bayes_inertia.studies.work import TaskFailure
 
 FORMAT = "bayes-inertia-study/1"
 LEVELS = (0.68, 0.95)
-_SHARD_SIZE = 25  # campaigns a task and a file
 # Probability that sound uncertainties are called too small, any of the nine.
 _FALSE_ALARM = 0.01
 
@@ -47,11 +45,14 @@ class Study:
     plan : Plan
         That was flown.
     achieved : AchievedErrors
-        Errors and stated sds of every campaign.
+        Errors and stated sds of every campaign that was fitted.
+    failures : tuple of TaskFailure
+        Campaigns that could not be.
     """
 
     plan: Plan
     achieved: AchievedErrors
+    failures: tuple[TaskFailure, ...] = ()
 
     @property
     def z(self) -> np.ndarray:
@@ -97,8 +98,7 @@ def run_study(
     *,
     campaigns: int = 200,
     seed: int = 0,
-    jobs: int = 1,
-    progress: Progress | None = None,
+    execution: Execution | None = None,
 ) -> Study:
     """Simulate and fit campaigns of one plan, and write study.json and study.png.
 
@@ -107,17 +107,15 @@ def run_study(
     campaign : Path
         Folder of the campaign whose hardware and prior are taken.
     folder : Path
-        Where to write. Shards of 25 campaigns that are there already are read.
+        Where to write. Rows that are there already, in `shards`, are kept.
     plan : str
         File of the plan, or `paper`.
     campaigns : int
         How many, at least 2.
     seed : int
         Fixes everything.
-    jobs : int
-        Processes.
-    progress : callable or None
-        Called with (what, done, of).
+    execution : Execution or None
+        Where campaigns are fitted, and who is told; None: in this process.
 
     Returns
     -------
@@ -130,6 +128,8 @@ def run_study(
         If campaign or plan is no good.
     OutputError
         If the folder holds something else.
+    StudyError
+        If fewer than two campaigns could be fitted, or the workers are lost.
     """
     given, digest = read_campaign(campaign), campaign_sha256(campaign)
     (chosen,) = plans_named([plan], given).values()
@@ -142,63 +142,16 @@ def run_study(
     options = {"plan": plan_sha256(chosen), "seed": seed}
     owner = ResultFolder(folder, "study", "study_of.json", FORMAT, digest, options, flat=True)
     owner.claim()
-    shards = []
-    tasks = _tasks(folder, chosen, prior_mission(given), seed, campaigns)
-    for shard in _in_parallel(tasks, jobs):
-        shards.append(shard)
-        if progress is not None:
-            progress("campaigns", sum(len(s.errors) for s in shards), campaigns)
-    joined = (np.concatenate([getattr(s, f.name) for s in shards]) for f in fields(AchievedErrors))
-    study = Study(chosen, AchievedErrors(*joined))
+    mission = prior_mission(given)
+    work = simulated_fits(
+        chosen, mission, campaigns, seed, options={**options, "campaign_sha256": digest}
+    )
+    result = (execution or Execution()).run(work, folder / "shards")
+    study = Study(chosen, achieved_errors(result, least=2), result.failures)
     write_png(draw_coverage(BASE_NAMES, study.achieved, study.z), folder / "study.png")
     content = {"format": FORMAT, "campaign_sha256": digest, **options, **_content(study)}
     write_atomically(folder / "study.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
     return study
-
-
-def _tasks(
-    folder: Path,
-    plan: Plan,
-    mission: Mission,
-    seed: int,
-    campaigns: int,
-) -> list[tuple]:
-    """Arguments of `_shard`, for shards that hold all campaigns."""
-    starts = range(0, campaigns, _SHARD_SIZE)
-    spans = [range(i, min(i + _SHARD_SIZE, campaigns)) for i in starts]
-    return [
-        (folder / f"shard_{s.start:05d}_{s.stop:05d}.npz", plan, mission, seed, s) for s in spans
-    ]
-
-
-def _in_parallel(tasks: list[tuple], jobs: int) -> Iterator[AchievedErrors]:
-    """The shards in order, each as soon as it is there."""
-    backend, threads = ("loky", 1) if jobs > 1 else ("sequential", None)
-    with joblib.parallel_config(backend, n_jobs=jobs, inner_max_num_threads=threads):
-        yield from joblib.Parallel(return_as="generator")(
-            joblib.delayed(_shard)(*task) for task in tasks
-        )
-
-
-def _shard(
-    path: Path,
-    plan: Plan,
-    mission: Mission,
-    seed: int,
-    span: range,
-) -> AchievedErrors:
-    """Campaigns of these numbers, from their file or made and written."""
-    if not path.exists():
-        made = fit_simulated_campaigns(plan, mission, span, seed)
-        arrays = {f.name: getattr(made, f.name) for f in fields(AchievedErrors)}
-
-        def save(temporary: Path) -> None:
-            with open(temporary, "wb") as file:
-                np.savez(file, **arrays)
-
-        write_atomically(path, save)
-    with np.load(path) as stored:
-        return AchievedErrors(**{f.name: stored[f.name] for f in fields(AchievedErrors)})
 
 
 def _content(study: Study) -> dict[str, Any]:
@@ -218,4 +171,5 @@ def _content(study: Study) -> dict[str, Any]:
         "parameters": rows,
         "too_small": list(study.too_small),
         "reduced_chi2": float(achieved.chi2.mean()),
+        **({"failures": [asdict(f) for f in study.failures]} if study.failures else {}),
     }

@@ -62,6 +62,17 @@ def headed(head: str, rest: str = "", *, style: str = "bold") -> Text:
     return Text.assemble((head, style), rest)
 
 
+def say(sentence: str) -> None:
+    """Print a sentence on stderr, whether it is a terminal or not.
+
+    Parameters
+    ----------
+    sentence : str
+        What should be known.
+    """
+    plain_console(stderr=True).print(sentence, soft_wrap=True)
+
+
 @contextmanager
 def progress_bar() -> Iterator[Callable[[str, int, int], None] | None]:
     """A callback that draws progress on stderr while the context lasts.

@@ -1,17 +1,13 @@
-"""Plans side by side: what to expect of each, what simulated campaigns achieve, what they cost."""
+"""One plan in a comparison: what to expect of it, and what it costs."""
 
 from __future__ import annotations
-
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from bayes_inertia.design.expected_accuracy import expected_sd
 from bayes_inertia.design.limits import Limits
 from bayes_inertia.design.margins import Margin, planned_margins
-from bayes_inertia.design.simulated_fits import AchievedErrors, fit_simulated_campaigns
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.design.simulated_fits import AchievedErrors
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.maths.values import array_dataclass
@@ -62,76 +58,43 @@ class Contender:
         return float(self.expected[3:6].max())
 
 
-def compare_plans(
-    plans: Sequence[Plan] | Mapping[str, Plan],
+def assess_plan(
+    name: str,
+    plan: Plan,
     mission: Mission,
+    limits: Limits,
     *,
-    limits: Limits | None = None,
-    simulated: int = 0,
     seed: int = 0,
-    jobs: int = 1,
-) -> tuple[Contender, ...]:
-    """Compare plans of one mission.
+    achieved: AchievedErrors | None = None,
+) -> Contender:
+    """What to expect of a plan, and what is left of every limit.
 
     Parameters
     ----------
-    plans : sequence of Plan, or mapping of str to Plan
-        Under their own names, or under those given.
+    name : str
+        The plan's name in the comparison.
+    plan : Plan
+        What would be flown.
     mission : Mission
-        Wheels and sensors, J to expect, and how well it is known.
-    limits : Limits, optional
-        None for those of the hardware alone.
-    simulated : int, optional
-        Campaigns to fly and fit in full for each plan, each with its own J, K and bias from the
-        prior; all plans meet the same.
+        At the mean of its prior.
+    limits : Limits
+        That the plan should keep.
     seed : int, optional
-        Of those.
-    jobs : int, optional
-        How many processes share the work.
+        Of the flights that expected sds are averaged over.
+    achieved : AchievedErrors or None, optional
+        What fits to simulated campaigns of the plan achieved.
 
     Returns
     -------
-    tuple of Contender
-        In the order of the plans.
-
-    Raises
-    ------
-    CampaignError
-        If there is no plan, or two have one name.
-
-    Examples
-    --------
-    >>> from bayes_inertia.flight.mission import most_like_mission
-    >>> compare_plans([], most_like_mission())
-    Traceback (most recent call last):
-    bayes_inertia.errors.CampaignError: plans: no plan to compare; give each its own name
+    Contender
+        The plan, assessed.
     """
-    named = dict(plans) if isinstance(plans, Mapping) else {plan.name: plan for plan in plans}
-    if not named or len(named) < len(plans):
-        raise CampaignError(
-            "no plan to compare" if not named else "two plans have one name",
-            where="plans",
-            advice="give each its own name",
-        )
-    mean = mission.at_prior_mean()
-    mean = replace(mean, spacecraft=replace(mean.spacecraft, bias=None))
-    limits = limits or Limits()
-    return tuple(
-        _contender(name, plan, mean, limits, simulated, seed, jobs) for name, plan in named.items()
-    )
-
-
-def _contender(
-    name: str, plan: Plan, mean: Mission, limits: Limits, simulated: int, seed: int, jobs: int
-) -> Contender:
-    """One plan of the comparison, for a mission at the mean of its prior."""
-    margins = planned_margins(plan, mean.spacecraft, limits)
+    margins = planned_margins(plan, mission.spacecraft, limits)
     peaks = {
         key: [margin.used for margin in margins if margin.limit.startswith(f"{key} of")]
         for key in ("torque", "momentum")
     }
-    expected = expected_sd(plan, mean, truths=_EXPECTED_FLIGHTS, seed=seed + 1)
-    achieved = fit_simulated_campaigns(plan, mean, simulated, seed, jobs) if simulated else None
+    expected = expected_sd(plan, mission, truths=_EXPECTED_FLIGHTS, seed=seed + 1)
     return Contender(
         name=name,
         plan=plan,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import joblib
 import numpy as np
 
 from bayes_inertia.flight.mission import Mission
@@ -12,9 +11,6 @@ from bayes_inertia.flight.simulated_campaigns import draw_flight
 from bayes_inertia.inference import optimizer
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Model
-
-# Campaigns a task: few enough to share work, enough to pay for compiling.
-_CAMPAIGNS_A_TASK = 25
 
 
 @array_dataclass
@@ -53,12 +49,10 @@ class AchievedErrors:
         return np.std(self.errors**2, axis=0, ddof=1) / np.sqrt(n) / (2.0 * self.sd)
 
 
-def fit_simulated_campaigns(
-    plan: Plan, mission: Mission, campaigns: int | range, seed: int = 0, jobs: int = 1
-) -> AchievedErrors:
-    """Fly a plan many times with noise, and fit each campaign in full.
-
-    Each campaign has another truth, drawn from the prior.
+def fit_simulated_campaign(
+    plan: Plan, mission: Mission, source: np.random.SeedSequence
+) -> dict[str, np.ndarray]:
+    """Fly a plan once with noise, with a truth drawn from the prior, and fit the campaign in full.
 
     Parameters
     ----------
@@ -66,47 +60,20 @@ def fit_simulated_campaigns(
         What is flown.
     mission : Mission
         Wheels, sensors and prior.
-    campaigns : int or range
-        How many campaigns, or the numbers of those wanted.
-    seed : int, optional
-        Campaign i of two plans has the same truth for the same seed.
-    jobs : int, optional
-        How many processes share the work.
+    source : numpy.random.SeedSequence
+        Of truth and noise. Campaigns of two plans from one source have the same truth.
 
     Returns
     -------
-    AchievedErrors
-        In the order of the campaigns.
+    dict of str to array
+        One row of each field of `AchievedErrors`.
     """
-    numbers = range(campaigns) if isinstance(campaigns, int) else campaigns
-    starts = range(0, len(numbers), _CAMPAIGNS_A_TASK)
-    tasks = [numbers[i : i + _CAMPAIGNS_A_TASK] for i in starts]
-    with joblib.parallel_config(
-        "loky" if jobs > 1 else "sequential",
-        n_jobs=jobs,
-        inner_max_num_threads=1 if jobs > 1 else None,
-    ):
-        results = joblib.Parallel()(
-            joblib.delayed(_fits)(plan, mission, seed, task) for task in tasks
-        )
-    return AchievedErrors(*(np.concatenate(parts) for parts in zip(*results, strict=True)))
-
-
-def _fits(plan: Plan, mission: Mission, seed: int, numbers: range) -> tuple[np.ndarray, ...]:
-    """The fields of `AchievedErrors` for the campaigns of these numbers."""
-    template = planned_campaign(plan, mission)
-    rows = []
-    for i in numbers:
-        source = np.random.SeedSequence(seed, spawn_key=(i,))
-        flight = draw_flight(template, plan, source, vary=False)
-        estimate = optimizer.estimate(Model(flight.campaign), starts=1, discount=False)
-        rows.append(
-            (
-                estimate.theta - flight.mission.theta,
-                estimate.sd,
-                np.max(flight.peak_torque),
-                np.max(flight.peak_momentum),
-                estimate.tests["total"].reduced_chi2,
-            )
-        )
-    return tuple(np.array(column) for column in zip(*rows, strict=True))
+    flight = draw_flight(planned_campaign(plan, mission), plan, source, vary=False)
+    estimate = optimizer.estimate(Model(flight.campaign), starts=1, discount=False)
+    return {
+        "errors": estimate.theta - flight.mission.theta,
+        "stated": estimate.sd,
+        "peak_torque": np.max(flight.peak_torque),
+        "peak_momentum": np.max(flight.peak_momentum),
+        "chi2": np.asarray(estimate.tests["total"].reduced_chi2),
+    }

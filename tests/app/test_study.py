@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import bayes_inertia
 from bayes_inertia.app.cli import main
 from bayes_inertia.app.study_folder import Study, run_study
 from bayes_inertia.design.simulated_fits import AchievedErrors
-from bayes_inertia.errors import OutputError
+from bayes_inertia.errors import EstimateError, OutputError
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.physics.parameters import BASE_NAMES
 from bayes_inertia.report.pictures.study import draw_coverage
@@ -76,7 +77,7 @@ def test_study_of_the_example_goes_on_where_it_was(tmp_path, capsys, monkeypatch
         raise AssertionError("a shard that is there was made again")
 
     (out / "study.json").unlink()
-    monkeypatch.setattr("bayes_inertia.app.study_folder.fit_simulated_campaigns", never)
+    monkeypatch.setattr("bayes_inertia.studies.simulated_fits.fit_simulated_campaign", never)
     run_study(EXAMPLE, out, campaigns=6)
     assert (out / "study.json").read_bytes() == first
     with pytest.raises(OutputError, match="other seed"):
@@ -86,10 +87,37 @@ def test_study_of_the_example_goes_on_where_it_was(tmp_path, capsys, monkeypatch
 
 def test_sds_that_are_too_small_end_with_3(tmp_path, capsys, monkeypatch):
     shrunk = made(25, 3, shrink=0.5).achieved
-    monkeypatch.setattr("bayes_inertia.app.study_folder.fit_simulated_campaigns", lambda *_: shrunk)
+    rows = zip(*(getattr(shrunk, f.name) for f in fields(shrunk)), strict=True)
+    names = [f.name for f in fields(shrunk)]
+    monkeypatch.setattr(
+        "bayes_inertia.studies.simulated_fits.fit_simulated_campaign",
+        lambda *_: dict(zip(names, next(rows), strict=True)),
+    )
     assert run("study", EXAMPLE, "-o", tmp_path / "run", "--campaigns", 25) == 3
     assert "TOO SMALL for Jxx" in capsys.readouterr().out
     assert "Jxx" in json.loads((tmp_path / "run" / "study.json").read_text())["too_small"]
+
+
+def test_campaigns_that_cannot_be_fitted_are_told_and_left_out(tmp_path, capsys, monkeypatch):
+    good, calls = made(25, 3).achieved, iter(range(25))
+
+    def fit(*_):
+        i = next(calls)
+        if i in (3, 11):
+            raise EstimateError("no finite residuals", advice="check units")
+        return {f.name: getattr(good, f.name)[i] for f in fields(good)}
+
+    monkeypatch.setattr("bayes_inertia.studies.simulated_fits.fit_simulated_campaign", fit)
+    out = tmp_path / "run"
+    assert run("study", EXAMPLE, "-o", out, "--campaigns", 25) == 3
+    printed = capsys.readouterr()
+    assert "2 more could not be fitted" in printed.out
+    assert "11 failed: no finite residuals; check units" in printed.err
+    content = json.loads((out / "study.json").read_text())
+    assert content["campaigns"] == 23
+    assert [failure["task"] for failure in content["failures"]] == ["3", "11"]
+    # They would fail again: the same command only tells.
+    assert run("study", EXAMPLE, "-o", out, "--campaigns", 25) == 3
 
 
 def test_bad_requests_end_with_2(tmp_path, capsys):

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bayes_inertia.design.comparison import compare_plans
-from bayes_inertia.design.simulated_fits import fit_simulated_campaigns
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.studies.plan_comparison import compare_plans
+from bayes_inertia.studies.simulated_fits import fit_simulated_campaigns
 
 
 @pytest.mark.slow

@@ -13,11 +13,13 @@ from rich.table import Table
 from bayes_inertia.app.commands.options import (
     PAPER_HELP,
     CampaignFolder,
+    EngineName,
     Jobs,
     OutputFolder,
+    SchedulerAddress,
     Seed,
 )
-from bayes_inertia.app.terminal import plain_console
+from bayes_inertia.app.terminal import plain_console, progress_bar, say
 
 if TYPE_CHECKING:
     from bayes_inertia.design.comparison import Contender
@@ -30,16 +32,27 @@ def compare_command(
     simulated: Annotated[
         int, typer.Option(help="Campaigns to simulate and fit for each plan.", min=0)
     ] = 0,
+    engine: EngineName = None,
+    scheduler: SchedulerAddress = None,
     jobs: Jobs = 1,
     seed: Seed = 0,
 ) -> None:
     """Compare plans by uncertainty, time, momentum and torque.
 
-    Writes compare.json and compare.png.
+    Writes compare.json and compare.png. A comparison that was killed goes on with the same command.
     """
     from bayes_inertia.app.compare_folder import run_compare
+    from bayes_inertia.studies.engine import Execution
 
-    contenders = run_compare(campaign, plans, out, simulated=simulated, seed=seed, jobs=jobs)
+    with progress_bar() as progress:
+        contenders = run_compare(
+            campaign,
+            plans,
+            out,
+            simulated=simulated,
+            seed=seed,
+            execution=Execution(engine, jobs, scheduler, progress, say),
+        )
     show_comparison(contenders, out)
 
 

@@ -33,6 +33,18 @@ AsStated = Annotated[
     ),
 ]
 Jobs = Annotated[int, typer.Option(help="Processes.", min=1)]
+EngineName = Annotated[
+    Literal["process", "joblib", "dask"] | None,
+    typer.Option(
+        "--engine",
+        help="Where tasks run: in this process, in --jobs processes, or on a dask cluster. "
+        "Without it --jobs decides between the first two.",
+    ),
+]
+SchedulerAddress = Annotated[
+    str | None,
+    typer.Option("--scheduler", help="Address of a dask scheduler, such as tcp://host:8786."),
+]
 
 # The word that stands for a plan of the paper's five slews.
 PAPER_HELP = "or the word paper for five slews like the paper's"

@@ -12,11 +12,13 @@ from rich.table import Table
 from bayes_inertia.app.commands.options import (
     PAPER_HELP,
     CampaignFolder,
+    EngineName,
     Jobs,
     OutputFolder,
+    SchedulerAddress,
     Seed,
 )
-from bayes_inertia.app.terminal import plain_console, progress_bar
+from bayes_inertia.app.terminal import plain_console, progress_bar, say
 
 if TYPE_CHECKING:
     from bayes_inertia.app.study_folder import Study
@@ -27,6 +29,8 @@ def study_command(
     out: OutputFolder,
     plan: Annotated[str, typer.Option(help=f"Plan file, {PAPER_HELP}.")] = "paper",
     campaigns: Annotated[int, typer.Option(help="Campaigns to simulate and fit.", min=2)] = 200,
+    engine: EngineName = None,
+    scheduler: SchedulerAddress = None,
     jobs: Jobs = 1,
     seed: Seed = 0,
 ) -> None:
@@ -36,13 +40,19 @@ def study_command(
     study.json and study.png. A study that was killed goes on with the same command.
     """
     from bayes_inertia.app.study_folder import run_study
+    from bayes_inertia.studies.engine import Execution
 
     with progress_bar() as progress:
         study = run_study(
-            campaign, out, plan, campaigns=campaigns, seed=seed, jobs=jobs, progress=progress
+            campaign,
+            out,
+            plan,
+            campaigns=campaigns,
+            seed=seed,
+            execution=Execution(engine, jobs, scheduler, progress, say),
         )
     show_study(study, out)
-    if study.too_small:
+    if study.too_small or study.failures:
         raise typer.Exit(3)
 
 
@@ -77,4 +87,10 @@ def show_study(study: Study, folder: Path) -> None:
     if study.too_small:
         verdict = f"Stated sds are TOO SMALL for {', '.join(study.too_small)}."
     console.print(f"{len(achieved.errors)} campaigns of {study.plan.name}. {verdict}")
+    if study.failures:
+        first = study.failures[0]
+        console.print(
+            f"{len(study.failures)} more could not be fitted and count in nothing above; "
+            f"campaign {first.task}: {first.reason}"
+        )
     console.print(f"wrote study.json and study.png in {folder}")

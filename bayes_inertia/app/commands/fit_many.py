@@ -1,0 +1,120 @@
+"""`fit-many`: fit every campaign in a folder."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.box import SIMPLE
+from rich.table import Table
+
+from bayes_inertia.app.commands.options import (
+    Anyway,
+    AsStated,
+    DriveName,
+    EffectNames,
+    EngineName,
+    Jobs,
+    OutputFolder,
+    SchedulerAddress,
+    Seed,
+    names_in,
+)
+from bayes_inertia.app.terminal import plain_console, progress_bar, say
+
+if TYPE_CHECKING:
+    from bayes_inertia.studies.work import WorkResult
+
+_SHOWN = ("Jxx", "Jyy", "Jzz", "K1", "K2", "K3")
+
+
+def fit_many_command(
+    folder: Annotated[Path, typer.Argument(help="Folder of campaign folders, at any depth.")],
+    out: OutputFolder,
+    engine: EngineName = None,
+    scheduler: SchedulerAddress = None,
+    jobs: Jobs = 1,
+    effects: EffectNames = "",
+    drive: DriveName = None,
+    seed: Seed = 0,
+    anyway: Anyway = False,
+    as_stated: AsStated = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON document on stdout.")
+    ] = False,
+) -> None:
+    """Fit every campaign in a folder: a fleet, or a mission's years.
+
+    Writes fits.parquet (a row a campaign) and fit_many.json. Goes on where it was killed, and fits
+    what was added or changed, with the same command. Exit code 3 if a campaign failed or its result
+    must not be used.
+    """
+    from bayes_inertia.app.fit_many_folder import fit_many, fits_json
+
+    with progress_bar() as progress:
+        result = fit_many(
+            folder,
+            out,
+            effects=names_in(effects),
+            drive=drive,
+            seed=seed,
+            as_stated=as_stated,
+            anyway=anyway,
+            engine=engine,
+            jobs=jobs,
+            scheduler=scheduler,
+            progress=progress,
+            notice=say,
+        )
+    if as_json:
+        typer.echo(json.dumps(fits_json(result), indent=1, allow_nan=False))
+    else:
+        show_fits(result, out)
+    if result.failures or not all(row["trusted"] for row in result.rows):
+        raise typer.Exit(3)
+
+
+def show_fits(result: WorkResult, folder: Path) -> None:
+    """Print a row a campaign.
+
+    Parameters
+    ----------
+    result : WorkResult
+        Of `fit_many`.
+    folder : Path
+        Where its files are.
+    """
+    console = plain_console()
+    table = Table(box=SIMPLE)
+    table.add_column("campaign", overflow="fold")
+    table.add_column("use", no_wrap=True)
+    for heading in (*_SHOWN, "chi²"):
+        table.add_column(heading, justify="right")
+    for row in result.rows:
+        cells = [_cell(row, name) for name in _SHOWN]
+        usable = "yes" if row["trusted"] else "NO"
+        table.add_row(row["campaign"], usable, *cells, f"{row['reduced_chi2_total']:.3f}")
+    console.print(table)
+    for row in result.rows:
+        if not row["trusted"]:
+            console.print(f"{row['campaign']}: {row['reasons']}")
+    for failure in result.failures:
+        console.print(f"{failure.task.rpartition('@')[0]} could not be fitted: {failure.reason}")
+    trusted = sum(row["trusted"] for row in result.rows)
+    console.print(
+        f"{trusted} of {len(result.rows) + len(result.failures)} campaigns give a result that can "
+        "be used; J in kg m², sd: the larger of the model's and the slews'"
+    )
+    files = "fits.parquet and fit_many.json" if result.rows else "fit_many.json"
+    console.print(f"wrote {files} in {folder}")
+
+
+def _cell(row: dict[str, Any], name: str) -> str:
+    from bayes_inertia.report.formatting import exponent, number
+
+    sd = row[f"{name}_robust_sd"] or row[f"{name}_sd"]
+    power = exponent(row[name], sd)
+    scale = f"e{power}" if power else ""
+    return f"{number(row[name], sd, power)} ± {number(sd, sd, power)}{scale}"

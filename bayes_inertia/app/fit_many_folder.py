@@ -1,0 +1,249 @@
+"""`fit-many`: fit every campaign in a folder, of a fleet or of a mission's years; one row each."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_inertia.app.fit_campaign import fit
+from bayes_inertia.app.result_folder import ResultFolder
+from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
+from bayes_inertia.conventions.check import refuse_impossible
+from bayes_inertia.errors import BayesInertiaError, CampaignError
+from bayes_inertia.files import write_atomically
+from bayes_inertia.inference.fit_context import FitContext
+from bayes_inertia.inference.sampler import Settings
+from bayes_inertia.maths.values import json_ready
+from bayes_inertia.physics.effects import by_name
+from bayes_inertia.physics.slew_input import Drive
+from bayes_inertia.studies.engine import Execution, Notice, Progress
+from bayes_inertia.studies.pools import Engine
+from bayes_inertia.studies.work import Row, Work, WorkResult
+
+FORMAT = "bayes-inertia-fit-many/1"
+# What a row says of each parameter, beside its mean.
+_STATISTICS = ("sd", "robust_sd", "q05", "q50", "q95")
+_DIAGNOSTICS = ("nested_rhat_max", "ess_bulk_min", "ess_tail_min")
+# Between a campaign's name and the digest of its files, in a task's id.
+_AT = "@"
+
+
+@dataclass(frozen=True)
+class CampaignFit:
+    """The task: fit one campaign of a folder.
+
+    Parameters
+    ----------
+    folder : Path
+        That holds the campaigns; workers see it under the same path.
+    effects : tuple of str
+        Names of effects to fit along.
+    drive : {"commanded", "measured"} or None
+        What drives the model.
+    settings : Settings
+        Of the sampler; each campaign has its own seed.
+    as_stated : bool
+        Take telemetry and noise as they are stated.
+    anyway : bool
+        Fit also where the data are impossible under the stated conventions.
+    """
+
+    folder: Path
+    effects: tuple[str, ...]
+    drive: Drive | None
+    settings: Settings
+    as_stated: bool
+    anyway: bool
+
+    def __call__(self, task_id: str, seed: np.random.SeedSequence) -> Row:
+        """The row of a campaign: posterior, gates, chi^2."""
+        name, _, digest = task_id.rpartition(_AT)
+        path = self.folder / name
+        now = _digest(path)
+        if now != digest:
+            # Not one of the package's errors: the next command looks at the campaign again.
+            raise RuntimeError(f"{path} was changed while it waited to be fitted")
+        if not self.anyway:
+            refuse_impossible(path)
+        number = int(seed.generate_state(1)[0])
+        posterior = fit(
+            read_campaign(path),
+            effects=by_name(self.effects),
+            drive=self.drive,
+            settings=replace(self.settings, seed=number),
+            context=FitContext(digest),
+            as_stated=self.as_stated,
+        )
+        head = {"campaign": name, "sha256": digest, "seed": number}
+        return head | _row_of(posterior.summary())
+
+
+def fit_many(
+    campaigns: str | Path,
+    out: str | Path,
+    *,
+    effects: Sequence[str] = (),
+    drive: Drive | None = None,
+    seed: int = 0,
+    settings: Settings | None = None,
+    as_stated: bool = False,
+    anyway: bool = False,
+    engine: Engine | None = None,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    progress: Progress | None = None,
+    notice: Notice | None = None,
+) -> WorkResult:
+    """Fit every campaign in a folder, and write fits.parquet and fit_many.json.
+
+    What is there already is kept; campaigns that were added or changed are fitted. A call that was
+    killed goes on. The `seed` in a row gives the same numbers in `fit`.
+
+    Parameters
+    ----------
+    campaigns : str or Path
+        Folder with a campaign folder for each spacecraft or year, at any depth.
+    out : str or Path
+        Where to write.
+    effects : sequence of str, optional
+        Names of effects to fit along, in all campaigns.
+    drive : {"commanded", "measured"} or None, optional
+        What drives the model; None for each campaign's best.
+    seed : int, optional
+        Fixes everything.
+    settings : Settings or None, optional
+        Of the sampler; None for the usual ones.
+    as_stated : bool, optional
+        Take telemetry and noise as they are stated.
+    anyway : bool, optional
+        Fit also where the data are impossible under the stated conventions.
+    engine : {"process", "joblib", "dask"} or None, optional
+        Where campaigns are fitted; None for this process or joblib's, by `jobs`.
+    jobs : int, optional
+        Processes.
+    scheduler : str or None, optional
+        Address of a dask scheduler, whose workers see the same folders.
+    progress : callable or None, optional
+        Called with (what, done, of).
+    notice : callable or None, optional
+        Called with what should be known of files and failures.
+
+    Returns
+    -------
+    WorkResult
+        A row a campaign, in the order of their names, and those that could not be fitted.
+
+    Raises
+    ------
+    CampaignError
+        If the folder holds no campaign.
+    EffectError
+        If an effect is unknown.
+    OutputError
+        If `out` holds something else.
+    StudyError
+        If the workers are lost.
+    """
+    folder, out = Path(campaigns).resolve(), Path(out)
+    by_name(effects)
+    settings = replace(settings or Settings(), seed=seed, threads=1)
+    options = {
+        "effects": list(effects),
+        "drive": drive,
+        "settings": asdict(settings),
+        "as_stated": as_stated,
+        "anyway": anyway,
+    }
+    task = CampaignFit(folder, tuple(effects), drive, settings, as_stated, anyway)
+    work = Work("campaigns", task, _ids(folder, out), seed, options)
+    # Rows belong to the campaigns' contents: the folder may get more of them.
+    owner = ResultFolder(out, "fit of many", "fits_of.json", FORMAT, "", options)
+    owner.claim()
+    execution = Execution(engine, jobs, scheduler, progress, notice)
+    result = execution.run(work, out / "shards")
+    if result.rows:
+        _write_table(result, out / "fits.parquet")
+    text = json.dumps(fits_json(result), indent=1, allow_nan=False)
+    write_atomically(out / "fit_many.json", text + "\n")
+    return result
+
+
+def fits_json(result: WorkResult) -> dict[str, Any]:
+    """What `fit-many --json` prints.
+
+    Parameters
+    ----------
+    result : WorkResult
+        Of `fit_many`.
+
+    Returns
+    -------
+    dict
+        A row a campaign, and the failures with their reasons.
+    """
+    rows = [{k: v for k, v in row.items() if k != "task" and v is not None} for row in result.rows]
+    failures = [
+        {"campaign": f.task.rpartition(_AT)[0], "error": f.error, "reason": f.reason}
+        for f in result.failures
+    ]
+    return json_ready({"format": FORMAT, "campaigns": rows, "failures": failures})
+
+
+def _ids(folder: Path, out: Path) -> tuple[str, ...]:
+    """A task for every campaign below a folder."""
+    if not folder.is_dir():
+        raise CampaignError(
+            "no such folder", where=str(folder), advice="give a folder of campaign folders"
+        )
+    results = out.resolve()
+    found = sorted(path.parent for path in folder.rglob("campaign.toml"))
+    found = [path for path in found if not path.is_relative_to(results)]
+    if not found:
+        raise CampaignError(
+            "holds no campaign.toml, at any depth",
+            where=str(folder),
+            advice="give a folder of campaign folders",
+        )
+    return tuple(f"{path.relative_to(folder).as_posix()}{_AT}{_digest(path)}" for path in found)
+
+
+def _digest(path: Path) -> str:
+    """Digest of a campaign's files; of what is wrong with them where they cannot be read."""
+    try:
+        return campaign_sha256(path)
+    except BayesInertiaError as error:
+        return "unreadable-" + hashlib.sha256(str(error).encode()).hexdigest()
+
+
+def _row_of(summary: dict[str, Any]) -> dict[str, Any]:
+    row: dict[str, Any] = {"trusted": summary["trusted"]}
+    row |= {gate["name"]: gate["passed"] for gate in summary["gates"]}
+    row["reasons"] = "; ".join(summary["reasons"])
+    for name, parameter in summary["parameters"].items():
+        row[name] = parameter["mean"]
+        row |= {f"{name}_{key}": parameter[key] for key in _STATISTICS}
+    for name, moment in summary["derived"].items():
+        row |= {name: moment["mean"], f"{name}_sd": moment["sd"]}
+        row[f"{name}_robust_sd"] = moment["robust_sd"]
+    chi2 = summary["fit"]["reduced_chi2"]
+    row |= {f"reduced_chi2_{channel}": value for channel, value in chi2.items()}
+    row["n_data"] = summary["fit"]["n_data"]
+    return row | {key: summary["diagnostics"][key] for key in _DIAGNOSTICS}
+
+
+def _write_table(result: WorkResult, path: Path) -> None:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    names = dict.fromkeys(key for row in result.rows for key in row if key != "task")
+    table = pa.table({name: [row.get(name) for row in result.rows] for name in names})
+    sink = io.BytesIO()
+    pq.write_table(table, sink)
+    write_atomically(path, sink.getvalue())

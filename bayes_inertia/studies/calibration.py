@@ -1,0 +1,181 @@
+"""Simulation-based calibration: is the truth where the posterior says, as often as it says?
+
+J, K, bias and effects are drawn from the prior, slews are flown in closed loop with noise, and the
+campaign is fitted as real data would be. If prior, simulator, likelihood and sampler belong
+together, the truth's rank among draws of the posterior is uniform (Talts et al. 2018), for every
+quantity that draws give: J, K, principal moments, the correction slew that they predict, and the
+log posterior itself, which notices what all others miss (Modrak et al. 2023).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.flight.final_errors import predict_correction_slew
+from bayes_inertia.flight.plan import PlannedSlew
+from bayes_inertia.flight.plan_flight import Flight
+from bayes_inertia.flight.planned_telemetry import planned_campaign
+from bayes_inertia.flight.simulated_campaigns import draw_flight
+from bayes_inertia.flight.spacecraft import Controller
+from bayes_inertia.inference import optimizer
+from bayes_inertia.inference.laplace import Estimate, marginal
+from bayes_inertia.inference.marginal_posterior import log_density_of
+from bayes_inertia.inference.sampler import Settings, batch_size, sample
+from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.parameters import BASE_NAMES, N_BASE
+from bayes_inertia.studies.calibration_cases import CalibrationCase
+from bayes_inertia.studies.work import Row, Work
+
+Pipeline = Literal["right", "small_sd", "no_scale_factors", "flipped_sign"]
+
+# Nearly independent draws that the truth is ranked among: ranks 0 to 199. With 199 the central
+# intervals of 50, 90 and 95 % are whole numbers of ranks.
+RANKED = 199
+SETTINGS = Settings(ensembles=2, walkers=100, steps=16, max_steps=16, threads=1)
+QUANTITIES = (*BASE_NAMES, "I1", "I2", "I3", "correction slew", "log posterior")
+# The slew [rad] whose correction is predicted, about an axis that all of J and K bear on.
+_CORRECTED_ANGLE = np.radians(60.0)
+_CORRECTED_AXIS = (1.0, 1.0, 1.0)
+# The wrong pipelines: sds too small by this factor; K held this firmly.
+_SMALL_SD = 0.75
+_HELD_SCALE_FACTOR_SIGMA = 1e-7
+
+
+@dataclass(frozen=True)
+class CalibrationFit:
+    """The task: one campaign of a case flown, fitted and ranked.
+
+    Parameters
+    ----------
+    cases : mapping of str to CalibrationCase
+        By name; a task's id is "name/number".
+    pipeline : {"right", "small_sd", "no_scale_factors", "flipped_sign"}
+        The package's fit, or one that is wrong on purpose: sds times 0.75, K forgotten, products of
+        inertia with the wrong sign.
+    """
+
+    cases: Mapping[str, CalibrationCase]
+    pipeline: Pipeline = "right"
+
+    def __call__(self, task_id: str, seed: np.random.SeedSequence) -> Row:
+        """Ranks, truths, means and sds of `QUANTITIES`; and what the fit says about itself."""
+        case = self.cases[task_id.partition("/")[0]]
+        flying, fitting = seed.spawn(2)
+        template = planned_campaign(case.plan, case.mission)
+        flight = draw_flight(template, case.plan, flying, effects=case.effects)
+        campaign = case.as_measured(flight.campaign)
+        if self.pipeline == "no_scale_factors":
+            campaign = _with_held_scale_factors(campaign)
+        number = int(fitting.generate_state(1)[0])
+        model = Model(campaign, case.effects)
+        estimate = optimizer.estimate(model, seed=number, starts=1)
+        settings = replace(SETTINGS, seed=number)
+        chains = sample(estimate, settings, shared_code=True)
+        # The last draws of different walkers: hardly correlated, nearly every step proposes anew.
+        draws = chains.samples[:, :, -1].reshape(-1, chains.samples.shape[-1])[:RANKED]
+        values = _quantities(case, estimate, _changed(draws, self.pipeline))
+        truth = _quantities(case, estimate, _truth(flight, model)[None])[0]
+        return {
+            "rank": (values < truth).sum(0),
+            "truth": truth,
+            "mean": values.mean(0),
+            "sd": values.std(0, ddof=1),
+            "reduced_chi2": estimate.tests["total"].reduced_chi2,
+            "explained": not any(test.rejected for test in estimate.tests.values()),
+            "nested_rhat": chains.diagnostics.nested_rhat_max,
+        }
+
+
+def calibration_work(
+    cases: Sequence[CalibrationCase], fits: int, seed: int = 0, pipeline: Pipeline = "right"
+) -> Work:
+    """A calibration as the tasks of a study.
+
+    Parameters
+    ----------
+    cases : sequence of CalibrationCase
+        What is flown.
+    fits : int
+        How many in all; the cases share them evenly.
+    seed : int
+        Of the study.
+    pipeline : {"right", "small_sd", "no_scale_factors", "flipped_sign"}
+        See `CalibrationFit`.
+
+    Returns
+    -------
+    Work
+        A case's fits have the ids "name/0", "name/1", ...
+    """
+    each = -(-fits // len(cases))
+    ids = tuple(f"{case.name}/{i}" for case in cases for i in range(each))
+    options: dict[str, Any] = {
+        "cases": {case.name: repr((case.plan, case.effects)) for case in cases},
+        "settings": repr(SETTINGS),
+        "ranked": RANKED,
+        "pipeline": pipeline,
+    }
+    task = CalibrationFit({case.name: case for case in cases}, pipeline)
+    return Work("fits", task, ids, seed, options)
+
+
+def _truth(flight: Flight, model: Model) -> np.ndarray:
+    """The flight's theta (d,), effects included."""
+    theta, values = np.array(model.space.mean, dtype=float), flight.spacecraft.values
+    theta[:N_BASE] = flight.mission.theta
+    for effect in model.effects:
+        parameters = effect.parameters(flight.campaign)
+        parts = [np.ravel(values[effect.name][parameter.name]) for parameter in parameters]
+        theta[model.space.slice_of(effect.name)] = np.concatenate(parts)
+    return theta
+
+
+def _quantities(case: CalibrationCase, estimate: Estimate, thetas: np.ndarray) -> np.ndarray:
+    """`QUANTITIES` (n, 14) of each theta (n, d)."""
+    density = log_density_of(
+        estimate.model.structure,
+        marginal(estimate),
+        batch=batch_size(estimate),
+        shared_code=True,
+    )
+    base = thetas[:, :N_BASE]
+    return np.column_stack(
+        [
+            base,
+            inertia_tensor.principal_moments(base[:, :6]),
+            _correction_slews(case, base),
+            density(thetas),
+        ]
+    )
+
+
+def _correction_slews(case: CalibrationCase, thetas: np.ndarray) -> np.ndarray:
+    """Correction slew (n,) [rad] that each J and K (n, 9) predict, flown on the prior's mean."""
+    mission = case.mission.at_prior_mean()
+    craft = replace(mission.spacecraft, bias=(0.0, 0.0, 0.0))
+    plan = replace(case.plan, slews=(PlannedSlew(_CORRECTED_AXIS, _CORRECTED_ANGLE),))
+    controller = Controller(craft.inertia_B, craft.scale_factor)
+    return predict_correction_slew(thetas, plan, replace(mission, spacecraft=craft), controller)
+
+
+def _with_held_scale_factors(campaign: Campaign) -> Campaign:
+    sensor = replace(campaign.rate_sensor, scale_factor_sigma=(_HELD_SCALE_FACTOR_SIGMA,) * 3)
+    return replace(campaign, rate_sensor=sensor)
+
+
+def _changed(draws: np.ndarray, pipeline: Pipeline) -> np.ndarray:
+    """The draws as a pipeline reports them."""
+    if pipeline == "small_sd":
+        mean = draws.mean(0)
+        return mean + _SMALL_SD * (draws - mean)
+    if pipeline == "flipped_sign":
+        changed = draws.copy()
+        changed[:, 3:6] *= -1.0
+        return changed
+    return draws

@@ -1,0 +1,130 @@
+"""Plans side by side: what to expect of each, what simulated campaigns achieve, what they cost."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import joblib
+
+from bayes_inertia.design.comparison import Contender, assess_plan
+from bayes_inertia.design.limits import Limits
+from bayes_inertia.design.simulated_fits import AchievedErrors
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.flight.mission import Mission
+from bayes_inertia.flight.plan import Plan
+from bayes_inertia.studies.engine import Notice, Progress
+from bayes_inertia.studies.pools import Engine, Pool, open_pool
+from bayes_inertia.studies.simulated_fits import fit_simulated_campaigns
+
+
+def compare_plans(
+    plans: Sequence[Plan] | Mapping[str, Plan],
+    mission: Mission,
+    *,
+    limits: Limits | None = None,
+    simulated: int = 0,
+    seed: int = 0,
+    jobs: int = 1,
+    engine: Engine | None = None,
+    scheduler: str | None = None,
+    folder: Path | None = None,
+    progress: Progress | None = None,
+    notice: Notice | None = None,
+) -> tuple[Contender, ...]:
+    """Compare plans of one mission.
+
+    Parameters
+    ----------
+    plans : sequence of Plan, or mapping of str to Plan
+        Under their own names, or under those given.
+    mission : Mission
+        Wheels and sensors, J to expect, and how well it is known.
+    limits : Limits, optional
+        None for those of the hardware alone.
+    simulated : int, optional
+        Campaigns to fly and fit in full for each plan, each with its own J, K and bias from the
+        prior; all plans meet the same.
+    seed : int, optional
+        Of those.
+    jobs : int, optional
+        How many processes share the work.
+    engine : {"process", "joblib", "dask"} or None, optional
+        Where campaigns are fitted; None for this process or joblib's, by `jobs`.
+    scheduler : str or None, optional
+        Address of a dask scheduler.
+    folder : Path or None, optional
+        Where fits are kept, so that a comparison that was killed goes on.
+    progress : callable or None, optional
+        Called with (what, done, of).
+    notice : callable or None, optional
+        Called with what should be known of files and failures.
+
+    Returns
+    -------
+    tuple of Contender
+        In the order of the plans.
+
+    Raises
+    ------
+    CampaignError
+        If there is no plan, or two have one name.
+    StudyError
+        If a campaign could not be fitted, or the workers are lost.
+
+    Examples
+    --------
+    >>> from bayes_inertia.flight.mission import most_like_mission
+    >>> compare_plans([], most_like_mission())
+    Traceback (most recent call last):
+    bayes_inertia.errors.CampaignError: plans: no plan to compare; give each its own name
+    """
+    named = dict(plans) if isinstance(plans, Mapping) else {plan.name: plan for plan in plans}
+    if not named or len(named) < len(plans):
+        raise CampaignError(
+            "no plan to compare" if not named else "two plans have one name",
+            where="plans",
+            advice="give each its own name",
+        )
+    mean = mission.at_prior_mean()
+    mean = replace(mean, spacecraft=replace(mean.spacecraft, bias=None))
+    limits = limits or Limits()
+    if not simulated:
+        return tuple(
+            assess_plan(name, plan, mean, limits, seed=seed) for name, plan in named.items()
+        )
+    with open_pool(engine, jobs, scheduler) as pool:
+        callbacks = {"progress": progress, "notice": notice}
+        fits = _Fits(mean, joblib.hash(mean), simulated, seed, folder, callbacks)
+        return tuple(
+            assess_plan(name, plan, mean, limits, seed=seed, achieved=fits.of_plan(plan, pool))
+            for name, plan in named.items()
+        )
+
+
+@dataclass(frozen=True)
+class _Fits:
+    """What campaigns of every plan share."""
+
+    mission: Mission
+    mission_digest: str
+    simulated: int
+    seed: int
+    folder: Path | None
+    callbacks: dict[str, Any]
+
+    def of_plan(self, plan: Plan, pool: Pool) -> AchievedErrors:
+        """What fits to simulated campaigns of one plan achieved."""
+        digest = joblib.hash(plan)
+        return fit_simulated_campaigns(
+            plan,
+            self.mission,
+            self.simulated,
+            self.seed,
+            pool=pool,
+            folder=None if self.folder is None else self.folder / digest,
+            options={"plan": digest, "mission": self.mission_digest},
+            **self.callbacks,
+        )

@@ -1,0 +1,177 @@
+"""Are ranks uniform? The exact simultaneous band of their ECDF, and the coverage of intervals.
+
+The ECDF of n uniform ranks leaves a band of c standard errors with a probability that is computed
+exactly, by following the number of ranks below each value (Säilynoja, Bürkner and Vehtari 2022).
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy import stats
+from scipy.optimize import brentq
+from scipy.special import gammaln, xlog1py, xlogy
+
+LEVELS = (0.5, 0.9, 0.95)
+# Bands are looked for between these many standard errors.
+_NARROWEST, _WIDEST = 0.5, 12.0
+
+
+class Coverage(NamedTuple):
+    """How often a central interval held the truth.
+
+    Parameters
+    ----------
+    level : float
+        That the interval states.
+    share : float
+        That it reached.
+    low, high : float
+        95 % interval of the share (Clopper and Pearson).
+    """
+
+    level: float
+    share: float
+    low: float
+    high: float
+
+
+def ecdf_departure(ranks: np.ndarray, ranked: int) -> np.ndarray:
+    """ECDF of ranks minus that of uniform ones, in standard errors.
+
+    Parameters
+    ----------
+    ranks : (n,) array of int
+        From 0 to `ranked`.
+    ranked : int
+        Draws that the truth was ranked among.
+
+    Returns
+    -------
+    (ranked,) array
+        At every possible rank but the last.
+    """
+    p = np.arange(1, ranked + 1) / (ranked + 1)
+    below = np.searchsorted(np.sort(ranks), np.arange(ranked), side="right") / len(ranks)
+    return (below - p) / np.sqrt(p * (1.0 - p) / len(ranks))
+
+
+@cache
+def probability_inside(n: int, ranked: int, width: float) -> float:
+    """Probability that the ECDF of n uniform ranks stays inside a band everywhere.
+
+    Parameters
+    ----------
+    n : int
+        Ranks.
+    ranked : int
+        Draws that the truth was ranked among.
+    width : float
+        Half width of the band, in standard errors.
+
+    Returns
+    -------
+    float
+        Exact, but for rounding.
+
+    Examples
+    --------
+    One rank among one draw is 0 or 1: half a standard error is never enough.
+
+    >>> probability_inside(1, 1, 0.5), round(probability_inside(1, 1, 1.5), 6)
+    (0.0, 1.0)
+    """
+    log_factorial = gammaln(np.arange(n + 2) + 1.0)
+    counts, weight = np.array([0]), np.array([1.0])
+    for k in range(1, ranked + 1):
+        p = k / (ranked + 1)
+        half = width * np.sqrt(n * p * (1.0 - p))
+        low, high = int(np.ceil(n * p - half - 1e-9)), int(np.floor(n * p + half + 1e-9))
+        allowed = np.arange(max(low, 0), min(high, n) + 1)
+        more, left = allowed[:, None] - counts, n - counts
+        possible = (more >= 0) & (more <= left)
+        j, chance = np.where(possible, more, 0), 1.0 / (ranked + 2 - k)
+        log_pmf = log_factorial[left] - log_factorial[j] - log_factorial[left - j]
+        log_pmf = log_pmf + xlogy(j, chance) + xlog1py(left - j, -chance)
+        weight = np.where(possible, np.exp(log_pmf), 0.0) @ weight
+        counts = allowed
+        if not len(counts):
+            return 0.0
+    return float(weight.sum())
+
+
+@cache
+def ecdf_band(n: int, ranked: int, level: float) -> float:
+    """Half width of the band that holds the whole ECDF of n uniform ranks.
+
+    Parameters
+    ----------
+    n : int
+        Ranks.
+    ranked : int
+        Draws that the truth was ranked among.
+    level : float
+        With this probability.
+
+    Returns
+    -------
+    float
+        In standard errors.
+    """
+    return float(
+        brentq(
+            lambda width: probability_inside(n, ranked, width) - level,
+            _NARROWEST,
+            _WIDEST,
+            xtol=1e-3,
+        )
+    )
+
+
+def rank_p_value(ranks: np.ndarray, ranked: int) -> float:
+    """Probability that uniform ranks depart as far as these.
+
+    Parameters
+    ----------
+    ranks : (n,) array of int
+        From 0 to `ranked`.
+    ranked : int
+        Draws that the truth was ranked among.
+
+    Returns
+    -------
+    float
+        Small if the ranks are not uniform.
+    """
+    largest = float(np.abs(ecdf_departure(ranks, ranked)).max())
+    return max(0.0, 1.0 - probability_inside(len(ranks), ranked, largest - 1e-6))
+
+
+def coverage_of(ranks: np.ndarray, ranked: int, level: float) -> Coverage:
+    """How often the central interval between draws held the truth.
+
+    Parameters
+    ----------
+    ranks : (n,) array of int
+        From 0 to `ranked`.
+    ranked : int
+        Draws that the truth was ranked among.
+    level : float
+        Of the interval; `ranked` + 1 times half of what it leaves out is a whole number.
+
+    Returns
+    -------
+    Coverage
+        With its binomial interval.
+
+    Examples
+    --------
+    >>> coverage_of(np.arange(200), 199, 0.9).share
+    0.9
+    """
+    outside = round((ranked + 1) * 0.5 * (1.0 - level))
+    inside = int(((ranks >= outside) & (ranks <= ranked - outside)).sum())
+    interval = stats.binomtest(inside, len(ranks)).proportion_ci(0.95)
+    return Coverage(level, inside / len(ranks), float(interval.low), float(interval.high))

@@ -1,0 +1,161 @@
+"""Simulated campaigns of a plan, each fitted in full: what their errors say."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_inertia.design.simulated_fits import AchievedErrors, fit_simulated_campaign
+from bayes_inertia.errors import StudyError
+from bayes_inertia.flight.mission import Mission
+from bayes_inertia.flight.plan import Plan
+from bayes_inertia.studies.engine import Notice, Progress, run_work
+from bayes_inertia.studies.pools import InProcess, Pool
+from bayes_inertia.studies.work import Row, Work, WorkResult
+
+
+@dataclass(frozen=True)
+class SimulatedFit:
+    """The task: fly a plan with a truth from the prior, and fit it.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is flown.
+    mission : Mission
+        Wheels, sensors and prior.
+    """
+
+    plan: Plan
+    mission: Mission
+
+    def __call__(self, task_id: str, seed: np.random.SeedSequence) -> Row:
+        """Errors and stated sds of one campaign."""
+        return fit_simulated_campaign(self.plan, self.mission, seed)
+
+
+def simulated_fits(
+    plan: Plan,
+    mission: Mission,
+    campaigns: int | range,
+    seed: int = 0,
+    *,
+    options: Mapping[str, Any] | None = None,
+) -> Work:
+    """Campaigns of one plan as the tasks of a study.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is flown.
+    mission : Mission
+        Wheels, sensors and prior.
+    campaigns : int or range
+        How many campaigns, or the numbers of those wanted.
+    seed : int, optional
+        Campaign i of two plans has the same truth for the same seed.
+    options : mapping, optional
+        What tells plan and mission from others, where rows are kept in a folder.
+
+    Returns
+    -------
+    Work
+        Whose rows are those of `AchievedErrors`.
+    """
+    numbers = range(campaigns) if isinstance(campaigns, int) else campaigns
+    ids = tuple(str(number) for number in numbers)
+    return Work("campaigns", SimulatedFit(plan, mission), ids, seed, options or {})
+
+
+def achieved_errors(result: WorkResult, least: int = 1) -> AchievedErrors:
+    """The rows of `simulated_fits` as arrays.
+
+    Parameters
+    ----------
+    result : WorkResult
+        Of that work.
+    least : int, optional
+        How many must have been fitted.
+
+    Returns
+    -------
+    AchievedErrors
+        In the order of the campaigns; those that failed are left out.
+
+    Raises
+    ------
+    StudyError
+        If fewer could be fitted.
+    """
+    if len(result.rows) < least:
+        raise StudyError(
+            f"{len(result.rows)} campaigns could be fitted; the first that could not: "
+            f"{result.failures[0].reason}",
+            where="simulated campaigns",
+            advice="look at the plan and at the campaign's prior",
+        )
+    return AchievedErrors(*(result.column(field.name) for field in fields(AchievedErrors)))
+
+
+def fit_simulated_campaigns(
+    plan: Plan,
+    mission: Mission,
+    campaigns: int | range,
+    seed: int = 0,
+    *,
+    pool: Pool | None = None,
+    folder: Path | None = None,
+    options: Mapping[str, Any] | None = None,
+    progress: Progress | None = None,
+    notice: Notice | None = None,
+) -> AchievedErrors:
+    """Fly a plan many times with noise, and fit each campaign in full.
+
+    Each campaign has another truth, drawn from the prior.
+
+    Parameters
+    ----------
+    plan : Plan
+        What is flown.
+    mission : Mission
+        Wheels, sensors and prior.
+    campaigns : int or range
+        How many campaigns, or the numbers of those wanted.
+    seed : int, optional
+        Campaign i of two plans has the same truth for the same seed.
+    pool : Pool or None, optional
+        Where they are fitted; None: in this process.
+    folder : Path or None, optional
+        Where rows are kept; None: in memory.
+    options : mapping, optional
+        What tells plan and mission from others, where rows are kept in a folder.
+    progress : callable or None, optional
+        Called with (what, done, of).
+    notice : callable or None, optional
+        Called with what should be known of files and failures.
+
+    Returns
+    -------
+    AchievedErrors
+        In the order of the campaigns.
+
+    Raises
+    ------
+    StudyError
+        If a campaign could not be fitted.
+    """
+    work = simulated_fits(plan, mission, campaigns, seed, options=options)
+    result = run_work(work, pool or InProcess(), folder, progress=progress, notice=notice)
+    if result.failures:
+        first = result.failures[0]
+        raise StudyError(
+            f"{len(result.failures)} of {len(work.ids)} campaigns could not be fitted, the first "
+            f"because of: {first.reason}",
+            where=f"{plan.name}, campaign {first.task}",
+            advice="look at the plan and at the campaign's prior",
+        )
+    return achieved_errors(result)

@@ -1,0 +1,144 @@
+"""The engine: the same bits from every executor, in any order, after any interruption."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from support.cheap_tasks import Flaky, Slow, exact, numbers, work_of
+
+from bayes_inertia.errors import SettingsError, StudyError
+from bayes_inertia.studies.engine import run_work
+from bayes_inertia.studies.pools import InProcess, open_pool
+from bayes_inertia.studies.store import LEDGER
+from bayes_inertia.studies.study_lock import study_lock
+from bayes_inertia.studies.work import Work, task_seed
+
+NAMES = ("MOST 2005", "delft/7", "weak/0", "weak/1", "weak/11", "12", "../../etc", "ä b")
+
+
+class Stop(BaseException):
+    """What a signal raises in the driver."""
+
+
+def shards(folder) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in sorted(folder.glob("*.parquet"))}
+
+
+@pytest.fixture(scope="module")
+def workers():
+    with open_pool("joblib", 2) as pool:
+        yield pool
+
+
+def test_joblib_and_this_process_give_the_same_bits(tmp_path, workers):
+    here = run_work(work_of(30), InProcess(), tmp_path / "here")
+    there = run_work(work_of(30), workers, tmp_path / "there")
+    packed = run_work(work_of(30, batch_size=7), workers)
+    assert exact(here) == exact(there) == exact(packed)
+    assert shards(tmp_path / "here") == shards(tmp_path / "there")
+    assert len(shards(tmp_path / "here")) == 8
+    assert exact(run_work(work_of(30, seed=8), InProcess())) != exact(here)
+
+
+def test_a_seed_depends_on_nothing_but_the_study_and_the_task():
+    every = run_work(work_of(NAMES), InProcess())
+    for name in NAMES:
+        alone = run_work(work_of([name]), InProcess())
+        assert [row for row in exact(every) if row[0] == name] == exact(alone)
+    drawn = {task_seed(seed, name).generate_state(4).tobytes() for seed in (0, 1) for name in NAMES}
+    assert len(drawn) == 2 * len(NAMES)
+    # Numbered tasks have numpy's own spawned seeds.
+    expected = np.random.SeedSequence(3).spawn(13)[12].generate_state(4)
+    np.testing.assert_array_equal(task_seed(3, "12").generate_state(4), expected)
+
+
+@pytest.mark.parametrize("ended", [1, 5, 9, 23])
+def test_an_interrupted_study_goes_on_to_the_same_bits(tmp_path, workers, ended):
+    whole = run_work(work_of(24), InProcess(), tmp_path / "whole")
+    done = []
+
+    def stop(what, count, of):
+        done.append(count)
+        if count == ended:
+            raise Stop
+
+    with pytest.raises(Stop):
+        run_work(work_of(24), InProcess(), tmp_path / "cut", progress=stop)
+    assert run_work(work_of(24), workers, tmp_path / "cut", progress=lambda *a: done.append(a[1]))
+    # Nothing that was finished is done again, nothing is forgotten.
+    assert done == list(range(1, 25))
+    assert shards(tmp_path / "cut") == shards(tmp_path / "whole")
+    assert exact(run_work(work_of(24), InProcess(), tmp_path / "cut")) == exact(whole)
+
+
+def test_more_tasks_are_added_to_those_that_are_there(tmp_path):
+    few = run_work(work_of(6), InProcess(), tmp_path)
+    done = []
+    more = run_work(work_of(11), InProcess(), tmp_path, progress=lambda *a: done.append(a[1]))
+    assert exact(more)[:6] == exact(few)
+    assert done == [7, 8, 9, 10, 11]
+    assert exact(run_work(work_of(6), InProcess(), tmp_path)) == exact(few)
+    assert exact(run_work(work_of(11), InProcess())) == exact(more)
+
+
+def test_failures_stand_in_a_ledger_with_their_reasons(tmp_path):
+    mended, said = tmp_path / "mended", []
+    work = work_of(9, Flaky(bad=("2",), broken=("5",), mended=mended))
+    first = run_work(work, InProcess(), tmp_path / "run", notice=said.append)
+    assert [(f.task, f.error, f.final) for f in first.failures] == [
+        ("2", "CampaignError", True),
+        ("5", "ZeroDivisionError", False),
+    ]
+    assert "numbers: 2 failed: 2: no telemetry; fly again" in said
+    ledger = json.loads((tmp_path / "run" / LEDGER).read_text())
+    assert [entry["reason"] for entry in ledger["failures"]] == [
+        "2: no telemetry; fly again",
+        "a bug",
+    ]
+    # Bad data stay bad; the bug is tried again.
+    mended.touch()
+    done = []
+    second = run_work(work, InProcess(), tmp_path / "run", progress=lambda *a: done.append(a[1]))
+    assert done == [9]
+    assert [f.task for f in second.failures] == ["2"]
+    assert [row["task"] for row in second.rows] == [i for i in work.ids if i != "2"]
+
+
+def test_a_task_that_kills_its_workers_is_named_and_the_others_are_done():
+    work = work_of(12, Flaky(deadly=("4",)))
+    with open_pool("joblib", 2) as pool:
+        result = run_work(work, pool)
+    assert [f.task for f in result.failures] == ["4"]
+    assert "died 3 times" in result.failures[0].reason
+    good = [row for row in exact(run_work(work_of(12), InProcess())) if row[0] != "4"]
+    assert exact(result) == good
+
+
+def test_two_runs_do_not_share_a_folder(tmp_path):
+    with study_lock(tmp_path), pytest.raises(StudyError, match="another run"):
+        run_work(work_of(3), InProcess(), tmp_path)
+    assert len(run_work(work_of(3), InProcess(), tmp_path).rows) == 3
+
+
+def test_time_left_is_told():
+    told = []
+    run_work(work_of(3, Slow(0.2)), InProcess(), progress=lambda *a: told.append(a))
+    assert [(done, of) for _, done, of in told] == [(1, 3), (2, 3), (3, 3)]
+    assert told[-1][0] == "numbers, 0 s left"
+
+
+def test_requests_that_cannot_be_are_refused():
+    with pytest.raises(SettingsError, match="no task"):
+        Work("numbers", numbers, ())
+    with pytest.raises(SettingsError, match="twice"):
+        Work("numbers", numbers, ("1", "1"))
+    for engine, jobs, scheduler in (
+        ("process", 2, None),
+        ("joblib", 0, None),
+        ("joblib", 2, "tcp://nowhere:1"),
+        ("slurm", 1, None),
+    ):
+        with pytest.raises(SettingsError), open_pool(engine, jobs, scheduler):
+            pass
