@@ -47,7 +47,8 @@ _QUATERNIONS: tuple[tuple[tuple[str, ...], str], ...] = (
 # What a date and time of ISO 8601 begins with, by calendar or by day of year.
 _DATE = re.compile(r"\d{4}-(\d{2}-\d{2}|\d{3})[T ]\d{2}:\d{2}")
 _TIME = re.compile(
-    r"(t|time|times|utc|tai|gps|epoch|timestamps?|tow|week|met|sclk|unix|posix|date|datetime|sec|s)"
+    r"(t|time|times|utc|tai|gps|epoch|timestamps?|tow|week|met|sclk|unix|posix|mjd|jd|date|datetime|"
+    r"(unix|gps|posix|time)(time|stamp)[a-z]*|sec|s)"
 )
 # The first that fits a family's words and file decides.
 _KINDS: tuple[tuple[str, re.Pattern[str]], ...] = (

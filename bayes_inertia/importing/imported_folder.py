@@ -12,6 +12,7 @@ import numpy as np
 
 from bayes_inertia.campaign.schema import FORMAT
 from bayes_inertia.importing.common_clock import Logs
+from bayes_inertia.importing.leap_seconds import tai_to_utc
 from bayes_inertia.importing.mapping import rate_sensor_axes
 from bayes_inertia.importing.mapping_schema import MappingPart
 from bayes_inertia.importing.rest_noise import RestNoise
@@ -232,18 +233,18 @@ def zero_of_clock(logs: Logs) -> str:
     Returns
     -------
     str
-        A date in TAI, or that it is unknown.
+        A date in UTC, as `[[slews]]` of a mapping writes it, or that it is unknown.
 
     Examples
     --------
-    >>> zero_of_clock(Logs({}, 0, True))
-    '1958-01-01T00:00:00.000000000 TAI'
+    >>> zero_of_clock(Logs({}, 2_151_144_037_250_000_000, True))
+    '2026-03-02T12:00:00.25Z'
     """
     if not logs.absolute:
         return "a zero of the logs, whose date is unknown"
-    days, ns = divmod(logs.epoch_ns, 86_400_000_000_000)
-    day = np.datetime64("1958-01-01") + np.timedelta64(days, "D")
-    return f"{day.astype('datetime64[ns]') + np.timedelta64(ns, 'ns')} TAI"
+    ns = np.timedelta64(tai_to_utc(logs.epoch_ns), "ns")
+    whole, _, part = str(np.datetime64("1958-01-01", "ns") + ns).partition(".")
+    return f"{whole}.{part}".rstrip("0").rstrip(".") + "Z"
 
 
 def _window(window: Any) -> dict[str, Any]:

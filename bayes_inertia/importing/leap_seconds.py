@@ -57,6 +57,30 @@ def utc_to_tai(utc_ns: np.ndarray) -> np.ndarray:
     return utc_ns + np.where(held >= 0, offset[np.maximum(held, 0)], 0)
 
 
+def tai_to_utc(tai_ns: int) -> int:
+    """A moment of TAI on the scale of UTC.
+
+    Parameters
+    ----------
+    tai_ns : int
+        Nanoseconds of TAI since 1958-01-01T00:00:00 TAI.
+
+    Returns
+    -------
+    int
+        Nanoseconds since 1958 of UTC, a day counted as 86400 s.
+
+    Examples
+    --------
+    >>> moment = 21550 * 86400 * SECOND
+    >>> tai_to_utc(int(utc_to_tai(np.array(moment)))) == moment
+    True
+    """
+    start, offset = leap_table()
+    held = int(np.searchsorted(start + offset, tai_ns, side="right")) - 1
+    return tai_ns - (int(offset[held]) if held >= 0 else 0)
+
+
 def has_leap_second(day_end_ns: int) -> bool:
     """Whether a UTC day ends with a second 23:59:60.
 

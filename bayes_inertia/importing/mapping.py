@@ -10,6 +10,7 @@ import numpy as np
 from bayes_inertia.campaign.checked_toml import checked_document, toml_document
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes, text_of
+from bayes_inertia.importing.alike_wheels import with_alike_wheels
 from bayes_inertia.importing.attitude_forms import COLUMNS_OF_FORM, AttitudeConvention, bad_attitude
 from bayes_inertia.importing.mapping_schema import (
     AttitudeStream,
@@ -77,7 +78,7 @@ def parse_mapping(text: str, label: str) -> MappingPart:
     """
     document = toml_document(text, label)
     refuse_open_questions(document, label)
-    mapping = checked_document(document, label, MappingPart)
+    mapping = checked_document(with_alike_wheels(document, label), label, MappingPart)
     _check_streams(mapping, label)
     for stream in mapping.streams:
         where = f"{label}, key streams.{stream.holds}"

@@ -21,7 +21,7 @@ QUESTIONS: Mapping[str, str] = MappingProxyType(
         "streams.time.names": "Which column holds the time? (two for GPS week and seconds)",
         "streams.time.kind": (
             'Which clock? utc, tai, gps, tt for dates as text; "gps_s", "gps_week", "tai_s", '
-            '"unix_s", "unix_ms" for counts; "s", "ms", "us" from a zero of its own. The '
+            '"unix_s", "unix_ms", ... for counts; "s", "ms", "us" from a zero of its own. The '
             "telemetry handbook says; UTC and GPS differ by 18 s since 2017."
         ),
         "streams.time.epoch": (

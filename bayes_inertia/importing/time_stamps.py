@@ -19,7 +19,7 @@ from types import MappingProxyType
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.importing.leap_seconds import SECOND, utc_to_tai
+from bayes_inertia.importing.leap_seconds import SECOND, tai_to_utc, utc_to_tai
 from bayes_inertia.importing.raw_table import RawTable
 from bayes_inertia.importing.time_texts import plain_dates, text_to_ns
 from bayes_inertia.maths.values import array_dataclass
@@ -41,14 +41,21 @@ _NUMBERS: Mapping[str, tuple[int, int, bool]] = MappingProxyType(
     {  # Nanoseconds a unit, zero of the clock, whether leap seconds are to be added.
         "gps_s": (SECOND, _GPS_1980, False),
         "gps_ms": (10**6, _GPS_1980, False),
+        "gps_us": (1000, _GPS_1980, False),
         "gps_ns": (1, _GPS_1980, False),
         "tai_s": (SECOND, 0, False),
+        "tai_ms": (10**6, 0, False),
+        "tai_us": (1000, 0, False),
+        "tai_ns": (1, 0, False),
         "unix_s": (SECOND, _TAI_1970, True),
         "unix_ms": (10**6, _TAI_1970, True),
         "unix_us": (1000, _TAI_1970, True),
         "unix_ns": (1, _TAI_1970, True),
     }
 )
+COUNTED_CLOCKS = tuple(_NUMBERS)
+"""Kinds of stamps that count from a date that everybody knows."""
+
 _DAYS: Mapping[str, tuple[float, int, bool]] = MappingProxyType(
     {  # Day of 1958-01-01, what TAI is ahead by [ns], whether leap seconds are to be added.
         "mjd_utc": (_MJD_1958, 0, True),
@@ -138,8 +145,8 @@ def times_to_seconds(
         The column of the stamps; for "gps_week" week and seconds of the week.
     kind : str
         One of `TIME_KINDS`: "s", "ms", "us", "ns", "min", "h" (a clock's own zero); "utc", "tai",
-        "gps", "tt" (texts, calendar or day of year); "gps_s", "gps_week", "tai_s" (since 1958),
-        "unix_s" to "unix_ns"; "mjd_utc", "jd_utc" and these with tai and tt.
+        "gps", "tt" (texts, calendar or day of year); "gps_s" to "gps_ns", "gps_week", "tai_s" to
+        "tai_ns" (since 1958), "unix_s" to "unix_ns"; "mjd_utc", "jd_utc" and these with tai, tt.
     gps_rollovers : int, optional
         For weeks that are cut to ten bits: how often they began anew, such as 2 from 2019-04-07.
 
@@ -182,6 +189,33 @@ def times_to_seconds(
     _check_years(table, names, kind, stamps)
     _check_steps(table, names, stamps)
     return stamps
+
+
+def dates_of(number: float, kind: str) -> np.datetime64 | None:
+    """The date of a count.
+
+    Parameters
+    ----------
+    number : float
+        The count.
+    kind : str
+        One of `COUNTED_CLOCKS`.
+
+    Returns
+    -------
+    datetime64 or None
+        In UTC; None outside the years that are read.
+
+    Examples
+    --------
+    >>> str(dates_of(1456401618.0, "gps_s"))[:19]
+    '2026-03-01T12:00:00'
+    """
+    unit, start, leaps = _NUMBERS[kind]
+    if not _FIRST_NS <= number * unit + start < _LAST_NS:
+        return None
+    ns = round(number * unit) + start
+    return np.datetime64("1958-01-01", "ns") + np.timedelta64(ns if leaps else tai_to_utc(ns), "ns")
 
 
 def _check_kind(table: RawTable, names: Sequence[str], kind: str) -> None:

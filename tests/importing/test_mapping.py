@@ -205,3 +205,15 @@ def test_what_contradicts_an_aem_is_refused(tmp_path, log, a, b, keys, named):
     with pytest.raises(CampaignError) as caught:
         aem_import(tmp_path, log, a, b, keys)
     assert_teaches(caught.value, named)
+
+
+def test_a_wheel_of_the_same_type_takes_what_it_does_not_say_itself():
+    second = '[[wheels]]\nname = "w2"\naxis = [0.0, 1.0, 0.0]\nsame_as = "{}"\n\n[rate_sensor]'
+    one = parse_mapping(MAPPING, "m.toml").wheels[0]
+    two_columns = ('names = ["torque"]', 'names = ["torque", "torque"]')
+    text = with_changes(two_columns, ("[rate_sensor]", second.format(one.name)))
+    wheels = parse_mapping(text, "m.toml").wheels
+    assert wheels[1].spin_inertia == one.spin_inertia
+    assert wheels[1].axis == [0.0, 1.0, 0.0]
+    with pytest.raises(CampaignError, match="wheels.w2.same_as: 'other' is no wheel above it"):
+        parse_mapping(with_changes(two_columns, ("[rate_sensor]", second.format("other"))), "m")

@@ -11,6 +11,7 @@ from support.raw_logs import log_columns, write_csv
 from bayes_inertia.app.cli import main
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError, OutputError
+from bayes_inertia.importing.clock_guess import guessed_clock
 from bayes_inertia.importing.column_families import families, time_names
 from bayes_inertia.importing.import_logs import import_logs
 from bayes_inertia.importing.questions import open_questions
@@ -69,7 +70,6 @@ def log(tmp_path):
 
 
 ANSWERS = {
-    "name": '"small"',
     "tensor": "[[3.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, 2.0]]",
     "relative_sigma": "0.04",
     "product_sigma": "0.03",
@@ -104,11 +104,10 @@ def test_a_started_mapping_asks_and_once_answered_imports(log, tmp_path):
     count = write_starting_mapping([log], mapping)
     text = mapping.read_text()
     asked = open_questions(tomllib.loads(text))
-    assert count == len(asked) > 10
+    assert count == len(asked) == 14
     for key in (
         ("streams", "rate", "unit"),
         ("streams", "rate", "frame"),
-        ("streams", "rate", "time", "epoch"),
         ("streams", "attitude", "scalar"),
         ("streams", "attitude", "maps"),
         ("streams", "wheel_torque", "acts_on"),
@@ -193,3 +192,65 @@ def test_a_column_of_dates_is_the_time_whatever_its_name(tmp_path):
     log.write_text("\n".join(["Zeit;wx;wy;wz", *rows]) + "\n")
     text = starting_mapping([log])
     assert 'time = { names = ["Zeit"], kind = "utc" }' in text
+
+
+KINDS = [
+    ("unix_ms", 1772366400250, "unix_ms"),
+    ("unixTimeUs", 1772366400250000, "unix_us"),
+    ("epoch_us", 1772366400250000, "unix_us"),
+    ("posix", 1772366400.25, "unix_s"),
+    ("gps_ms", 1456401618250, "gps_ms"),
+    ("gps_time", 1456401618.25, "gps_s"),
+    ("tai_ns", 2151144037250000000, "tai_ns"),
+    ("t_ms", 250.0, "ms"),
+    ("time_us", 2.5e6, "us"),
+    ("mjd_utc", 61100.5, "mjd_utc"),
+    # More than one clock fits, or none: only the user can know.
+    ("timestamp", 1772366400.25, "?"),
+    ("time_ms", 1772366400250, "?"),
+    ("gps_s", 216018.0, "s"),
+    ("mjd", 61100.5, "?"),
+]
+
+
+@pytest.mark.parametrize(("name", "first", "kind"), KINDS, ids=[row[0] for row in KINDS])
+def test_a_clock_is_suggested_where_name_and_size_leave_one(name, first, kind):
+    table = RawTable("a.csv", {name: RawColumn(np.array([first, first]))})
+    assert time_names(table) == [name]
+    guess = guessed_clock(table, [name])
+    assert guess.kind == kind
+    assert bool(guess.hint) == (kind == "?" and "mjd" not in name)
+
+
+def test_the_question_of_a_clock_says_what_each_answer_would_mean(tmp_path):
+    columns = {"time": 1772366400.0 + np.arange(4.0)} | {f"w{a}_dps": np.ones(4) for a in "xyz"}
+    text = starting_mapping([write_csv(tmp_path / "gyro.csv", columns)])
+    words = " ".join(text.replace("#", " ").split())
+    assert "2026-03-01T12:00:00Z as unix_s" in words
+
+
+def test_names_of_simulators_say_frame_and_sense(tmp_path):
+    columns = {"t_s": np.arange(4.0)} | {f"omega_BN_B[{k}]": np.ones(4) for k in range(3)}
+    columns |= {f"sigma_BN[{k}]": np.ones(4) for k in range(3)}
+    text = starting_mapping([write_csv(tmp_path / "sim.csv", columns)])
+    streams = {stream["holds"]: stream for stream in tomllib.loads(text)["streams"]}
+    assert (streams["rate"]["unit"], streams["rate"]["frame"]) == ("rad/s", "body")
+    assert streams["attitude"]["maps"] == "inertial_to_body"
+    assert text.count("Basilisk's notation") == 4
+    # Names of one's own leave order and direction open.
+    columns = {"t_s": np.arange(4.0)} | {f"q{k}": np.ones(4) for k in range(4)}
+    asked = open_questions(
+        tomllib.loads(starting_mapping([write_csv(tmp_path / "a.csv", columns)]))
+    )
+    assert {("streams", "attitude", key) for key in ("scalar", "maps", "frame")} <= set(asked)
+
+
+def test_wheels_of_one_type_are_described_once(tmp_path):
+    columns = {"t_s": np.arange(4.0)} | {f"w{a}_dps": np.ones(4) for a in "xyz"}
+    columns |= {f"rw_{a}_rpm": np.ones(4) for a in "xyz"}
+    text = starting_mapping([write_csv(tmp_path / "log.csv", columns)])
+    wheels = tomllib.loads(text)["wheels"]
+    assert [wheel["name"] for wheel in wheels] == ["wheel_x", "wheel_y", "wheel_z"]
+    assert [wheel.get("same_as") for wheel in wheels] == [None, "wheel_x", "wheel_x"]
+    assert wheels[1]["axis"] == [0.0, 1.0, 0.0]
+    assert text.count("# max_momentum = ...") == 1

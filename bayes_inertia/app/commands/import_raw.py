@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 _WIDTH = 80  # Columns of the terminal that the output fits.
 _SPANS_SHOWN = 6
+_SHORTEST_SPAN_S = 1.0  # [s]; shorter parts of a log that no slew needs are not worth a word.
 
 RawFiles = Annotated[list[Path], typer.Argument(help="Raw logs, of any format.")]
 Using = Annotated[Path | None, typer.Option(help="The mapping that says what the logs hold.")]
@@ -127,8 +128,9 @@ def _show_slews(console: Console, imported: ImportedCampaign) -> None:
             for fixes, side in zip(window.fixes, ("before", "after"), strict=True):
                 if not fixes:
                     console.print(f"{window.name}: no star-tracker fix in the rest {side} it")
-    for reason in dict.fromkeys(part.reason for part in cut.dropped):
-        parts = [part for part in cut.dropped if part.reason == reason]
+    dropped = [part for part in cut.dropped if part.end - part.start >= _SHORTEST_SPAN_S]
+    for reason in dict.fromkeys(part.reason for part in dropped):
+        parts = [part for part in dropped if part.reason == reason]
         seconds = sum(part.end - part.start for part in parts)
         spans = ", ".join(f"{part.start:.0f} to {part.end:.0f}" for part in parts[:_SPANS_SHOWN])
         more = f" and {len(parts) - _SPANS_SHOWN} more" if len(parts) > _SPANS_SHOWN else ""

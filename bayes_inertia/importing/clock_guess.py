@@ -1,0 +1,154 @@
+"""Which clock a column of stamps seems to be read from, told from its name, unit and size."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from bayes_inertia.importing.questions import UNKNOWN
+from bayes_inertia.importing.raw_table import RawColumn, RawTable
+from bayes_inertia.importing.time_stamps import COUNTED_CLOCKS, FREE_CLOCKS, dates_of
+
+# Names of units of time -> as a mapping writes them.
+_UNITS: Mapping[str, str] = MappingProxyType(
+    {
+        word: unit
+        for unit, words in {
+            "s": "s sec secs second seconds",
+            "ms": "ms msec msecs millis millisecond milliseconds",
+            "us": "us µs μs usec usecs micros microsecond microseconds",
+            "ns": "ns nsec nsecs nanos nanosecond nanoseconds",
+            "min": "min minute minutes",
+            "h": "h hr hour hours",
+        }.items()
+        for word in words.split()
+    }
+)
+_CLOCKS: Mapping[str, str] = MappingProxyType(
+    {"gps": "gps", "tai": "tai", "unix": "unix", "posix": "unix", "epoch": "unix"}
+)
+# Logs of spacecraft are from these years.
+_FIRST, _LAST = np.datetime64("1995-01-01"), np.datetime64("2060-01-01")
+_WORDS = re.compile(r"[A-Z]?[a-zµμ]+|[A-Z]+(?![a-z])")
+
+
+@dataclass(frozen=True)
+class ClockGuess:
+    """The clock of a column of stamps.
+
+    Parameters
+    ----------
+    kind : str
+        As a mapping names it; "?" where only the user can know it.
+    why : str
+        What shows it; "" for "?".
+    hint : str
+        What helps the user to answer; "" where nothing does.
+    """
+
+    kind: str
+    why: str = ""
+    hint: str = ""
+
+
+def words_of(name: str) -> list[str]:
+    """The words of a column's name, in small letters.
+
+    Parameters
+    ----------
+    name : str
+        Such as "unixMs", "gps_time [s]".
+
+    Returns
+    -------
+    list of str
+        In their order.
+
+    Examples
+    --------
+    >>> words_of("unixMs"), words_of("GPS_time [s]")
+    (['unix', 'ms'], ['gps', 'time', 's'])
+    """
+    return [word.lower() for word in _WORDS.findall(name)]
+
+
+def guessed_clock(table: RawTable, names: Sequence[str]) -> ClockGuess:
+    """The clock of the columns of the time, as far as they show it.
+
+    Parameters
+    ----------
+    table : RawTable
+        The table.
+    names : sequence of str
+        The columns that seem to hold the time.
+
+    Returns
+    -------
+    ClockGuess
+        Its kind; "?" where name, unit and size leave more than one.
+
+    Examples
+    --------
+    >>> ms = RawTable("a.csv", {"unix_ms": RawColumn(np.array([1772366400000.0, 1772366400250.0]))})
+    >>> guessed_clock(ms, ["unix_ms"]).kind
+    'unix_ms'
+    """
+    if not names:
+        return ClockGuess(UNKNOWN)
+    if table.time_kind and list(table.time_names) == list(names):
+        return ClockGuess(table.time_kind, "the file states the kind")
+    if len(names) == 2:
+        return ClockGuess("gps_week", "from the names of the columns")
+    column, words = table.column(names[0]), words_of(names[0])
+    if column.is_text:
+        first = str(column.values[0]).strip()
+        zoned = first.upper().endswith(("Z", "UTC")) or "utc" in words
+        return ClockGuess("utc", "the dates say so") if zoned else ClockGuess(UNKNOWN)
+    return _of_numbers(column, words)
+
+
+def _of_numbers(column: RawColumn, words: Sequence[str]) -> ClockGuess:
+    """The clock of a column of counts."""
+    numbers = column.values.astype(float)
+    numbers = numbers[np.isfinite(numbers)]
+    unit = _UNITS.get(column.unit.lower().strip(), "")
+    stated = bool(unit)
+    if not unit and len(words) > 1:
+        unit = _UNITS.get(words[-1], "")
+    dates = _dates(numbers, unit)
+    for day in ("mjd", "jd"):
+        scales = [scale for scale in ("utc", "tai", "tt") if scale in words]
+        if day in words:
+            named = [f"{day}_{scale}" for scale in scales]
+            kind = named[0] if len(named) == 1 else UNKNOWN
+            return ClockGuess(kind, "from the name of the column" if named else "")
+    clocks = {_CLOCKS[word] for word in words if word in _CLOCKS}
+    fitting = [kind for kind in dates if kind.partition("_")[0] in clocks]
+    if len(fitting) == 1:
+        return ClockGuess(fitting[0], "from the name and the size of the numbers")
+    if dates:
+        listed = ", ".join(f"{date} as {kind}" for kind, date in dates.items())
+        return ClockGuess(UNKNOWN, hint=f"The first row is {listed}.")
+    if unit in FREE_CLOCKS:
+        return ClockGuess(
+            unit, "the file states the unit" if stated else "from the name of the column"
+        )
+    return ClockGuess(UNKNOWN)
+
+
+def _dates(numbers: np.ndarray, unit: str) -> dict[str, str]:
+    """The kinds by which the first stamp is a date of spaceflight, and that date in UTC."""
+    if not len(numbers):
+        return {}
+    dates = {}
+    for kind in COUNTED_CLOCKS:
+        if unit and kind.rpartition("_")[2] != unit:
+            continue
+        date = dates_of(float(numbers[0]), kind)
+        if date is not None and _FIRST < date < _LAST:
+            dates[kind] = f"{date.astype('datetime64[s]')}Z"
+    return dates

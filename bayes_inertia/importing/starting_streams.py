@@ -1,0 +1,179 @@
+"""One `[[streams]]` of a mapping to be filled in."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bayes_inertia.importing.clock_guess import guessed_clock
+from bayes_inertia.importing.column_families import ColumnFamily, time_names
+from bayes_inertia.importing.common_clock import SHARED_ZERO
+from bayes_inertia.importing.known_notation import notation_of
+from bayes_inertia.importing.mapping_text import mapping_comment, mapping_entry, mapping_value
+from bayes_inertia.importing.questions import UNKNOWN, question_at
+from bayes_inertia.importing.raw_table import RawTable
+from bayes_inertia.importing.stated_facts import stated_attitude
+from bayes_inertia.importing.time_stamps import FREE_CLOCKS
+
+_SENSES = {
+    "wheel_torque": "acts_on",
+    "wheel_momentum": "relative_to",
+    "wheel_speed": "relative_to",
+}
+_FROM_NAMES = "from the names of the columns"
+
+
+@dataclass(frozen=True)
+class FileGroup:
+    """Files whose tables have the same columns.
+
+    Parameters
+    ----------
+    files : tuple of Path
+        The files.
+    table_name : str
+        Their table; "" for files that are one table.
+    table : RawTable
+        The first of them.
+    """
+
+    files: tuple[Path, ...]
+    table_name: str
+    table: RawTable
+
+
+def stream_text(
+    group: FileGroup, family: ColumnFamily, *, commented: bool = False, one_clock: bool = False
+) -> str:
+    """A stream of a mapping, with a question at everything that the files do not say.
+
+    Parameters
+    ----------
+    group : FileGroup
+        Where its columns are.
+    family : ColumnFamily
+        The columns.
+    commented : bool, optional
+        Whether it is a second candidate, which the user must choose.
+    one_clock : bool, optional
+        Whether all streams have the stamps of one file, so that their zero is shared.
+
+    Returns
+    -------
+    str
+        TOML with comments.
+    """
+    path = ("streams", family.holds)
+    stated = family.holds == "attitude" and group.table.attitude is not None
+    why = "the file says so" if stated else "a guess from the names"
+    lines = ["[[streams]]", mapping_entry((*path, "holds"), family.holds, why)]
+    lines.append(mapping_entry((*path, "files"), _pattern(group.files)))
+    if group.table_name:
+        lines.append(mapping_entry((*path, "table"), group.table_name))
+    lines += _time(group, path, one_clock)
+    lines.append("offset_s = 0.0  # true time minus stamp [s]")
+    lines += _attitude(group, family) if family.holds == "attitude" else _readings(group, family)
+    flags = [n for n in group.table.columns if re.search(r"valid|flag|status|quality", n.lower())]
+    if flags:
+        lines.append(f'# valid = {{ name = "{flags[0]}", equals = 1 }}  # rows that count')
+    text = "\n".join(lines) + "\n"
+    return "\n".join(f"# {line}" for line in text.splitlines()) + "\n" if commented else text
+
+
+def _pattern(files: Sequence[Path]) -> list[str]:
+    """Names of files; one pattern where they differ in a number only."""
+    names = [path.name for path in files]
+    patterns = {re.sub(r"\d+(?=\D*$)", "*", name) for name in names}
+    return sorted(patterns) if len(names) > 1 and len(patterns) == 1 else names
+
+
+def _readings(group: FileGroup, family: ColumnFamily) -> list[str]:
+    """Columns, unit and sense of readings."""
+    path = ("streams", family.holds)
+    says = notation_of(family.holds, family.names[0])
+    lines = [mapping_entry((*path, "names"), list(family.names))]
+    unit, why = says.get("unit", ("", ""))
+    if family.stated_unit:
+        lines.append(f"# the file states the unit: {family.stated_unit}")
+    elif family.unit or unit:
+        lines.append(mapping_entry((*path, "unit"), family.unit or unit, why or _FROM_NAMES))
+    else:
+        hint = _range(group.table, family.names)
+        lines.append(mapping_entry((*path, "unit"), UNKNOWN, hint=hint))
+    lines.append("# scale = 1.0  # for counts: reading = scale * count + offset, in this unit")
+    key = _SENSES.get(family.holds, "frame")
+    value, why = says.get(key, (UNKNOWN, ""))
+    lines.append(mapping_entry((*path, key), value, why))
+    return lines
+
+
+def _range(table: RawTable, names: Sequence[str]) -> str:
+    """Between what the readings of columns lie."""
+    values = np.concatenate([table.columns[name].values.astype(float) for name in names])
+    values = values[np.isfinite(values)]
+    if not len(values):
+        return ""
+    return f"The readings lie between {values.min():.3g} and {values.max():.3g}."
+
+
+def _attitude(group: FileGroup, family: ColumnFamily) -> list[str]:
+    """Form, columns and sense of attitudes; what the file states is left out."""
+    stated = stated_attitude(group.table)
+    says = notation_of("attitude", family.names[0])
+    path = ("streams", "attitude")
+    values: dict[str, tuple[Any, str]] = {
+        "form": (family.form, ""),
+        "names": (list(family.names), ""),
+    }
+    if family.form == "quaternion":
+        values["scalar"] = (family.scalar or UNKNOWN, _FROM_NAMES)
+    if family.form == "euler":
+        values |= {"sequence": (UNKNOWN, ""), "turns": (UNKNOWN, "")}
+        values["unit"] = (family.unit or family.stated_unit or UNKNOWN, _FROM_NAMES)
+    values |= {key: says.get(key, (UNKNOWN, "")) for key in ("maps", "frame")}
+    lines = [
+        mapping_entry((*path, key), value, why, _scalar_hint(group.table, family, key))
+        for key, (value, why) in values.items()
+        if not stated.get(key)
+    ]
+    if stated:
+        told = ", ".join(
+            f"{key} = {mapping_value(value)}" for key, value in stated.items() if value
+        )
+        lines.append(mapping_comment(f"the file states {told}"))
+    if stated.get("frame") != "body":
+        lines.append('# body_from_tracker = [[...], [...], [...]]  # with frame = "tracker"')
+    return lines
+
+
+def _scalar_hint(table: RawTable, family: ColumnFamily, key: str) -> str:
+    """What the first and the last of four columns read, where the scalar is asked."""
+    if key != "scalar":
+        return ""
+    first, last = (_range(table, [family.names[k]]) for k in (0, -1))
+    return f"{family.names[0]}: {first} {family.names[-1]}: {last}" if first and last else ""
+
+
+def _time(group: FileGroup, path: tuple[str, ...], one_clock: bool) -> list[str]:
+    """The stamps: columns, clock, zero."""
+    table = group.table
+    if table.time_names and table.time_kind and table.time_kind not in FREE_CLOCKS:
+        return [f"# the file states its time: {', '.join(table.time_names)} ({table.time_kind})"]
+    names = time_names(table)
+    guess = guessed_clock(table, names)
+    entry: dict[str, Any] = {"names": names or UNKNOWN, "kind": guess.kind}
+    if guess.kind in FREE_CLOCKS:
+        entry["epoch"] = SHARED_ZERO if one_clock else UNKNOWN
+    hints = {"kind": guess.hint}
+    questions = [
+        mapping_comment(f"{key}: {question_at((*path[:1], 'time', key))} {hints.get(key, '')}")
+        for key, value in entry.items()
+        if value == UNKNOWN
+    ]
+    line = f"time = {mapping_value(entry)}"
+    return [*questions, f"{line}  # {guess.why}" if guess.why else line]
