@@ -53,13 +53,15 @@ _PUBLIC = {
     "SlewCut": "importing.slew_cutting",
     "SlewWindow": "importing.slew_cutting",
     "import_logs": "importing.import_logs",
-    # The model: parameters, effects, simulated motion.
+    # The model: parameters, effects, noise, simulated motion.
+    "ChannelNoise": "physics.channel_noise",
     "CheckedEffect": "physics.check_effect",
     "Drive": "physics.simulator",
     "Effect": "physics.effect",
     "LIBRARY": "physics.effects",
     "LogNormal": "physics.parameters",
     "Model": "physics.forward_model",
+    "NoiseModel": "physics.channel_noise",
     "Normal": "physics.parameters",
     "Parameter": "physics.parameters",
     "ParameterSpace": "physics.parameters",

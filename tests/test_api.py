@@ -25,7 +25,8 @@ PUBLIC = set(
     read_campaign write_campaign
     DroppedPart ImportedCampaign NoiseFit RestNoise SlewCut SlewWindow import_logs
     ConventionChange ConventionsCheck check_conventions
-    CheckedEffect Drive Effect LIBRARY LogNormal Model Normal Parameter ParameterSpace
+    ChannelNoise CheckedEffect Drive Effect LIBRARY LogNormal Model NoiseModel Normal
+    Parameter ParameterSpace
     SlewContext State Trajectory check_effect scalar vector
     Controller Flight Mission Orbit Plan PlannedSlew Spacecraft fly most_like_prior
     most_like_spacecraft paper_like_plan read_plan simulate write_plan

@@ -15,10 +15,12 @@ from bayes_inertia.diagnosis.flexible_mode_search import restarted_with_mode
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import clean_fit
 from bayes_inertia.inference.fit_context import FitContext
+from bayes_inertia.inference.modelled_outliers import with_modelled_outliers
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.posterior_groups import build_posterior
 from bayes_inertia.inference.sampler import Progress, Settings, sample
 from bayes_inertia.inference.treatment import DirtTreatment
+from bayes_inertia.physics.channel_noise import NoiseModel
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.slew_input import Drive
@@ -34,6 +36,7 @@ def fit(
     chains: Path | None = None,
     context: FitContext | None = None,
     as_stated: bool = False,
+    noise: NoiseModel | None = None,
     progress: Progress | None = None,
 ) -> Posterior:
     """Estimate J, K and the parameters of active effects, and sample their posterior.
@@ -56,6 +59,8 @@ def fit(
         Where the campaign comes from and what a diagnosis said before.
     as_stated : bool
         Take telemetry and noise as they are stated: leave no outlier out, measure no noise.
+    noise : NoiseModel or None
+        The noise of each channel; None for Gaussian noise of the stated sigma.
     progress : callable or None
         Called with (what, done, of).
 
@@ -88,7 +93,7 @@ def fit(
         settings = replace(settings, seed=seed)
     if progress:
         progress("optimizing", 0, 1)
-    model = Model(campaign, tuple(effects), drive)
+    model = Model(campaign, tuple(effects), drive, noise or NoiseModel())
     # A flexible mode explains nothing near its null value: it begins at the ringing that is there.
     estimate = restarted_with_mode(optimizer.estimate(model, seed=settings.seed))
     if not as_stated:
@@ -96,6 +101,7 @@ def fit(
         if clean.estimate is not estimate:
             estimate = restarted_with_mode(clean.estimate)
             context = _with_noise_of(context or FitContext(), clean.treatment)
+    estimate = with_modelled_outliers(estimate)
     samples = sample(estimate, settings, folder=chains, progress=progress)
     posterior = build_posterior(estimate, samples, context or FitContext(), settings.seed)
     return _with_seconds(posterior, perf_counter() - began)

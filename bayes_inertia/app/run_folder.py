@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
@@ -25,6 +25,7 @@ from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.sampler import Progress, Settings
+from bayes_inertia.physics.channel_noise import NoiseModel, noise_model_from_json
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.slew_input import Drive
@@ -56,6 +57,8 @@ class Run:
         A run of the kind "diagnose" fits what its diagnosis names.
     as_stated : bool
         Take telemetry and noise as they are stated: no dirt is looked for in residuals.
+    noise : NoiseModel
+        The noise of each channel, of a run of the kind "fit".
     """
 
     campaign_sha256: str
@@ -64,6 +67,7 @@ class Run:
     settings: Settings
     kind: Literal["fit", "diagnose"] = "fit"
     as_stated: bool = False
+    noise: NoiseModel = field(default_factory=NoiseModel)
 
     def owner(self, folder: Path) -> ResultFolder:
         """The claim of this run on a folder.
@@ -89,7 +93,7 @@ class Run:
             options,
             _RESULT_FILES,
             flat=True,
-            defaults={"kind": "fit", "as_stated": False},
+            defaults={"kind": "fit", "as_stated": False, "noise": NoiseModel().json()},
         )
 
 
@@ -127,6 +131,7 @@ def read_run(folder: Path) -> Run:
             Settings(**content["settings"]),
             content.get("kind", "fit"),
             content.get("as_stated", False),
+            noise_model_from_json(content.get("noise", {})),
         )
     except (ValueError, KeyError, TypeError) as error:
         raise CampaignError(
@@ -145,6 +150,7 @@ def start(
     settings: Settings | None = None,
     kind: Literal["fit", "diagnose"] = "fit",
     as_stated: bool = False,
+    noise: NoiseModel | None = None,
 ) -> Run:
     """Begin a run in a folder, or find the same run there (then it goes on).
 
@@ -164,6 +170,8 @@ def start(
         Whether to fit what is given, or what a diagnosis names.
     as_stated : bool
         Take telemetry and noise as they are stated: no dirt is looked for in residuals.
+    noise : NoiseModel or None
+        The noise of each channel; None for Gaussian noise of the stated sigma.
 
     Returns
     -------
@@ -178,9 +186,10 @@ def start(
     OutputError
         If the folder holds another run, or files that a run would overwrite.
     """
-    Model(read_campaign(campaign), by_name(effects), drive)
-    settings = settings or Settings()
-    run = Run(campaign_sha256(campaign), tuple(effects), drive, settings, kind, as_stated)
+    settings, noise = settings or Settings(), noise or NoiseModel()
+    Model(read_campaign(campaign), by_name(effects), drive, noise)
+    digest = campaign_sha256(campaign)
+    run = Run(digest, tuple(effects), drive, settings, kind, as_stated, noise)
     owner = run.owner(folder)
     if not owner.holds_this_work():
         # The copy is part of the claim and goes on with what a kill left of the same copy: where
@@ -254,6 +263,7 @@ def _posterior(folder: Path, run: Run, progress: Progress | None) -> Posterior:
         chains=chains,
         context=FitContext(run.campaign_sha256),
         as_stated=run.as_stated,
+        noise=run.noise,
         progress=progress,
     )
 

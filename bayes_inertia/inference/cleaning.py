@@ -4,6 +4,9 @@ One place decides for every fit and every diagnosis. Outliers are looked for alw
 colour of the noise only where the residuals are not what the stated noise predicts. They are
 measured from what is fast, where a missing effect is not, and believed where they are alike in all
 slews, at rest and in motion. Where nothing is found, the estimate is the very object given.
+
+A channel that was asked for Student-t noise has its outliers modelled: none is left out, and its
+level and colour are taken as given. So is the level of a channel whose scale is sampled.
 """
 
 from __future__ import annotations
@@ -95,7 +98,8 @@ def _repeated(
     if treatment == fit.treatment:
         return fit
     drive = stated.structure.drive
-    model = Model(treated(stated.campaign, treatment, drive), stated.effects, drive)
+    campaign = treated(stated.campaign, treatment, drive)
+    model = Model(campaign, stated.effects, drive, stated.noise)
     return CleanFit(optimizer.estimate(model, seed=seed, discount=discount), treatment)
 
 
@@ -141,9 +145,11 @@ def _outliers(estimate: Estimate) -> tuple[Dirt, ...]:
     bursts = [bursts_of(slew.time[rows]) for slew, rows in zip(slews, fix_rows, strict=True)]
     flags = outlying_fixes(fixes, bursts)
     hit["attitude"] = [rows[flag] for rows, flag in zip(fix_rows, flags, strict=True)]
+    noise = estimate.model.noise
     return tuple(
         Dirt("outliers", channel, slew.name, tuple(rows.tolist()), "masked")
         for channel, found in hit.items()
+        if not noise.of(channel).heavy
         for slew, rows in zip(slews, found, strict=True)
         if len(rows)
     )
@@ -157,8 +163,8 @@ def _plain_series(estimate: Estimate) -> dict[str, list[np.ndarray]]:
 
 def _with_colour(fit: CleanFit) -> DirtTreatment:
     """The treatment with correlated noise of the rate sensor, if that is what there is."""
-    tests = fit.estimate.tests["rate"]
-    if tests.p_white is None or tests.p_white >= REJECT_BELOW:
+    tests, noise = fit.estimate.tests["rate"], fit.estimate.model.noise.rate
+    if noise.heavy or tests.p_white is None or tests.p_white >= REJECT_BELOW:
         return fit.treatment
     slews = fit.estimate.model.campaign.slews
     colour = colour_of(slews, _plain_series(fit.estimate)["rate"])
@@ -174,6 +180,8 @@ def _with_level(fit: CleanFit) -> DirtTreatment:
     rounding = _factors_of_rounding(estimate)
     level, rounded = dict(fit.treatment.level), set(fit.treatment.rounded)
     for channel, factor in noise_factors(estimate).items():
+        if not estimate.model.noise.of(channel).is_stated:
+            continue
         by_rounding = rounding.get(channel, 1.0) if estimate.tests[channel].too_large else 1.0
         alike = factor > 1.0 and (
             channel == "attitude" or is_alike_everywhere(slews, series[channel])

@@ -88,7 +88,7 @@ def _converged(diagnostics: Diagnostics) -> dict[str, Any]:
 
 def _explained(estimate: Estimate, context: FitContext) -> dict[str, Any]:
     """Whether the residuals are what the model and the noise that was taken predict."""
-    tests, noise = estimate.tests, _noise_in_words(context)
+    tests, noise = estimate.tests, _noise_in_words(estimate, context)
     large = [name for name, test in tests.items() if test.too_large]
     small = [name for name, test in tests.items() if test.rejected and not test.too_large]
     says = f"the residuals are what the model and {noise} predict"
@@ -159,8 +159,11 @@ def _cause_of_contradiction(estimate: Estimate) -> str:
     )
 
 
-def _noise_in_words(context: FitContext) -> str:
+def _noise_in_words(estimate: Estimate, context: FitContext) -> str:
     """The noise that the fit took."""
+    asked_for = estimate.model.noise
+    if not asked_for.is_stated:
+        return f"the noise that was asked for ({asked_for.in_words()})"
     factors = context.measured_noise or {}
     louder = [f"{channel} {factor:.2f}" for channel, factor in factors.items() if factor > 1.0]
     if not louder:

@@ -221,6 +221,25 @@ def log_density_of(
         else log_posterior(structure, marginal)
     )
 
+    return in_batches(compiled, batch)
+
+
+def in_batches(compiled: Callable[[Any], Array], batch: int) -> LogDensity:
+    """A compiled density for arrays of numpy of any length.
+
+    Parameters
+    ----------
+    compiled : callable
+        From thetas (batch, d) to log densities (batch,).
+    batch : int
+        Draws evaluated at once.
+
+    Returns
+    -------
+    callable
+        From thetas (n, d) to log densities (n,).
+    """
+
     def log_density(thetas: np.ndarray) -> np.ndarray:
         n = len(thetas)
         padded = np.concatenate([thetas, np.repeat(thetas[-1:], -n % batch, axis=0)])

@@ -17,8 +17,10 @@ import numpy as np
 
 from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.errors import EstimateError
+from bayes_inertia.inference.distinct_optima import distinct_optima
 from bayes_inertia.inference.laplace import Estimate, Starts, residual_series
 from bayes_inertia.inference.likelihood import information_blocks
+from bayes_inertia.inference.noise_estimate import with_noise_model
 from bayes_inertia.inference.noise_model import Whitening, discounted, whitening
 from bayes_inertia.inference.objective import (
     N_BIAS,
@@ -38,10 +40,6 @@ from bayes_inertia.physics.parameters import N_BASE
 _GENTLE_WEIGHT = 1e-4
 # Where a gentle descent may stop: its end is only a beginning.
 _GENTLE_STOP = {"steps": 60, "tolerance": 1e-3}
-# Ends of gentle descents nearer than this [prior sd] are one.
-_SAME_PLACE_SD = 0.1
-# Ends whose (gentle) objective is this much above the best are not followed.
-_MAX_OBJECTIVE_EXCESS = 1.0
 # Reduced chi^2 above which a gentle descent has lost its way.
 _LOST_REDUCED_CHI2 = 1e3
 # Starts that are tried at most until one has not lost its way.
@@ -74,7 +72,8 @@ def estimate(
     start : (d,) array, optional
         theta to begin from instead (one start).
     discount : bool
-        Whether misfit discounts the slews. False keeps the stated noise whatever the residuals say.
+        Whether misfit discounts the slews. False keeps the stated noise whatever the residuals say;
+        so does noise that is not as stated.
     free : (f,) array of int, optional
         Indices of the parameters that may move, J's elements among them. The others keep their
         start values. None: all.
@@ -108,6 +107,8 @@ def estimate(
     agreeing = sum(count for settled, _, count in optima if settled[1] < best[1] + 1.0)
     counts = Starts(agreeing, len(descents))
     fitted = _estimate_of(model, *best, full, free, counts)
+    if not model.noise.is_stated:
+        return with_noise_model(fitted)
     too_large = [test.too_large for test in fitted.tests.values()]
     if not discount or not any(too_large):
         return fitted
@@ -152,7 +153,7 @@ def re_estimate(
         guess = replace(point, local=guess_nuisances(model, point.theta))
         point, _ = _descend(model, guess, white, free, **_GENTLE_STOP)
     settled = _optimum_with_noise(model, point, discount, free, rounds=1, tolerance=tolerance)
-    return _estimate_of(model, *settled, discount, free, Starts(1, 1))
+    return with_noise_model(_estimate_of(model, *settled, discount, free, Starts(1, 1)))
 
 
 def without_effect(previous: Estimate, name: str) -> Estimate:
@@ -271,43 +272,6 @@ def _from_starts(
             advice="check units and signs of the telemetry columns",
         )
     return descents
-
-
-def distinct_optima(model: Model, descents: list[tuple[float, Point]]) -> list[tuple[Point, int]]:
-    """The ends of gentle descents that are worth following, without repetition.
-
-    While the data count weakly an objective hardly tells two optima apart; places do.
-
-    Parameters
-    ----------
-    model : Model
-    descents : list of (float, Point)
-        Objective and end of each descent.
-
-    Returns
-    -------
-    list of (Point, int)
-        Ends not far worse than the best, best first, and how often each was reached.
-    """
-    descents = sorted(descents, key=lambda descent: descent[0])
-    groups: list[list[Point]] = []
-    for objective, point in descents:
-        place = _unknowns_in_prior_sd(model, point)
-        same = [
-            g
-            for g in groups
-            if np.max(np.abs(_unknowns_in_prior_sd(model, g[0]) - place)) < _SAME_PLACE_SD
-        ]
-        if same:
-            same[0].append(point)
-        elif objective <= descents[0][0] + _MAX_OBJECTIVE_EXCESS:
-            groups.append([point])
-    return [(group[0], len(group)) for group in groups]
-
-
-def _unknowns_in_prior_sd(model: Model, point: Point) -> np.ndarray:
-    """All unknowns in prior sd."""
-    return np.concatenate([point.theta / model.space.sd, point.bias, point.local.ravel()])
 
 
 def _gentle_descent(model: Model, theta: np.ndarray, free: np.ndarray) -> tuple[float, Point]:

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+
 import jax
 import numpy as np
 
 from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.marginal_posterior import conditional_point
+from bayes_inertia.inference.noise_draws import losses, unit_noise
+from bayes_inertia.inference.noise_marginal import conditional_point_with_noise, noise_marginal
 from bayes_inertia.inference.noise_memory import correlated_noise
 from bayes_inertia.inference.noise_model import rate_noise_covariance
+from bayes_inertia.inference.noise_parameters import channel_rules
+from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.sampler import Chains
 from bayes_inertia.maths import quaternion
 
@@ -41,14 +49,15 @@ def predicted_telemetry(
         Log densities of the measurements, under "rate_point", "attitude_point", "momentum_point".
     """
     thinned = _thinned(chains, rng)
-    frozen, structure = marginal(estimate), estimate.model.structure
+    point_of, structure = _conditional(estimate), estimate.model.structure
+    normal_numbers = estimate.point.bias.size + estimate.point.local.size
     # Correlated noise: what was measured differs from predictions by more than what is new in it.
     memory = estimate.stated.memory
     plain = None if memory is None else estimate.stated._replace(memory=None)
     predictions: dict[str, list[np.ndarray]] = {c: [] for c in CHANNELS}
-    squares: dict[str, list[np.ndarray]] = {c: [] for c in CHANNELS}
+    lost: dict[str, list[np.ndarray]] = {c: [] for c in CHANNELS}
     for theta in thinned:
-        point = conditional_point(structure, frozen, theta, rng.standard_normal(len(frozen.root)))
+        point = point_of(theta, rng.standard_normal(normal_numbers))
         r = residuals(structure, point, estimate.model.data, estimate.stated)
         new = {c: np.asarray(value) for c, value in zip(CHANNELS, r, strict=True)}
         gaps = new
@@ -57,7 +66,7 @@ def predicted_telemetry(
             gaps = {c: np.asarray(value) for c, value in zip(CHANNELS, r, strict=True)}
         for c, values in _predicted(estimate, gaps).items():
             predictions[c].append(values)
-            squares[c].append(np.square(new[c]).reshape(*values.shape[:2], -1).sum(-1))
+            lost[c].append(_losses(estimate, theta, c, new[c].reshape(*values.shape[:2], -1)))
     shape = (len(chains.samples), _DRAWS_OF_EACH_ENSEMBLE)
     predicted = {
         c: np.stack(v).reshape(*shape, *v[0].shape)
@@ -67,9 +76,27 @@ def predicted_telemetry(
     norms = _log_norms(estimate)
     pointwise = {}
     for c in predicted:
-        densities = np.stack([-0.5 * s for s in squares[c]]).reshape(*shape, *squares[c][0].shape)
+        densities = -np.stack(lost[c]).reshape(*shape, *lost[c][0].shape)
         pointwise[f"{c}_point"] = (densities + norms[c]).astype(np.float32)
-    return with_measurement_noise(estimate, predicted, rng), pointwise
+    unit = None
+    if not estimate.model.noise.is_stated:
+        unit = partial(unit_noise, channel_rules(estimate.model), thinned, rng=rng)
+    return with_measurement_noise(estimate, predicted, rng, unit), pointwise
+
+
+def _conditional(estimate: Estimate) -> Callable[[np.ndarray, np.ndarray], Point]:
+    """How nuisances are drawn given theta, from standard normal numbers."""
+    if not estimate.model.noise.is_stated:
+        return conditional_point_with_noise(estimate, noise_marginal(estimate))
+    return partial(conditional_point, estimate.model.structure, marginal(estimate))
+
+
+def _losses(estimate: Estimate, theta: np.ndarray, channel: str, z: np.ndarray) -> np.ndarray:
+    """Minus log densities of rows (slews, rows), from their residuals in stated sigmas."""
+    if estimate.model.noise.is_stated:
+        return 0.5 * np.square(z).sum(-1)
+    valid = dict(zip(CHANNELS, measured(estimate.model), strict=True))[channel]
+    return losses(channel_rules(estimate.model), theta, channel, z, valid)
 
 
 def _thinned(chains: Chains, rng: np.random.Generator) -> np.ndarray:
@@ -124,7 +151,10 @@ def _log_norms(estimate: Estimate) -> dict[str, np.ndarray]:
 
 
 def with_measurement_noise(
-    estimate: Estimate, predicted: dict[str, np.ndarray], rng: np.random.Generator
+    estimate: Estimate,
+    predicted: dict[str, np.ndarray],
+    rng: np.random.Generator,
+    unit: Callable[[str, tuple[int, ...]], np.ndarray] | None = None,
 ) -> dict[str, np.ndarray]:
     """Predictions with the noise that the likelihood counts.
 
@@ -137,6 +167,8 @@ def with_measurement_noise(
         By channel.
     rng : numpy.random.Generator
         Source of the noise.
+    unit : callable, optional
+        Noise in stated sigmas, of a channel and a shape; standard normal unless given.
 
     Returns
     -------
@@ -144,10 +176,11 @@ def with_measurement_noise(
         As `predicted`; NaN where nothing was measured.
     """
     telemetry, campaign = estimate.model.data.arrays.telemetry, estimate.model.campaign
+    unit = unit or (lambda channel, shape: rng.standard_normal(shape))
     noisy = {}
     if "rate" in predicted:
         root = np.linalg.cholesky(rate_noise_covariance(estimate.model, estimate.theta))
-        noise = rng.standard_normal(predicted["rate"].shape)
+        noise = unit("rate", predicted["rate"].shape)
         if estimate.stated.memory is not None:
             noise = correlated_noise(noise, estimate.stated.memory)
         noise = noise @ root.T
@@ -157,12 +190,12 @@ def with_measurement_noise(
     if "attitude" in predicted and tracker is not None:
         along = np.outer(tracker.boresight_B, tracker.boresight_B)
         spread = tracker.sigma_cross * (np.eye(3) - along) + tracker.sigma_roll * along
-        turn = rng.standard_normal((*predicted["attitude"].shape[:-1], 3)) @ spread
+        turn = unit("attitude", (*predicted["attitude"].shape[:-1], 3)) @ spread
         values = _turned(predicted["attitude"], turn)
         noisy["attitude"] = np.where(np.asarray(telemetry.fix_valid)[..., None], values, np.nan)
     if "momentum" in predicted:
         sigma = np.array([w.momentum_sigma or np.nan for w in campaign.wheels])
-        noise = sigma * rng.standard_normal(predicted["momentum"].shape)
+        noise = sigma * unit("momentum", predicted["momentum"].shape)
         values = predicted["momentum"] + noise.astype(np.float32)
         noisy["momentum"] = np.where(telemetry.momentum_valid, values, np.float32(np.nan))
     return noisy

@@ -33,6 +33,7 @@ from bayes_inertia.inference.gate_limits import AUTOCORRELATION_TIMES
 from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.marginal_posterior import LogDensity, log_density_of
 from bayes_inertia.inference.moves import IndependenceMove
+from bayes_inertia.inference.noise_marginal import log_density_with_noise
 from bayes_inertia.inference.proposal import find_proposal, finite_starts, walkers_needed
 from bayes_inertia.maths.values import array_dataclass
 
@@ -202,12 +203,7 @@ def sample(
         If `folder` holds a chain that cannot be read, or one of another shape.
     """
     settings, began = settings or Settings(), perf_counter()
-    log_density = log_density_of(
-        estimate.model.structure,
-        marginal(estimate),
-        batch=batch_size(estimate),
-        shared_code=shared_code,
-    )
+    log_density = _log_density(estimate, shared_code)
     seeds = np.random.SeedSequence(settings.seed).spawn(settings.ensembles + 1)
     pilot_random = np.random.RandomState(np.random.MT19937(seeds[-1]))
     move, share, spent = find_proposal(estimate, log_density, pilot_random)
@@ -228,6 +224,16 @@ def sample(
         if wanted <= steps:
             return chains
         steps = wanted
+
+
+def _log_density(estimate: Estimate, shared_code: bool) -> LogDensity:
+    """The compiled density that is sampled."""
+    batch = batch_size(estimate)
+    if not estimate.model.noise.is_stated:
+        return log_density_with_noise(estimate, batch=batch)
+    return log_density_of(
+        estimate.model.structure, marginal(estimate), batch=batch, shared_code=shared_code
+    )
 
 
 def steps_wanted(diagnostics: Diagnostics, settings: Settings) -> int:

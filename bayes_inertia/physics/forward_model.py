@@ -12,6 +12,7 @@ from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.physics.channel_noise import NOISE_OWNER, NoiseModel
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.packing import Arrays, pack
 from bayes_inertia.physics.parameters import (
@@ -40,11 +41,13 @@ class Model:
         What else acts, at most one effect of each name.
     drive : "commanded", "measured" or None, optional
         What drives the model; None takes commands where there are any.
+    noise : NoiseModel, optional
+        The noise of each channel; Gaussian of the stated sigma unless given.
 
     Raises
     ------
     CampaignError
-        If the campaign lacks what the drive needs.
+        If the campaign lacks what the drive needs, or a channel whose noise is asked about.
     EffectError
         If two effects have one name, or an effect lacks environment columns.
 
@@ -58,6 +61,7 @@ class Model:
     campaign: Campaign
     effects: tuple[Effect, ...] = ()
     drive: Drive | None = None
+    noise: NoiseModel = NoiseModel()
     space: ParameterSpace = field(init=False, repr=False)
     structure: Structure = field(init=False, repr=False)
     data: Data = field(init=False, repr=False)
@@ -67,7 +71,8 @@ class Model:
         commanded = campaign.has_commands or not campaign.wheels
         drive = self.drive or ("commanded" if commanded else "measured")
         _check(campaign, effects, drive)
-        space = _space(campaign, effects)
+        _check_noise(campaign, drive, self.noise)
+        space = _space(campaign, effects, self.noise)
         structure = _structure(campaign, effects, drive, space)
         steps = [step for step in (e.max_step(campaign) for e in effects) if step is not None]
         arrays = pack(campaign, max_step=min(steps) if steps else None, modes=structure.modes)
@@ -144,7 +149,25 @@ def _check(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> Non
                 )
 
 
-def _space(campaign: Campaign, effects: tuple[Effect, ...]) -> ParameterSpace:
+def _check_noise(campaign: Campaign, drive: Drive, noise: NoiseModel) -> None:
+    read = {
+        "rate": True,
+        "attitude": campaign.star_tracker is not None
+        and any(np.any(slew.fixes) for slew in campaign.slews),
+        "momentum": drive == "commanded"
+        and any(slew.wheel_momentum is not None for slew in campaign.slews)
+        and any(wheel.momentum_sigma for wheel in campaign.wheels),
+    }
+    for channel, there in read.items():
+        if not there and not noise.of(channel).is_stated:
+            raise CampaignError(
+                f"no readings of the channel {channel} are compared with the model",
+                where=f"noise of {channel}",
+                advice="leave it out (in the measured drive tachometers are an input)",
+            )
+
+
+def _space(campaign: Campaign, effects: tuple[Effect, ...], noise: NoiseModel) -> ParameterSpace:
     prior, sensor = campaign.inertia, campaign.rate_sensor
     elements = zip(inertia_tensor.ELEMENTS, prior.elements.tolist(), prior.sd.tolist(), strict=True)
     entries: list[tuple[str, Parameter]] = [
@@ -158,6 +181,7 @@ def _space(campaign: Campaign, effects: tuple[Effect, ...]) -> ParameterSpace:
         ("", scalar(name, unit="", prior=Normal(mean, sd), null=1.0)) for name, mean, sd in factors
     ]
     entries += [(effect.name, p) for effect in effects for p in effect.parameters(campaign)]
+    entries += [(NOISE_OWNER, p) for p in noise.parameters()]
     return ParameterSpace(tuple(entries))
 
 
@@ -167,7 +191,7 @@ def _structure(
     layout = tuple(
         (owner, p.name, len(p.components) if p.components else None)
         for owner, p in space.entries
-        if owner
+        if owner not in ("", NOISE_OWNER)
     )
     return Structure(
         effects,

@@ -8,7 +8,9 @@ from bayes_inertia.app.commands.options import (
     CampaignFolder,
     DriveName,
     EffectNames,
+    NoiseOfChannel,
     OutputFolder,
+    SampledNoise,
     Seed,
     WithReport,
     names_in,
@@ -24,6 +26,8 @@ def fit_command(
     report: WithReport = True,
     anyway: Anyway = False,
     as_stated: AsStated = False,
+    noise: NoiseOfChannel = None,
+    sample_noise: SampledNoise = "",
 ) -> None:
     """Estimate J, K and active effects.
 
@@ -38,6 +42,7 @@ def fit_command(
     from bayes_inertia.app import run_folder
     from bayes_inertia.app.commands.run_result import finish_and_show
     from bayes_inertia.inference.sampler import Settings
+    from bayes_inertia.physics.channel_noise import noise_model_from_text
 
     run_folder.start(
         campaign,
@@ -46,5 +51,6 @@ def fit_command(
         drive=drive,
         settings=Settings(seed=seed),
         as_stated=as_stated,
+        noise=noise_model_from_text(noise or [], names_in(sample_noise)),
     )
     finish_and_show(out, report)

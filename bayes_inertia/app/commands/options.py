@@ -32,6 +32,22 @@ AsStated = Annotated[
         help="Take telemetry and noise as they are stated: leave no outlier out, measure no noise.",
     ),
 ]
+NoiseOfChannel = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--noise",
+        help="Distribution of a channel's noise: CHANNEL=gaussian or CHANNEL=student_t, with "
+        "degrees of freedom as in rate=student_t:6 or rate=student_t:sampled (4 unless given). "
+        "Channels: rate, attitude, momentum. May be given several times.",
+    ),
+]
+SampledNoise = Annotated[
+    str,
+    typer.Option(
+        "--sample-noise",
+        help="Channels whose noise level is estimated along, separated by commas.",
+    ),
+]
 Jobs = Annotated[int, typer.Option(help="Processes.", min=1)]
 EngineName = Annotated[
     Literal["process", "joblib", "dask"] | None,

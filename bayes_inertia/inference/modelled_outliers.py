@@ -1,0 +1,67 @@
+"""Outliers that Student-t noise took for what they are: a record of them, nothing is left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import stats
+
+from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.campaign.dirt import Dirt
+from bayes_inertia.inference.laplace import Estimate, residual_series
+from bayes_inertia.inference.noise_parameters import channel_rules
+
+# Probability of an outlier anywhere in a channel of Gaussian noise.
+_FALSE_ALARM = 1e-3
+_SD_OVER_MAD = 1.4826
+
+
+def with_modelled_outliers(estimate: Estimate) -> Estimate:
+    """The estimate with a record of each outlier in the channels of Student-t noise.
+
+    A reading counts as one where Gaussian noise of the spread that the middle of its channel shows
+    would not reach once in a thousand campaigns.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        With the noise that its model was asked for.
+
+    Returns
+    -------
+    Estimate
+        The same but for the records of its campaign; the very object where there is none.
+    """
+    records = _records(estimate)
+    if not records:
+        return estimate
+    campaign = estimate.model.campaign
+    campaign = replace(campaign, dirt=(*campaign.dirt, *records))
+    return replace(estimate, model=replace(estimate.model, campaign=campaign))
+
+
+def _records(estimate: Estimate) -> tuple[Dirt, ...]:
+    """One record a channel and slew."""
+    rules, slews = channel_rules(estimate.model), estimate.model.campaign.slews
+    if not any(rule.heavy for rule in rules):
+        return ()
+    white = estimate.stated._replace(memory=None)
+    series = residual_series(estimate.model, estimate.point, white)
+    records = []
+    for channel, rule in zip(CHANNELS, rules, strict=True):
+        if not rule.heavy:
+            continue
+        numbers = np.concatenate([np.abs(z[np.isfinite(z)]) for z in series[channel]])
+        spread = _SD_OVER_MAD * float(np.median(numbers))
+        limit = spread * float(stats.norm.isf(0.5 * _FALSE_ALARM / len(numbers)))
+        for slew, z in zip(slews, series[channel], strict=True):
+            # Star-tracker fixes stand one after the other, without the rows between them.
+            of_number = np.flatnonzero(slew.fixes) if channel == "attitude" else None
+            hit = np.flatnonzero((np.abs(np.nan_to_num(z)) > limit).any(axis=1))
+            rows = hit if of_number is None else of_number[hit]
+            if len(rows):
+                note = f"{len(rows)} row{'s' if len(rows) > 1 else ''} in Student-t noise"
+                listed = tuple(int(row) for row in rows)
+                records.append(Dirt("outliers", channel, slew.name, listed, "modelled", note))
+    return tuple(records)

@@ -1,0 +1,186 @@
+"""The maximum of a posterior with Student-t noise, or with noise of sampled scale.
+
+It begins at the maximum with Gaussian noise of the stated sigma. Student-t descents begin with the
+scale that the residuals have there, so that outliers far off lose their pull step by step.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+
+from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.inference.laplace import Estimate, residual_series
+from bayes_inertia.inference.likelihood import Information
+from bayes_inertia.inference.noise_information import NoiseTask, information, objective
+from bayes_inertia.inference.noise_model import discounted, whitening
+from bayes_inertia.inference.noise_parameters import channel_rules, noise_values
+from bayes_inertia.inference.noise_tests import noise_tests
+from bayes_inertia.inference.objective import (
+    N_BIAS,
+    block_index,
+    in_chart,
+    moved,
+    normal_equations,
+)
+from bayes_inertia.inference.point import Point
+from bayes_inertia.inference.residual_tests import ChannelTest
+from bayes_inertia.inference.student_t import squares_per_parameter
+from bayes_inertia.maths.least_squares import levenberg_marquardt
+from bayes_inertia.maths.linear_algebra import inverse
+from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.physics.forward_model import Model
+
+_SD_OVER_MAD = 1.4826
+# A descent with inflated scales need not be exact: its end is only a beginning.
+_ROUGH = {"steps": 12, "tolerance": 1e-2}
+# Scale that residuals show beyond what is stated before a descent begins with it.
+_INFLATED = 1.3
+# Rounds in which the noise follows J (measured drive) and the numbers that fitting took away.
+_ROUNDS = 3
+
+
+@array_dataclass
+class NoiseEstimate(Estimate):
+    """An estimate with Student-t noise, or with noise of sampled scale.
+
+    Parameters
+    ----------
+    model, point, stated, white, discount, information, hessian, objective, starts
+        As `Estimate`. `discount` is the information of a reading over that of Gaussian noise of
+        the stated sigma, and `white` the Gaussian noise of that information.
+    """
+
+    @property
+    def discounted(self) -> bool:
+        """Never: the noise is what was asked for."""
+        return False
+
+    @cached_property
+    def effective_parameters(self) -> np.ndarray:
+        """How many parameters of location each channel pays for (3,)."""
+        return _effective_parameters(self.model, self.point, self.information, self.hessian)
+
+    @cached_property
+    def tests(self) -> dict[str, ChannelTest]:
+        """Residuals judged by their own distribution, see `noise_tests`."""
+        return noise_tests(
+            self.model,
+            self.theta,
+            self.residual_series,
+            self.information.n_data.sum(0),
+            self.effective_parameters,
+        )
+
+
+def with_noise_model(fitted: Estimate) -> Estimate:
+    """The estimate with the noise that its model was asked for.
+
+    Parameters
+    ----------
+    fitted : Estimate
+        With Gaussian noise of the stated sigma.
+
+    Returns
+    -------
+    Estimate
+        The very object where the noise is as stated.
+    """
+    model = fitted.model
+    if model.noise.is_stated:
+        return fitted
+    point, free = _at_noise_of_residuals(fitted), fitted.free
+    lost = np.zeros(len(CHANNELS))
+    task = NoiseTask(model, whitening(model, point.theta), lost, _inflation(fitted, point))
+    if np.any(task.inflation > 1.0):
+        point, _ = _descend(task, point, free, **_ROUGH)
+    for _ in range(_ROUNDS):
+        stated = whitening(model, point.theta)
+        task = NoiseTask(model, stated, lost, np.ones(len(CHANNELS)))
+        point, value = _descend(task, point, free)
+        blocks, factor = information(task, point, free)
+        hessian, _ = normal_equations(model, point, blocks)
+        lost = _lost(model, point, blocks, hessian)
+    return NoiseEstimate(
+        model,
+        point,
+        stated,
+        discounted(stated, factor),
+        factor,
+        blocks,
+        hessian,
+        value,
+        fitted.starts,
+    )
+
+
+def _descend(task: NoiseTask, point: Point, free: np.ndarray, **stop) -> tuple[Point, float]:
+    """The minimum that a descent from a point reaches, and its objective."""
+
+    def equations(x: Point) -> tuple[np.ndarray, np.ndarray]:
+        blocks, _ = information(task, x, free)
+        return in_chart(x, *normal_equations(task.model, x, blocks))
+
+    return levenberg_marquardt(
+        lambda x: objective(task, x),
+        equations,
+        lambda x, step: moved(task.model, x, step, free),
+        point,
+        **stop,
+    )
+
+
+def _spread(fitted: Estimate) -> np.ndarray:
+    """Standard deviation (3,) that the middle of each channel's residuals has."""
+    series = residual_series(fitted.model, fitted.point, fitted.stated)
+    spread = np.ones(len(CHANNELS))
+    for c, channel in enumerate(CHANNELS):
+        numbers = np.concatenate(
+            [np.zeros(0), *(slew[np.isfinite(slew)] for slew in series[channel])]
+        )
+        if len(numbers):
+            spread[c] = max(_SD_OVER_MAD * float(np.median(np.abs(numbers))), 1e-3)
+    return spread
+
+
+def _at_noise_of_residuals(fitted: Estimate) -> Point:
+    """The point with sampled scales near those that the residuals have."""
+    theta, spread = fitted.theta.copy(), _spread(fitted)
+    for c, rule in enumerate(channel_rules(fitted.model)):
+        if rule.scale_at is not None and rule.scale_at in fitted.free:
+            width = 3.0 * fitted.model.noise.of(CHANNELS[c]).scale_spread
+            theta[rule.scale_at] = np.clip(spread[c], np.exp(-width), np.exp(width))
+    return replace(fitted.point, theta=theta)
+
+
+def _inflation(fitted: Estimate, point: Point) -> np.ndarray:
+    """Factors (3,) on the scales of heavy channels with which a descent should begin."""
+    rules = channel_rules(fitted.model)
+    scales, _ = noise_values(rules, point.theta)
+    ratio = _spread(fitted) / np.array(scales, float)
+    heavy = np.array([rule.heavy for rule in rules])
+    return np.where(heavy & (ratio > _INFLATED), ratio, 1.0)
+
+
+def _lost(model: Model, point: Point, blocks: Information, hessian: np.ndarray) -> np.ndarray:
+    """By how much fitting lowers each channel's weighted squares (3,)."""
+    _, degrees = noise_values(channel_rules(model), point.theta)
+    shares = np.array([squares_per_parameter(float(nu)) for nu in degrees])
+    return shares * _effective_parameters(model, point, blocks, hessian)
+
+
+def _effective_parameters(
+    model: Model, point: Point, blocks: Information, hessian: np.ndarray
+) -> np.ndarray:
+    """Trace of the hat matrix over each channel's rows (3,), noise parameters left out."""
+    names, covariance = model.noise.names, inverse(hessian)
+    located = np.array([model.space.names[i] not in names for i in blocks.free], bool)
+    total, shared = np.zeros(len(CHANNELS)), len(blocks.free) + N_BIAS
+    for s, block in enumerate(blocks.matrix):
+        index = block_index(shared, point.n_local, s)
+        keep = np.concatenate([located, np.ones(len(index) - len(located), bool)])
+        of_slew = covariance[np.ix_(index[keep], index[keep])]
+        total += np.einsum("cpq,qp->c", block[:, keep][:, :, keep], of_slew)
+    return total

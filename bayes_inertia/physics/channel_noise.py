@@ -1,0 +1,282 @@
+"""What is assumed of the noise of each channel: its distribution, and whether its scale is known.
+
+Gaussian noise of the stated sigma is the default. Asked for, a channel has Student-t noise
+(outliers then cost the fit little), and the scale of its noise is a parameter that is sampled
+beside J and K.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Literal, get_args
+
+from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.errors import SettingsError
+from bayes_inertia.physics.parameters import LogNormal, Parameter, scalar
+
+NoiseFamily = Literal["gaussian", "student_t"]
+# Owner of the noise parameters in a parameter space: "noise.rate_scale".
+NOISE_OWNER = "noise"
+# Degrees of freedom of Student-t noise unless given: tails of a real sensor (Lange et al. 1989).
+USUAL_DEGREES = 4.0
+# Fewer degrees of freedom have no mean, and no outlier would tell anything any more.
+_LEAST_DEGREES = 1.0
+# Prior of sampled degrees of freedom: median, and sd of the logarithm (95 % from 1.3 to 29).
+_DEGREES_MEDIAN, _DEGREES_SPREAD = 6.0, 0.8
+# Prior sd of the logarithm of a sampled scale: 95 % of the stated sigmas are right to a factor 2.7.
+_SCALE_SPREAD = 0.5
+_SAMPLED = "sampled"
+
+
+@dataclass(frozen=True)
+class ChannelNoise:
+    """The noise of one channel.
+
+    Parameters
+    ----------
+    family : {"gaussian", "student_t"}
+        Distribution of each number over its stated sigma.
+    degrees : float or None
+        Degrees of freedom of Student-t noise, at least 1; None if they are sampled. The stated
+        sigma is then the scale of the distribution, not its standard deviation.
+    scale_sampled : bool
+        Whether a factor on the stated sigma is sampled.
+    scale_spread : float
+        Prior sd of that factor's logarithm; its prior median is 1.
+
+    Raises
+    ------
+    SettingsError
+        If a value is none that it can have.
+
+    Examples
+    --------
+    >>> ChannelNoise("student_t").degrees
+    4.0
+    >>> ChannelNoise("cauchy")
+    Traceback (most recent call last):
+    bayes_inertia.errors.SettingsError: noise: no distribution is called 'cauchy'; ...
+    """
+
+    family: NoiseFamily = "gaussian"
+    degrees: float | None = USUAL_DEGREES
+    scale_sampled: bool = False
+    scale_spread: float = _SCALE_SPREAD
+
+    def __post_init__(self) -> None:
+        if self.family not in get_args(NoiseFamily):
+            raise SettingsError(
+                f"no distribution is called {self.family!r}",
+                where="noise",
+                advice=f"choose {' or '.join(get_args(NoiseFamily))}",
+            )
+        if self.degrees is not None and not self.degrees >= _LEAST_DEGREES:
+            raise SettingsError(
+                f"{self.degrees} degrees of freedom",
+                where="noise",
+                advice=f"give {_LEAST_DEGREES:g} or more, or {_SAMPLED!r}",
+            )
+        if not 0.0 < self.scale_spread < float("inf"):
+            raise SettingsError(
+                f"a prior sd of {self.scale_spread} of the scale's logarithm",
+                where="noise",
+                advice="give a number above 0",
+            )
+
+    @property
+    def is_stated(self) -> bool:
+        """Whether the noise is Gaussian and of the stated sigma."""
+        return self.family == "gaussian" and not self.scale_sampled
+
+    @property
+    def heavy(self) -> bool:
+        """Whether the noise has heavier tails than a Gaussian."""
+        return self.family == "student_t"
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """The noise of all channels.
+
+    Parameters
+    ----------
+    rate, attitude, momentum : ChannelNoise
+        Of rate sensor, star tracker and tachometers.
+
+    Examples
+    --------
+    >>> NoiseModel(rate=ChannelNoise("student_t", scale_sampled=True)).names
+    ('noise.rate_scale',)
+    """
+
+    rate: ChannelNoise = ChannelNoise()
+    attitude: ChannelNoise = ChannelNoise()
+    momentum: ChannelNoise = ChannelNoise()
+
+    def of(self, channel: str) -> ChannelNoise:
+        """The noise of one channel.
+
+        Parameters
+        ----------
+        channel : {"rate", "attitude", "momentum"}
+            Its name.
+
+        Returns
+        -------
+        ChannelNoise
+        """
+        return {"rate": self.rate, "attitude": self.attitude, "momentum": self.momentum}[channel]
+
+    @property
+    def is_stated(self) -> bool:
+        """Whether all noise is Gaussian and of the stated sigma."""
+        return all(self.of(channel).is_stated for channel in CHANNELS)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the noise parameters that are sampled."""
+        return tuple(f"{NOISE_OWNER}.{p.name}" for p in self.parameters())
+
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The noise parameters that are sampled.
+
+        Returns
+        -------
+        tuple of Parameter
+            "rate_scale" (a factor on the stated sigma), "rate_degrees", and so on; log-normal.
+        """
+        parameters = []
+        for channel in CHANNELS:
+            noise = self.of(channel)
+            if noise.scale_sampled:
+                prior = LogNormal(1.0, noise.scale_spread)
+                parameters.append(scalar(f"{channel}_scale", unit="", prior=prior, null=1.0))
+            if noise.heavy and noise.degrees is None:
+                prior = LogNormal(_DEGREES_MEDIAN, _DEGREES_SPREAD)
+                null = _DEGREES_MEDIAN
+                parameters.append(scalar(f"{channel}_degrees", unit="", prior=prior, null=null))
+        return tuple(parameters)
+
+    def json(self) -> dict[str, Any]:
+        """The noise model as plain values.
+
+        Returns
+        -------
+        dict
+            That `noise_model_from_json` reads.
+        """
+        return asdict(self)
+
+    def in_words(self) -> str:
+        """The channels whose noise is not as stated.
+
+        Returns
+        -------
+        str
+            A few words each; empty where all noise is as stated.
+
+        Examples
+        --------
+        >>> NoiseModel(attitude=ChannelNoise(scale_sampled=True)).in_words()
+        'attitude Gaussian of sampled scale'
+        """
+        parts = []
+        for channel in CHANNELS:
+            noise = self.of(channel)
+            if noise.is_stated:
+                continue
+            degrees = "sampled" if noise.degrees is None else f"{noise.degrees:g}"
+            family = f"Student-t, {degrees} degrees of freedom" if noise.heavy else "Gaussian"
+            joint = "," if noise.heavy else ""
+            scale = f"{joint} of sampled scale" if noise.scale_sampled else ""
+            parts.append(f"{channel} {family}{scale}")
+        return "; ".join(parts)
+
+
+def noise_model_from_json(content: Mapping[str, Any]) -> NoiseModel:
+    """The noise model that its JSON describes.
+
+    Parameters
+    ----------
+    content : mapping
+        Of `NoiseModel.json`.
+
+    Returns
+    -------
+    NoiseModel
+
+    Examples
+    --------
+    >>> noise_model_from_json(NoiseModel().json()) == NoiseModel()
+    True
+    """
+    return NoiseModel(**{channel: ChannelNoise(**noise) for channel, noise in content.items()})
+
+
+def noise_model_from_text(families: Sequence[str] = (), sampled: Sequence[str] = ()) -> NoiseModel:
+    """The noise model that options of the command line describe.
+
+    Parameters
+    ----------
+    families : sequence of str
+        "channel=family" or "channel=student_t:degrees", the degrees a number or "sampled".
+    sampled : sequence of str
+        Channels whose scale is sampled.
+
+    Returns
+    -------
+    NoiseModel
+
+    Raises
+    ------
+    SettingsError
+        If a channel or a family has no such name, or a channel is named twice.
+
+    Examples
+    --------
+    >>> noise_model_from_text(["rate=student_t:6"], ["rate"]).in_words()
+    'rate Student-t, 6 degrees of freedom, of sampled scale'
+    """
+    chosen: dict[str, dict[str, Any]] = {}
+    for text in families:
+        channel, _, family = text.partition("=")
+        channel = _known_channel(channel.strip(), "--noise")
+        if channel in chosen:
+            raise SettingsError(f"{channel} is given twice", where="--noise", advice="choose one")
+        name, _, degrees = family.strip().partition(":")
+        chosen[channel] = {"family": name, **_degrees(name, degrees)}
+    for channel in sampled:
+        chosen.setdefault(_known_channel(channel, "--sample-noise"), {})["scale_sampled"] = True
+    return NoiseModel(**{channel: ChannelNoise(**values) for channel, values in chosen.items()})
+
+
+def _known_channel(name: str, option: str) -> str:
+    if name not in CHANNELS:
+        raise SettingsError(
+            f"no channel is called {name!r}",
+            where=option,
+            advice=f"write {', '.join(CHANNELS)}, as in --noise rate=student_t "
+            "--sample-noise rate,attitude",
+        )
+    return name
+
+
+def _degrees(family: str, text: str) -> dict[str, float | None]:
+    """Degrees of freedom as they stand behind a family's name."""
+    if not text:
+        return {}
+    if family != "student_t":
+        raise SettingsError(
+            f"{family} has no degrees of freedom", where="--noise", advice=f"leave out :{text}"
+        )
+    if text == _SAMPLED:
+        return {"degrees": None}
+    try:
+        return {"degrees": float(text)}
+    except ValueError as error:
+        raise SettingsError(
+            f"{text!r} degrees of freedom",
+            where="--noise",
+            advice=f"write a number or {_SAMPLED}: rate=student_t:6",
+        ) from error
