@@ -1,4 +1,4 @@
-"""Our Levenberg-Marquardt against optimistix, on the chart of J, from starts that are 30 % wrong.
+"""Our dogleg against optimistix, on the chart of J, from starts that are 30 % wrong.
 
 `python analyses/optimizer_benchmark.py` draws starts (30 % of the largest moment in a random
 direction of J's six elements, 30 % on each of K) for one simulated campaign of three slews, with
@@ -35,11 +35,12 @@ from bayes_inertia.inference.objective import (
     moved,
     negative_log_posterior,
     normal_equations,
+    step_sizes,
 )
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.start_guess import guess_nuisances
 from bayes_inertia.maths import inertia_tensor
-from bayes_inertia.maths.least_squares import levenberg_marquardt
+from bayes_inertia.maths.least_squares import dogleg
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import prior_residual
 
@@ -103,7 +104,10 @@ def ours(problem: Problem, points: list[Point], tally: Tally) -> list[Point]:
     def move(x: Point, step: np.ndarray) -> Point:
         return moved(model, x, step, free)
 
-    return [levenberg_marquardt(objective, equations, move, x, steps=STEPS)[0] for x in points]
+    return [
+        dogleg(objective, equations, move, x, step_sizes(model, x, free), steps=STEPS)[0]
+        for x in points
+    ]
 
 
 def to_flat(point: Point) -> np.ndarray:

@@ -167,6 +167,28 @@ def moved(model: Model, point: Point, step: np.ndarray, free: np.ndarray) -> Poi
     )
 
 
+def step_sizes(model: Model, point: Point, free: np.ndarray) -> np.ndarray:
+    """A step of each coordinate of `moved` that is neither large nor small.
+
+    Parameters
+    ----------
+    model : Model
+    point : Point
+        Any; its shape counts.
+    free : (f,) array of int
+        Indices of the parameters that may move.
+
+    Returns
+    -------
+    (f + 3 + slews n_local,) array
+        One in the chart of J (a factor e) and for what is whitened by its prior; for a parameter
+        its prior mean or sd, whichever is larger.
+    """
+    sizes = np.maximum(np.abs(model.space.mean), model.space.sd)[np.asarray(free)]
+    sizes[:6] = 1.0
+    return np.concatenate([sizes, np.ones(N_BIAS + np.size(point.local))])
+
+
 def in_chart(
     point: Point, hessian: np.ndarray, gradient: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:

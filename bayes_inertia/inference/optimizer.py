@@ -28,11 +28,12 @@ from bayes_inertia.inference.objective import (
     moved,
     negative_log_posterior,
     normal_equations,
+    step_sizes,
 )
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_tests import dispersion
 from bayes_inertia.inference.start_guess import guess_nuisances
-from bayes_inertia.maths.least_squares import levenberg_marquardt
+from bayes_inertia.maths.least_squares import dogleg
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import N_BASE
 
@@ -140,7 +141,7 @@ def re_estimate(
         Guess the nuisances afresh and descend with the data counted weakly first, which finds the
         way out of a local optimum.
     tolerance : float
-        Of the objective, as in `levenberg_marquardt`.
+        Of the objective, as in `dogleg`.
 
     Returns
     -------
@@ -354,10 +355,11 @@ def _descend(
         blocks = information_blocks(model, x, white, free)
         return in_chart(x, *normal_equations(model, x, blocks))
 
-    return levenberg_marquardt(
+    return dogleg(
         lambda x: negative_log_posterior(model, x, white),
         equations,
         lambda x, step: moved(model, x, step, free),
         point,
+        step_sizes(model, point, free),
         **stop,
     )

@@ -1,8 +1,8 @@
-"""Levenberg-Marquardt on normal equations, for problems whose parameters live on a manifold.
+"""Powell's dogleg on normal equations, for problems whose parameters live on a manifold.
 
-`scipy.optimize.least_squares` wants the whole Jacobian as one matrix and factors it at every step;
-here normal equations come in blocks (slews) that are wanted anyway, and a step is followed along a
-chart of the physical inertia tensors.
+`scipy.optimize.least_squares` and optimistix want the whole Jacobian as one matrix; here normal
+equations come in blocks (slews) that are wanted anyway, and a step is followed along a chart of
+the physical inertia tensors.
 """
 
 from __future__ import annotations
@@ -14,19 +14,18 @@ import numpy as np
 from scipy import linalg
 
 # Damping of a correction: stiff directions move, weak ones stay. Corrections of one step at most.
-_CORRECTION_DAMPING, _MOST_CORRECTIONS = 1e-2, 3
+_CORRECTION_DAMPING, _MOST_CORRECTIONS = 1e-2, 5
 # A descent ends when so many steps together gained less than so many tolerances.
 _STALL_STEPS, _STALL_TOLERANCES = 5, 100.0
-# Damping of the first step; of a step that counts as undamped; above which no step is short enough.
-_FIRST_DAMPING, _LEAST_DAMPING, _LARGEST_DAMPING = 1e-4, 1e-12, 1e12
-# Damping at which a step meets a wall of the support, where the undamped one promises without end.
-_WALL_DAMPING = 1e3
-# Share of a step's promise below which it disappoints, and of the undamped step's below which
-# parts of that are tried.
-_DISAPPOINTING_SHARE, _LITTLE_SHARE = 0.5, 0.02
-_UNDAMPED_PARTS = (0.3, 0.1, 0.03)
-# The undamped step may promise so many tolerances more than the damped one when a descent ends.
-_UNDAMPED_TOLERANCES = 1e3
+# Half-width of the trust region, in sizes of the coordinates: at first, and where no step is short
+# enough.
+_FIRST_RADIUS, _SMALLEST_RADIUS = 1.0, 1e-12
+# Share of a step's promise below which it disappoints and is corrected, and below and above which
+# the region shrinks and grows, and by what.
+_DISAPPOINTING_SHARE, _POOR_SHARE, _GOOD_SHARE = 0.5, 0.25, 0.75
+_SHRINK, _GROW = 0.25, 2.0
+# Damping that keeps the normal matrix definite in spite of rounding, relative.
+_LEAST_DAMPING = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +42,9 @@ class _Problem[X]:
         return x, value if np.isfinite(value) else np.inf
 
     def corrected(self, x: X, value: float, target: float) -> tuple[X, float]:
-        """A point lower than x beside the valley's bottom; enough once `wanted` is reached."""
+        """A point lower than x beside the valley's bottom; enough once the target is reached."""
         for _ in range(_MOST_CORRECTIONS):
-            if not np.isfinite(value) or value < target:
+            if not np.isfinite(value) or value <= target:
                 break
             step = _damped_step(*self.equations(x), _CORRECTION_DAMPING)
             trial, reached = self.at(self.move(x, step))
@@ -56,40 +55,56 @@ class _Problem[X]:
 
 
 @dataclass(frozen=True, eq=False)
-class _PredictedGain:
-    """Steps with damping and without, and by how much they would lower the quadratic."""
+class _QuadraticModel:
+    """The objective near a point, in sizes of the coordinates."""
 
-    step: np.ndarray
-    undamped: np.ndarray
-    damped_gain: float
-    undamped_gain: float
+    hessian: np.ndarray
+    gradient: np.ndarray
+    newton: np.ndarray
+    steepest: np.ndarray
 
-    def has_converged(self, tolerance: float, damping: float) -> bool:
-        """Whether little is left to gain.
+    @classmethod
+    def at(cls, hessian: np.ndarray, gradient: np.ndarray, size: np.ndarray) -> _QuadraticModel:
+        """The model of normal equations whose coordinates have these sizes (n,)."""
+        hessian, gradient = hessian * np.outer(size, size), gradient * size
+        curvature = gradient @ hessian @ gradient
+        length = gradient @ gradient / curvature if curvature > 0.0 else 0.0
+        newton = _damped_step(hessian, gradient, _LEAST_DAMPING)
+        return cls(hessian, gradient, newton, -length * gradient)
 
-        A damped step may promise little while the end of the valley is far; at a wall of the
-        support the promise never ends.
-        """
-        near = self.undamped_gain < _UNDAMPED_TOLERANCES * tolerance
-        return self.damped_gain < tolerance and (near or damping > _WALL_DAMPING)
+    def gain(self, step: np.ndarray) -> float:
+        """By how much a step lowers the quadratic."""
+        return float(-(self.gradient @ step + 0.5 * step @ self.hessian @ step))
+
+    def step(self, radius: float) -> np.ndarray:
+        """The step (n,) to where the dogleg path ends or leaves a box of this half-width."""
+        if _length(self.newton) <= radius:
+            return self.newton
+        if _length(self.steepest) >= radius:
+            return self.steepest * (radius / _length(self.steepest))
+        leg = self.newton - self.steepest
+        room = np.where(leg > 0.0, radius - self.steepest, radius + self.steepest)
+        share = np.min(room[leg != 0.0] / np.abs(leg[leg != 0.0]))
+        return self.steepest + share * leg
 
 
-def levenberg_marquardt[X](
+def dogleg[X](
     objective: Callable[[X], float],
     equations: Callable[[X], tuple[np.ndarray, np.ndarray]],
     move: Callable[[X, np.ndarray], X],
     x: X,
+    size: np.ndarray,
     *,
     steps: int = 100,
     tolerance: float = 1e-7,
 ) -> tuple[X, float]:
-    """Minimise half a sum of squares.
+    """Minimise half a sum of squares within a trust region.
 
-    Nielsen's damping (Madsen, Nielsen, Tingleff 2004, algorithm 3.16), with steps searched along
-    and corrected. Where the data hardly show a direction the minimum lies at the end of a long,
-    narrow, curved valley: steps end on its wall, and damping alone would creep. A step that
-    disappoints is followed by corrections that move down the wall and not along the valley. One
-    that gains little of what the undamped step promises is tried against parts of that step.
+    A step follows the dogleg path, steepest descent first and then towards the Gauss-Newton step,
+    to where it leaves the box in which the quadratic is trusted (Powell 1970; Nocedal and Wright
+    2006, section 4.1). Where the data hardly show a direction the minimum lies at the end of a
+    long, narrow, curved valley, and steps end on its wall: a step that disappoints is followed by
+    corrections that move down the wall and not along the valley.
 
     Parameters
     ----------
@@ -101,12 +116,13 @@ def levenberg_marquardt[X](
         The point reached from a point by a step (n,).
     x : object
         Where to begin.
+    size : (n,) array
+        A step of each coordinate that is neither large nor small. The first step is at most this.
     steps : int
         At most.
     tolerance : float
-        Of the objective. The descent ends when a step promises less than this and the undamped
-        one less than a thousand times this, or when the last steps that were taken gained less
-        than a hundred times this together.
+        Of the objective. The descent ends when the Gauss-Newton step promises less than this, or
+        when the last steps that were taken gained less than a hundred times this together.
 
     Returns
     -------
@@ -118,59 +134,45 @@ def levenberg_marquardt[X](
     Examples
     --------
     >>> def identity(x): return np.eye(2), x
-    >>> x, _ = levenberg_marquardt(lambda x: 0.5 * x @ x, identity, np.add, np.ones(2))
+    >>> x, _ = dogleg(lambda x: 0.5 * x @ x, identity, np.add, np.ones(2), np.ones(2))
     >>> x.round(3).tolist()
     [0.0, 0.0]
     """
     problem = _Problem(objective, equations, move)
-    best, damping, growth = objective(x), _FIRST_DAMPING, 2.0
+    best, radius = objective(x), _FIRST_RADIUS
     reached_before = [np.inf] * _STALL_STEPS
-    hessian, gradient = equations(x)
+    model = _QuadraticModel.at(*equations(x), size)
     for _ in range(steps):
-        predicted = _predicted_gain(hessian, gradient, damping)
-        trial, reached = _trial(problem, x, best, predicted, tolerance)
+        step = model.step(radius)
+        promised = model.gain(step)
+        if not np.isfinite(promised):
+            break
+        trial, reached = problem.at(move(x, step * size))
+        trial, reached = problem.corrected(trial, reached, best - _DISAPPOINTING_SHARE * promised)
+        radius = _next_radius(radius, step, (best - reached) / max(promised, 1e-300))
         if np.isfinite(reached) and reached <= best:
-            gain = (best - reached) / max(predicted.damped_gain, 1e-300)
             x, best = trial, reached
-            factor = max(0.1, 1.0 - (2.0 * min(gain, 1.0) - 1.0) ** 3)
-            damping, growth = max(damping * factor, _LEAST_DAMPING), 2.0
-            if predicted.has_converged(tolerance, damping):
-                break
             reached_before = [*reached_before[1:], best]
-            if reached_before[0] - best < _STALL_TOLERANCES * tolerance:
+            stalled = reached_before[0] - best < _STALL_TOLERANCES * tolerance
+            if stalled or model.gain(model.newton) < tolerance:
                 break
-            hessian, gradient = equations(x)
-        else:
-            damping, growth = damping * growth, growth * 2.0
-        hopeless = predicted.damped_gain < 1e-3 * tolerance or damping > _LARGEST_DAMPING
-        if hopeless or not np.all(np.isfinite(gradient)):
+            model = _QuadraticModel.at(*equations(x), size)
+        if promised < 1e-3 * tolerance or radius < _SMALLEST_RADIUS:
             break
     return x, best
 
 
-def _predicted_gain(hessian: np.ndarray, gradient: np.ndarray, damping: float) -> _PredictedGain:
-    """The step with this damping, the undamped one, and what both promise."""
-    step, undamped = (_damped_step(hessian, gradient, d) for d in (damping, _LEAST_DAMPING))
-    gains = (float(-(gradient @ s + 0.5 * s @ hessian @ s)) for s in (step, undamped))
-    return _PredictedGain(step, undamped, *gains)
+def _next_radius(radius: float, step: np.ndarray, share: float) -> float:
+    """The half-width of the region after a step that kept this share of its promise."""
+    if share < _POOR_SHARE:
+        return _SHRINK * min(radius, _length(step))
+    at_the_edge = _length(step) > 0.999 * radius
+    return _GROW * radius if share > _GOOD_SHARE and at_the_edge else radius
 
 
-def _trial[X](
-    problem: _Problem[X], x: X, best: float, predicted: _PredictedGain, tolerance: float
-) -> tuple[X, float]:
-    """Where a step leads, with corrections where it disappoints, and its objective."""
-    gain, all_gain = predicted.damped_gain, predicted.undamped_gain
-    trial, reached = problem.at(problem.move(x, predicted.step))
-    if best - reached < _DISAPPOINTING_SHARE * gain:
-        trial, reached = problem.corrected(trial, reached, best - _DISAPPOINTING_SHARE * gain)
-    far = all_gain > _UNDAMPED_TOLERANCES * tolerance
-    if best - reached < _LITTLE_SHARE * all_gain and far:
-        parts = (problem.at(problem.move(x, k * predicted.undamped)) for k in _UNDAMPED_PARTS)
-        part, value = min(parts, key=lambda candidate: candidate[1])
-        if value < best:
-            corrected = problem.corrected(part, value, -np.inf)
-            trial, reached = min((trial, reached), corrected, key=lambda candidate: candidate[1])
-    return trial, reached
+def _length(step: np.ndarray) -> float:
+    """The largest component of a step."""
+    return float(np.max(np.abs(step)))
 
 
 def _damped_step(hessian: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarray:
