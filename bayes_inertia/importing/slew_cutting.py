@@ -18,7 +18,7 @@ from bayes_inertia.importing.motion_scan import MotionScan, scan_motion
 
 # Rest kept on each side of a slew unless the mapping says otherwise: as long as the motion, and at
 # least these seconds and so many fixes. Rest tells the bias and the attitude before and after.
-_REST_KEPT_S = 30.0
+_REST_KEPT_S = 120.0
 _FIXES_KEPT = 10
 _LONGEST_WAIT_S = 300.0  # [s] for the first fixes after a motion.
 # Fewer seconds at rest than these, or than hold so many fixes or rates, are no rest.
