@@ -105,9 +105,7 @@ def write_foreign_logs(
     )
     mapping, to_cut = folder / "mapping.toml", folder / "mapping_to_cut.toml"
     mapping.write_text(_mapping(campaign, tracker) + _slews(native), encoding="utf-8")
-    to_cut.write_text(
-        _mapping(campaign, tracker) + "\n[cut]\nbefore_s = 8.0\nafter_s = 8.0\n", encoding="utf-8"
-    )
+    to_cut.write_text(_mapping(campaign, tracker), encoding="utf-8")
     return ForeignLogs(tuple(files), mapping, to_cut, native)
 
 

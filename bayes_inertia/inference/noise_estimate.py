@@ -24,11 +24,12 @@ from bayes_inertia.inference.objective import (
     in_chart,
     moved,
     normal_equations,
+    step_sizes,
 )
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_tests import ChannelTest
 from bayes_inertia.inference.student_t import squares_per_parameter
-from bayes_inertia.maths.least_squares import levenberg_marquardt
+from bayes_inertia.maths.least_squares import dogleg
 from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Model
@@ -123,11 +124,12 @@ def _descend(task: NoiseTask, point: Point, free: np.ndarray, **stop) -> tuple[P
         blocks, _ = information(task, x, free)
         return in_chart(x, *normal_equations(task.model, x, blocks))
 
-    return levenberg_marquardt(
+    return dogleg(
         lambda x: objective(task, x),
         equations,
         lambda x, step: moved(task.model, x, step, free),
         point,
+        step_sizes(task.model, point, free),
         **stop,
     )
 

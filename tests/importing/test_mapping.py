@@ -215,5 +215,5 @@ def test_a_wheel_of_the_same_type_takes_what_it_does_not_say_itself():
     wheels = parse_mapping(text, "m.toml").wheels
     assert wheels[1].spin_inertia == one.spin_inertia
     assert wheels[1].axis == [0.0, 1.0, 0.0]
-    with pytest.raises(CampaignError, match="wheels.w2.same_as: 'other' is no wheel above it"):
+    with pytest.raises(CampaignError, match=r"wheels.w2.same_as: 'other' is no wheel above it"):
         parse_mapping(with_changes(two_columns, ("[rate_sensor]", second.format("other"))), "m")
