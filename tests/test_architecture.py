@@ -15,7 +15,7 @@ MAX_LINES = 400
 MAX_FUNCTION_LINES = 40
 
 # Which wings each wing may import. Inside a wing its files may use each other.
-OPEN_TO_ALL = ("errors", "files", "version")
+OPEN_TO_ALL = ("errors", "files", "sealing", "version")
 BELOW_PHYSICS = ("campaign", "maths")
 BELOW_DESIGN = ("inference", "flight", "physics", *BELOW_PHYSICS)
 MIDDLE = ("observability", "diagnosis", "design")
@@ -23,6 +23,7 @@ ARROWS = {
     "errors": (),
     "version": (),
     "files": ("errors",),
+    "sealing": ("errors", "files"),
     "maths": OPEN_TO_ALL,
     "campaign": ("maths", *OPEN_TO_ALL),
     "importing": (*BELOW_PHYSICS, *OPEN_TO_ALL),

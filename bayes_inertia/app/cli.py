@@ -1,10 +1,12 @@
 """The command `bayes-inertia`, collected from one file a command.
 
-Exit codes: 0 done; 2 bad input; 3 finished, but the result must not be trusted as it is.
+Exit codes: 0 done; 2 bad input, or the machine failed (disk, memory); 3 finished, but the result
+must not be trusted as it is; 130 after SIGINT, 143 after SIGTERM.
 """
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable
 from typing import Annotated
@@ -25,6 +27,8 @@ from bayes_inertia.app.commands.report import report_command
 from bayes_inertia.app.commands.resume import resume_command
 from bayes_inertia.app.commands.simulate import simulate_command
 from bayes_inertia.app.commands.study import study_command
+from bayes_inertia.app.failures import failure_message, is_closed_output
+from bayes_inertia.app.interruption import ending_soon_on_signals, how_to_go_on
 from bayes_inertia.errors import BayesInertiaError
 from bayes_inertia.version import __version__
 
@@ -95,15 +99,37 @@ def main(arguments: list[str] | None = None) -> None:
     arguments : list of str or None
         What follows the command's name; None for those of the process.
     """
+    words = sys.argv[1:] if arguments is None else arguments
+    with ending_soon_on_signals(lambda: how_to_go_on(words)) as interruption:
+        try:
+            code = _exit_code(words)
+        except (typer.Abort, KeyboardInterrupt):
+            interruption.say()
+            code = interruption.exit_code
+        # Typer makes an exit code of a signal too, its own.
+        if interruption.signalled:
+            interruption.end_process()
+    sys.exit(code)
+
+
+def _exit_code(words: list[str]) -> int:
+    """The exit code of a command, errors said on stderr."""
     try:
-        code = command_line()(args=arguments, standalone_mode=False)
+        code = command_line()(args=words, standalone_mode=False)
+        sys.stdout.flush()
+        return code or 0
     except BayesInertiaError as error:
         typer.echo(f"error: {error}", err=True)
-        code = 2
     except typer.TyperException as error:
         error.show()  # type: ignore[attr-defined]
-        code = error.exit_code
-    except (typer.Abort, KeyboardInterrupt):
-        typer.echo("interrupted; `bayes-inertia resume RUN` goes on with a fit", err=True)
-        code = 130
-    sys.exit(code or 0)
+        return error.exit_code
+    except Exception as error:
+        if is_closed_output(error):
+            # Nothing more can be said there, not by the interpreter at its end either.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return 1
+        message = failure_message(error)
+        if message is None:
+            raise
+        typer.echo(f"error: {message}; {how_to_go_on(words)}", err=True)
+    return 2

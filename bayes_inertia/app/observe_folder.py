@@ -25,6 +25,7 @@ from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.report.pictures.figure_file import write_png
 from bayes_inertia.report.pictures.observability import draw_observability
+from bayes_inertia.sealing import blaming, is_sealed
 
 FILE, PICTURE = "observability.json", "observability.png"
 
@@ -118,11 +119,12 @@ def _comparison(
     path = folder / "posterior.nc"
     if not path.is_file():
         return None
-    posterior = Posterior.load(path)
-    attributes = posterior.attributes
-    same = (
-        attributes.get("campaign_sha256") == digest
-        and attributes["drive"] == observability.drive
-        and posterior.names == list(observability.names)
-    )
-    return compare_with_posterior(observability, posterior) if same else None
+    posterior, advice = Posterior.load(path), "write it again with `bayes-inertia resume`"
+    with blaming(path, intact=is_sealed(path, advice), advice=advice):
+        attributes = posterior.attributes
+        same = (
+            attributes.get("campaign_sha256") == digest
+            and attributes["drive"] == observability.drive
+            and posterior.names == list(observability.names)
+        )
+        return compare_with_posterior(observability, posterior) if same else None

@@ -14,8 +14,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bayes_inertia.errors import OutputError
+from bayes_inertia.app.folder_lock import LOCK_FILE
+from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import check_folder, make_folder, write_atomically
+from bayes_inertia.sealing import read_sealed_json, sealed
 
 _ADVICE = "choose another folder; nothing was overwritten"
 
@@ -89,7 +91,10 @@ class ResultFolder:
         claim = self._read_claim()
         if claim["campaign_sha256"] != self.campaign_sha256:
             raise self._refused(f"holds a {self.work} of other data")
-        stated = {**self.defaults, **(claim if self.flat else claim.get("options", {}))}
+        options = claim if self.flat else claim.get("options", {})
+        if not isinstance(options, dict):
+            raise self._refused(f"{self.claim_file} there was not written by this command")
+        stated = {**self.defaults, **options}
         wanted = json.loads(json.dumps(self.options))
         differs = [
             key for key, value in wanted.items() if not _agrees(stated.get(key, value), value)
@@ -116,29 +121,31 @@ class ResultFolder:
         make_folder(self.path)
         options = self.options if self.flat else {"options": self.options}
         owner = {"format": self.format, "campaign_sha256": self.campaign_sha256}
-        text = json.dumps({**owner, **(content or {}), **options}, indent=1, allow_nan=False)
+        claim = sealed({**owner, **(content or {}), **options})
+        text = json.dumps(claim, indent=1, allow_nan=False)
         write_atomically(self.path / self.claim_file, text + "\n")
 
     def _free_or_error(self) -> None:
         names = list(self.results)
         if not names and self.path.is_dir():
             # What a kill left of an unfinished claim is nobody's.
-            unfinished = f".{self.claim_file}."
-            names = sorted(p.name for p in self.path.iterdir() if not p.name.startswith(unfinished))
+            nobodys = (f".{self.claim_file}.", LOCK_FILE)
+            names = sorted(p.name for p in self.path.iterdir() if not p.name.startswith(nobodys))
         for name in names:
             if (self.path / name).exists():
                 raise self._refused(f"{name} is there already, without {self.claim_file}")
 
     def _read_claim(self) -> dict[str, Any]:
         try:
-            claim = json.loads((self.path / self.claim_file).read_text(encoding="utf-8"))
-            if claim["format"] != self.format or "campaign_sha256" not in claim:
-                raise ValueError("another format")
-            return claim
-        except (OSError, ValueError, KeyError, TypeError) as error:
+            claim = read_sealed_json(self.path / self.claim_file, _ADVICE)
+        except CampaignError as error:
             raise self._refused(
-                f"{self.claim_file} there was not written by this command"
+                f"{self.claim_file} there was not written by this command, or is damaged "
+                f"({error.what})"
             ) from error
+        if claim.get("format") != self.format or "campaign_sha256" not in claim:
+            raise self._refused(f"{self.claim_file} there was not written by this command")
+        return claim
 
     def _refused(self, what: str) -> OutputError:
         return OutputError(what, where=str(self.path), advice=_ADVICE)

@@ -14,13 +14,15 @@ from pathlib import Path
 from typing import Any, Literal
 
 from bayes_inertia.app.diagnosed_fit import fit_after_diagnosis
+from bayes_inertia.app.diagnosis_json import FORMAT as DIAGNOSIS_FORMAT
 from bayes_inertia.app.diagnosis_json import next_fit_from, to_json
 from bayes_inertia.app.fit_campaign import fit
+from bayes_inertia.app.folder_lock import working_in
 from bayes_inertia.app.investigation import investigate
 from bayes_inertia.app.result_folder import ResultFolder
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import campaign_sha256, copy_campaign, read_campaign
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, SettingsError
 from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.posterior import Posterior
@@ -32,10 +34,13 @@ from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
 from bayes_inertia.report.fit_sections import standard_sections
 from bayes_inertia.report.page import write_report
-from bayes_inertia.report.section import Section
+from bayes_inertia.sealing import SEAL_KEY, blaming, read_sealed_json, sealed
 from bayes_inertia.version import __version__
 
 FORMAT = "bayes-inertia-run/1"
+_DIAGNOSIS = "diagnosis.json"
+_NEW_RUN = "start a new run in another folder"
+_NEW_DIAGNOSIS = "delete it and run `bayes-inertia resume`"
 _RESULT_FILES = ("posterior.nc", "summary.json", "diagnosis.json", "report.html", "chains")
 
 
@@ -120,11 +125,11 @@ def read_run(folder: Path) -> Run:
         raise CampaignError(
             "no run here", where=str(path), advice="give the folder that `fit -o` wrote"
         )
+    content = read_sealed_json(path, _NEW_RUN)
     try:
-        content = json.loads(path.read_text())
         if content["format"] != FORMAT:
             raise ValueError(f"format {content['format']!r}")
-        return Run(
+        run = Run(
             content["campaign_sha256"],
             tuple(content["effects"]),
             content["drive"],
@@ -133,11 +138,16 @@ def read_run(folder: Path) -> Run:
             content.get("as_stated", False),
             noise_model_from_json(content.get("noise", {})),
         )
+        if run.drive not in (None, "commanded", "measured") or run.kind not in ("fit", "diagnose"):
+            raise ValueError(f"drive {run.drive!r}, kind {run.kind!r}")
+        if not all(isinstance(name, str) for name in run.effects):
+            raise ValueError(f"effects {run.effects!r}")
+        return run
+    except SettingsError as error:
+        raise CampaignError(str(error), where=str(path), advice=_NEW_RUN) from error
     except (ValueError, KeyError, TypeError) as error:
         raise CampaignError(
-            f"not a run description ({error})",
-            where=str(path),
-            advice="start a new run in another folder",
+            f"not a run description ({error})", where=str(path), advice=_NEW_RUN
         ) from error
 
 
@@ -192,10 +202,11 @@ def start(
     run = Run(digest, tuple(effects), drive, settings, kind, as_stated, noise)
     owner = run.owner(folder)
     if not owner.holds_this_work():
-        # The copy is part of the claim and goes on with what a kill left of the same copy: where
-        # run.json is, it is complete.
-        copy_campaign(campaign, folder / "campaign")
-        owner.claim({"version": __version__})
+        with working_in(folder):
+            # The copy is part of the claim and goes on with what a kill left of the same copy:
+            # where run.json is, it is complete.
+            copy_campaign(campaign, folder / "campaign")
+            owner.claim({"version": __version__})
     return run
 
 
@@ -220,8 +231,15 @@ def finish(folder: Path, *, report: bool = True, progress: Progress | None = Non
     ------
     CampaignError
         If the folder holds no run, or its copy of the campaign was changed.
+    OutputError
+        If another process works in the folder, or it cannot be written.
     """
     run = read_run(folder)
+    with working_in(folder):
+        return _finish(folder, run, report, progress)
+
+
+def _finish(folder: Path, run: Run, report: bool, progress: Progress | None) -> Posterior:
     if campaign_sha256(folder / "campaign") != run.campaign_sha256:
         raise CampaignError(
             "the run's copy of the campaign was changed",
@@ -236,18 +254,51 @@ def finish(folder: Path, *, report: bool = True, progress: Progress | None = Non
     if report:
         if progress:
             progress("writing the report", 0, 1)
-        write_report(posterior, folder / "report.html", sections(posterior, folder))
+        write_run_report(posterior, folder, intact=True)
     return posterior
+
+
+def write_run_report(posterior: Posterior, folder: Path, *, intact: bool) -> Path:
+    """Write the report of a run: of its diagnosis, if it has one, then of its fit.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Of the run.
+    folder : Path
+        Of the run.
+    intact : bool
+        Whether the posterior is known to be what was written.
+
+    Returns
+    -------
+    Path
+        Of report.html.
+
+    Raises
+    ------
+    CampaignError
+        If the diagnosis, or a posterior that may be damaged, cannot be shown.
+    """
+    content = read_diagnosis(folder)
+    sealed_diagnosis = content is None or SEAL_KEY in content
+    with blaming(folder, intact=intact and sealed_diagnosis, advice=_NEW_RUN):
+        before = [] if content is None else diagnosis_sections(content)
+        parts = before + standard_sections(posterior)
+        return write_report(posterior, folder / "report.html", parts)
 
 
 def _posterior(folder: Path, run: Run, progress: Progress | None) -> Posterior:
     """Of the effects that the run names, or that its diagnosis does."""
     campaign, chains = read_campaign(folder / "campaign"), folder / "chains"
     if run.kind == "diagnose":
+        content = _diagnosed(folder, campaign, run, progress)
+        # Always from the file's content, so that a run that was killed gives the same bits.
+        with blaming(folder / _DIAGNOSIS, intact=SEAL_KEY in content, advice=_NEW_DIAGNOSIS):
+            choice = next_fit_from(content)
         return fit_after_diagnosis(
             campaign,
-            # Always from the file's content, so that a run that was killed gives the same bits.
-            next_fit_from(_diagnosed(folder, campaign, run, progress)),
+            choice,
             drive=run.drive,
             settings=run.settings,
             chains=chains,
@@ -280,9 +331,9 @@ def _diagnosed(
     investigation = investigate(
         campaign, drive=run.drive, seed=run.settings.seed, as_stated=run.as_stated
     )
-    content = to_json(investigation)
+    content = sealed(to_json(investigation))
     text = json.dumps(content, indent=None, separators=(", ", ": "), allow_nan=False)
-    write_atomically(folder / "diagnosis.json", text + "\n")
+    write_atomically(folder / _DIAGNOSIS, text + "\n")
     return content
 
 
@@ -304,33 +355,10 @@ def read_diagnosis(folder: Path) -> dict[str, Any] | None:
     CampaignError
         If the file cannot be read.
     """
-    path = folder / "diagnosis.json"
+    path = folder / _DIAGNOSIS
     if not path.is_file():
         return None
-    try:
-        return json.loads(path.read_text())
-    except ValueError as error:
-        raise CampaignError(
-            f"not a diagnosis ({error})",
-            where=str(path),
-            advice="delete it and run `bayes-inertia resume`",
-        ) from error
-
-
-def sections(posterior: Posterior, folder: Path) -> list[Section]:
-    """The sections of a run's report: of its diagnosis, if it has one, then of its fit.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        Of the run.
-    folder : Path
-        Of the run.
-
-    Returns
-    -------
-    list of Section
-        For `write_report`.
-    """
-    content = read_diagnosis(folder)
-    return ([] if content is None else diagnosis_sections(content)) + standard_sections(posterior)
+    content = read_sealed_json(path, _NEW_DIAGNOSIS)
+    if content.get("format") != DIAGNOSIS_FORMAT:
+        raise CampaignError("not a diagnosis", where=str(path), advice=_NEW_DIAGNOSIS)
+    return content

@@ -10,12 +10,17 @@ again, to the same bits.
 
 from __future__ import annotations
 
+from io import BytesIO
 from pathlib import Path
 
+import emcee
+import numpy as np
 from emcee.backends import Backend, HDFBackend
 
-from bayes_inertia.errors import OutputError
+from bayes_inertia.campaign.isolated_arrays import check_readable
+from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import write_atomically
+from bayes_inertia.sealing import is_sealed, sealed_bytes
 
 _ADVICE = "delete it, and this ensemble begins again"
 
@@ -51,18 +56,36 @@ def load_chain(path: Path, walkers: int, d: int) -> Backend:
     if not path.exists():
         return chain
     try:
-        kept = HDFBackend(str(path), read_only=True)
-        shape = tuple(map(int, kept.shape))
-        if shape != (walkers, d):
-            what = f"holds an ensemble of shape {shape}, wanted is {(walkers, d)}"
-            raise OutputError(what, where=str(path), advice=_ADVICE)
-        if kept.iteration > 0:
-            chain.chain, chain.log_prob = kept.get_chain(), kept.get_log_prob()
-            chain.accepted, chain.random_state = kept.accepted, kept.random_state
-            chain.iteration = int(kept.iteration)
-    except (OSError, KeyError, AttributeError) as error:
+        if not is_sealed(path, _ADVICE):
+            # Of an earlier version, or damaged: then it could end this process.
+            check_readable(path, "check", _ADVICE)
+        _load(path, chain, walkers, d)
+    except CampaignError as error:
+        raise OutputError(error.what, where=error.where, advice=error.advice) from error
+    except OutputError:
+        raise
+    except Exception as error:  # The libraries raise whatever they stumble over.
         raise OutputError(f"not a chain ({error})", where=str(path), advice=_ADVICE) from error
     return chain
+
+
+def _load(path: Path, chain: Backend, walkers: int, d: int) -> None:
+    """Put what a file holds into an empty chain."""
+    kept = HDFBackend(str(path), read_only=True)
+    shape = tuple(map(int, kept.shape))
+    if shape != (walkers, d):
+        what = f"holds an ensemble of shape {shape}, wanted is {(walkers, d)}"
+        raise OutputError(what, where=str(path), advice=_ADVICE)
+    steps = int(kept.iteration)
+    if steps <= 0:
+        return
+    chain.chain, chain.log_prob = kept.get_chain(), kept.get_log_prob()
+    chain.accepted, chain.random_state = kept.accepted, kept.random_state
+    chain.iteration = steps
+    whole = chain.chain.shape == (steps, walkers, d) and chain.log_prob.shape == (steps, walkers)
+    if not (whole and chain.accepted.shape == (walkers,) and np.isfinite(chain.chain).all()):
+        raise OutputError("not a chain (incomplete)", where=str(path), advice=_ADVICE)
+    np.random.RandomState().set_state(chain.random_state)  # Or an exception.
 
 
 def save_chain(chain: Backend, path: Path) -> None:
@@ -88,19 +111,23 @@ def save_chain(chain: Backend, path: Path) -> None:
     ...     int(HDFBackend(str(path)).iteration)
     0
     """
+    import h5py
 
-    def write(temporary: Path) -> None:
-        kept = HDFBackend(str(temporary))
-        kept.reset(*chain.shape)
-        kept.grow(chain.iteration, None)
-        with kept.open("a") as file:
-            group = file[kept.name]
-            group["accepted"][...] = chain.accepted
-            if chain.iteration > 0:
-                group["chain"][...] = chain.get_chain()
-                group["log_prob"][...] = chain.get_log_prob()
-            for i, part in enumerate(chain.random_state or ()):
-                group.attrs[f"random_state_{i}"] = part
-            group.attrs["iteration"] = chain.iteration
-
-    write_atomically(path, write)
+    walkers, d = chain.shape
+    steps = chain.iteration
+    arrays = {
+        "accepted": chain.accepted,
+        "chain": chain.get_chain() if steps else np.zeros((0, walkers, d)),
+        "log_prob": chain.get_log_prob() if steps else np.zeros((0, walkers)),
+    }
+    # In memory: HDF5 can end the process where the disk has no room.
+    content = BytesIO()
+    with h5py.File(content, "w") as file:
+        group = file.create_group(HDFBackend("").name)
+        for name, values in arrays.items():
+            group[name] = values
+        sizes = {"nwalkers": walkers, "ndim": d, "iteration": steps}
+        group.attrs.update({"version": emcee.__version__, "has_blobs": False, **sizes})
+        for i, part in enumerate(chain.random_state or ()):
+            group.attrs[f"random_state_{i}"] = part
+    write_atomically(path, sealed_bytes(content.getvalue()))

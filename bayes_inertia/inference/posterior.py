@@ -11,20 +11,24 @@ from __future__ import annotations
 
 import json
 from functools import cached_property
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bayes_inertia.campaign.isolated_arrays import check_readable
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.gate_limits import OBSERVABLE_ABOVE
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.sealing import blaming, is_sealed, sealed_bytes
 
 if TYPE_CHECKING:
     import xarray as xr
 
 FORMAT = "bayes-inertia-posterior/1"
+_ADVICE = "`bayes-inertia resume RUN` writes it again from the run's chains"
 # What stands first in summary.json.
 _SUMMARY_ORDER = (
     "format",
@@ -85,20 +89,24 @@ class Posterior:
             raise CampaignError(
                 "no such file", where=str(path), advice="give the posterior.nc of a finished run"
             )
-        try:
+        intact = is_sealed(path, _ADVICE)
+        if not intact:
+            # Of an earlier version, or damaged: then it could end this process.
+            check_readable(path, "check_tree", _ADVICE)
+        with blaming(path, intact=intact, advice=_ADVICE):
             tree = xr.open_datatree(path, engine="h5netcdf").load()
-        except (OSError, ValueError) as error:
-            raise CampaignError(
-                f"not a netCDF file ({error})", where=str(path), advice="fit again"
-            ) from error
-        tree.close()
+            tree.close()
         if tree.attrs.get("format") != FORMAT:
             raise CampaignError(
                 f"the format is not {FORMAT}",
                 where=str(path),
                 advice="give a posterior.nc written by this package",
             )
-        return cls(tree)
+        posterior = cls(tree)
+        if not intact:
+            with blaming(path, intact=False, advice=_ADVICE):
+                posterior.summary()
+        return posterior
 
     def save(self, path: str | Path) -> Path:
         """Write the tree as netCDF, atomically.
@@ -113,9 +121,11 @@ class Posterior:
         Path
             Where it was written.
         """
-        return write_atomically(
-            Path(path), lambda temporary: self.tree.to_netcdf(temporary, engine="h5netcdf")
-        )
+
+        # In memory: HDF5 can end the process where the disk has no room.
+        content = BytesIO()
+        self.tree.to_netcdf(content, engine="h5netcdf")
+        return write_atomically(Path(path), sealed_bytes(content.getvalue()))
 
     @property
     def names(self) -> list[str]:

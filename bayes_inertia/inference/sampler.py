@@ -314,16 +314,19 @@ def _advance(
     def run(k: int) -> None:
         sampler = samplers[k]
         done[k] = sampler.backend.iteration
-        if done[k] >= steps:
+        if done[k] >= steps or stopped.is_set():
             return
         for _ in sampler.sample(sampler._previous_state, iterations=steps - done[k]):
             done[k] += 1
             file = files[k]
-            if file is not None and (done[k] % _STEPS_BETWEEN_SAVES == 0 or done[k] == steps):
+            ends = stopped.is_set()
+            if file is not None and (
+                done[k] % _STEPS_BETWEEN_SAVES == 0 or done[k] == steps or ends
+            ):
                 save_chain(sampler.backend, file)
             if progress:
                 progress("sampling", sum(done), target)
-            if stopped.is_set():
+            if ends:
                 return
         sampler._previous_state = sampler.get_last_sample()
 

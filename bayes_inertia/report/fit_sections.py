@@ -328,7 +328,6 @@ def settings_section(posterior: Posterior) -> Section:
             f"{ensembles} ensembles of {chains // ensembles} walkers, "
             f"{diagnostics['steps']} steps, the first {diagnostics['discarded']} discarded",
         ),
-        ("time", f"{diagnostics['seconds']:.0f} s"),
         ("versions", ", ".join(versions)),
     ]
     return Section("Settings", packaged("settings.html"), {"rows": rows})

@@ -27,6 +27,7 @@ from bayes_inertia.design.limits import Limits
 from bayes_inertia.errors import OutputError
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.inference.sampler import Settings
+from bayes_inertia.sealing import SEAL_KEY, sealed
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 
@@ -45,6 +46,8 @@ def test_a_free_folder_is_claimed_and_the_same_work_goes_on(tmp_path):
     folder.claim({"value": 3.0})
     assert folder.holds_this_work()
     claim = json.loads((folder.path / "design.json").read_text())
+    assert claim == sealed(claim)
+    del claim[SEAL_KEY]
     assert claim == {
         "format": "test/1",
         "campaign_sha256": "aa",
@@ -115,7 +118,7 @@ def test_a_run_folder_of_version_0_1_is_read_and_goes_on(tmp_path):
     path = tmp_path / "run" / "run.json"
     content = json.loads(path.read_text())
     assert content["format"] == run_folder.FORMAT
-    del content["kind"]
+    del content["kind"], content[SEAL_KEY]
     path.write_text(json.dumps(content))
     assert run_folder.read_run(tmp_path / "run") == run
     assert run_folder.start(EXAMPLE, tmp_path / "run", settings=Settings(seed=3)) == run
@@ -229,6 +232,7 @@ def test_observe_writes_into_the_run_of_the_same_data_only(tmp_path, quick):
     run_folder.start(EXAMPLE, tmp_path / "run")
     run_observe(tmp_path / "run")
     path = tmp_path / "run" / "run.json"
-    path.write_text(path.read_text().replace('"campaign_sha256": "', '"campaign_sha256": "0'))
+    claim = json.loads(path.read_text())
+    path.write_text(json.dumps(sealed(claim | {"campaign_sha256": "0"})))
     with pytest.raises(OutputError, match="run of other data"):
         run_observe(tmp_path / "run")

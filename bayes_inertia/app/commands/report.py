@@ -12,10 +12,11 @@ def report_command(
     run: Annotated[Path, typer.Argument(help="Folder of a finished run.")],
 ) -> None:
     """Write report.html again from posterior.nc (and diagnosis.json)."""
-    from bayes_inertia.app.run_folder import sections
+    from bayes_inertia.app.run_folder import write_run_report
     from bayes_inertia.inference.posterior import Posterior
-    from bayes_inertia.report.page import write_report
+    from bayes_inertia.sealing import is_sealed
 
-    posterior = Posterior.load(run / "posterior.nc")
-    path = write_report(posterior, run / "report.html", sections(posterior, run))
+    stored = run / "posterior.nc"
+    posterior = Posterior.load(stored)
+    path = write_run_report(posterior, run, intact=is_sealed(stored, ""))
     typer.echo(f"wrote {path}")

@@ -1,0 +1,212 @@
+"""Seals: what a run wrote is told from what was damaged or changed since.
+
+A sealed file states the SHA-256 of its content: a JSON document under the key `content_sha256`,
+any other file in its last bytes, which the libraries of HDF5 and netCDF skip. Whoever reads it
+checks the seal before a library takes the content apart, which for a damaged HDF5 file may end the
+process. Files of earlier versions have no seal.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from bayes_inertia.errors import BayesInertiaError, CampaignError
+from bayes_inertia.files import read_bytes, text_of
+
+SEAL_KEY = "content_sha256"
+_MARK = b"\nbayes-inertia sha256 "
+_SEAL_BYTES = len(_MARK) + 64 + 1
+_BLOCK = 2**20  # [bytes] read at once
+
+
+def sealed_bytes(content: bytes) -> bytes:
+    """The content of a file with its digest behind it.
+
+    Parameters
+    ----------
+    content : bytes
+        Without a seal.
+
+    Returns
+    -------
+    bytes
+        What to write.
+
+    Examples
+    --------
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     path = Path(folder, "a.h5")
+    ...     _ = path.write_bytes(sealed_bytes(b"content"))
+    ...     is_sealed(path, "")
+    True
+    """
+    return content + _MARK + hashlib.sha256(content).hexdigest().encode() + b"\n"
+
+
+def is_sealed(path: Path, advice: str) -> bool:
+    """Whether a file carries the seal of its content.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    advice : str
+        What to do about a damaged one.
+
+    Returns
+    -------
+    bool
+        False for a file without a seal: of an earlier version, or cut off.
+
+    Raises
+    ------
+    CampaignError
+        If it cannot be read, or its content is not the one that was sealed.
+    """
+    try:
+        size = path.stat().st_size
+        with path.open("rb") as file:
+            file.seek(max(0, size - _SEAL_BYTES))
+            seal = file.read()
+        if not (len(seal) == _SEAL_BYTES and seal.startswith(_MARK)):
+            return False
+        intact = _digest(path, size - _SEAL_BYTES).encode() == seal[len(_MARK) : -1]
+    except OSError as error:
+        what = f"cannot be read ({error.strerror or error})"
+        raise CampaignError(what, where=str(path), advice="check the file") from error
+    if not intact:
+        raise CampaignError(
+            "is damaged: its content is not what was written", where=str(path), advice=advice
+        )
+    return True
+
+
+def _digest(path: Path, size: int) -> str:
+    """SHA-256 of the first bytes of a file."""
+    digest = hashlib.sha256()
+    with path.open("rb") as file:
+        while size > 0 and (block := file.read(min(size, _BLOCK))):
+            digest.update(block)
+            size -= len(block)
+    return digest.hexdigest()
+
+
+def sealed(content: Mapping[str, Any]) -> dict[str, Any]:
+    """A JSON document with its digest.
+
+    Parameters
+    ----------
+    content : dict
+        What `json.dumps` accepts.
+
+    Returns
+    -------
+    dict
+        The same with the key `content_sha256` last.
+
+    Examples
+    --------
+    >>> sealed({"seed": 1})["content_sha256"][:8]
+    'fbe47f6d'
+    """
+    bare = {key: value for key, value in content.items() if key != SEAL_KEY}
+    return {**bare, SEAL_KEY: _json_digest(bare)}
+
+
+def _json_digest(content: Mapping[str, Any]) -> str:
+    """The same for every layout and order of keys."""
+    plain = json.loads(json.dumps(content))
+    text = json.dumps(plain, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def read_sealed_json(path: Path, advice: str) -> dict[str, Any]:
+    """A JSON document that this package wrote.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    advice : str
+        What to do about a damaged one.
+
+    Returns
+    -------
+    dict
+        Its content, seal included where it has one.
+
+    Raises
+    ------
+    CampaignError
+        If it cannot be read, is no JSON document, or was changed since it was written.
+
+    Examples
+    --------
+    >>> read_sealed_json(Path("no/such/run.json"), "")
+    Traceback (most recent call last):
+    bayes_inertia.errors.CampaignError: no/such/run.json: cannot be read ...
+    """
+    text = text_of(read_bytes(path), str(path))
+    try:
+        content = json.loads(text)
+        if not isinstance(content, dict):
+            raise ValueError("no object in braces")
+        bare = {key: value for key, value in content.items() if key != SEAL_KEY}
+        intact = SEAL_KEY not in content or content[SEAL_KEY] == _json_digest(bare)
+    except (ValueError, RecursionError) as error:
+        reason = str(error) or type(error).__name__
+        raise CampaignError(
+            f"is damaged: not the JSON that was written ({reason})", where=str(path), advice=advice
+        ) from error
+    if not intact:
+        raise CampaignError("was changed since it was written", where=str(path), advice=advice)
+    return content
+
+
+@contextmanager
+def blaming(path: Path, *, intact: bool, advice: str) -> Iterator[None]:
+    """Take any exception for damage of a file without a seal.
+
+    A file whose seal holds is what this package wrote: then an exception is a fault of the program
+    and passes through.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    intact : bool
+        Whether its seal holds.
+    advice : str
+        What to do about a damaged one.
+
+    Raises
+    ------
+    CampaignError
+        In place of what the damage caused.
+
+    Examples
+    --------
+    >>> with blaming(Path("diagnosis.json"), intact=False, advice="delete it"):
+    ...     {}["verdict"]
+    Traceback (most recent call last):
+    bayes_inertia.errors.CampaignError: diagnosis.json: is damaged, or of a version that ...
+    """
+    try:
+        yield
+    except (BayesInertiaError, MemoryError):
+        raise
+    except Exception as error:
+        if intact:
+            raise
+        reason = (str(error).splitlines() or [""])[0][:200]
+        raise CampaignError(
+            f"is damaged, or of a version that cannot be read ({type(error).__name__}: {reason})",
+            where=str(path),
+            advice=advice,
+        ) from error

@@ -1,0 +1,86 @@
+"""posterior.nc and the report: the same every time, and damage that is told."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import replace
+
+import pytest
+from support.campaign_files import assert_teaches
+
+from bayes_inertia.app.cli import main
+from bayes_inertia.errors import CampaignError, OutputError
+from bayes_inertia.files import write_atomically
+from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.report.fit_sections import standard_sections
+from bayes_inertia.report.page import render
+
+SEAL = b"\nbayes-inertia sha256"
+
+
+def words(posterior: Posterior) -> str:
+    """The page without its pictures, which take long to draw."""
+    sections = [replace(part, pictures=()) for part in standard_sections(posterior)]
+    return render(posterior, sections)
+
+
+def test_two_runs_of_one_seed_write_the_same_report(made):
+    """They differ in the seconds that they took, which summary.json tells."""
+    posterior = made("one_slew")
+    first, attributes = words(posterior), posterior.attributes
+    for changed, same in (({"seconds": 45.6}, True), ({"steps": 63}, False)):
+        stated = attributes | {"diagnostics": attributes["diagnostics"] | changed}
+        posterior.tree.attrs["bayes_inertia"] = json.dumps(stated)
+        assert (words(posterior) == first) == same
+
+
+@pytest.fixture
+def stored(made, tmp_path):
+    return made("one_slew").save(tmp_path / "posterior.nc")
+
+
+def test_a_stored_posterior_is_read_back(stored):
+    assert SEAL in stored.read_bytes()[-100:]
+    assert Posterior.load(stored).summary()["parameters"]["Jxx"]["sd"] > 0.0
+
+
+def test_a_flipped_bit_is_told_by_every_command(stored, capsys):
+    data = bytearray(stored.read_bytes())
+    data[len(data) // 2] ^= 16
+    stored.write_bytes(bytes(data))
+    with pytest.raises(CampaignError, match="is damaged") as caught:
+        Posterior.load(stored)
+    assert_teaches(caught.value, ["posterior.nc", "resume"])
+    with pytest.raises(SystemExit) as stop:
+        main(["report", str(stored.parent)])
+    assert stop.value.code == 2
+    assert "posterior.nc: is damaged" in capsys.readouterr().err
+
+
+def test_without_a_seal_another_process_reads_it_first(stored):
+    data = stored.read_bytes()
+    bare = data[: data.rindex(SEAL)]
+    stored.write_bytes(bare)
+    assert Posterior.load(stored).names[0] == "Jxx"
+    # As long as before, so that HDF5 itself may not see the end of the file missing.
+    stored.write_bytes(bare[: len(bare) // 3] + bytes(len(bare) - len(bare) // 3))
+    with pytest.raises(CampaignError, match=r"posterior\.nc"):
+        Posterior.load(stored)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="limits of file size are POSIX")
+def test_a_disk_without_room_leaves_the_old_result(made, stored):
+    import resource
+
+    before, posterior = stored.read_bytes(), made("good")
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (4096, hard))
+    try:
+        with pytest.raises(OutputError, match=r"posterior\.nc: cannot be written"):
+            posterior.save(stored)
+        with pytest.raises(OutputError, match=r"report\.html: cannot be written"):
+            write_atomically(stored.with_name("report.html"), bytes(10_000))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert [(p.name, p.read_bytes()) for p in stored.parent.iterdir()] == [(stored.name, before)]
