@@ -101,7 +101,8 @@ def fit(
         if clean.estimate is not estimate:
             estimate = restarted_with_mode(clean.estimate)
             context = _with_noise_of(context or FitContext(), clean.treatment)
-    estimate = with_modelled_outliers(estimate)
+    if not model.noise.is_stated:
+        estimate = with_modelled_outliers(estimate)
     samples = sample(estimate, settings, folder=chains, progress=progress)
     posterior = build_posterior(estimate, samples, context or FitContext(), settings.seed)
     return _with_seconds(posterior, perf_counter() - began)

@@ -1,0 +1,344 @@
+"""Student-t noise and noise of sampled scale, against quadrature, brute force and simulation."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import stats
+from support.noisy_campaigns import importance_moments, spiked, with_student_t_rates
+
+from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.errors import CampaignError, SettingsError
+from bayes_inertia.inference import optimizer
+from bayes_inertia.inference.arrow_matrix import drawn, factored, solved
+from bayes_inertia.inference.cleaning import clean_fit
+from bayes_inertia.inference.laplace import marginal
+from bayes_inertia.inference.likelihood import residuals
+from bayes_inertia.inference.marginal_posterior import log_posterior
+from bayes_inertia.inference.modelled_outliers import with_modelled_outliers
+from bayes_inertia.inference.noise_draws import losses
+from bayes_inertia.inference.noise_marginal import log_density_with_noise, noise_marginal, settled
+from bayes_inertia.inference.noise_parameters import channel_rules
+from bayes_inertia.inference.point import Point
+from bayes_inertia.inference.student_t import (
+    heavy_tail,
+    log_norm,
+    normal_scores,
+    scale_information,
+    squares_worth,
+)
+from bayes_inertia.physics.channel_noise import (
+    ChannelNoise,
+    NoiseModel,
+    noise_model_from_json,
+    noise_model_from_text,
+)
+from bayes_inertia.physics.forward_model import Model
+
+HEAVY = NoiseModel(rate=ChannelNoise("student_t"))
+SAMPLED = NoiseModel(rate=ChannelNoise(scale_sampled=True))
+ALL = NoiseModel(
+    rate=ChannelNoise("student_t", None, scale_sampled=True),
+    attitude=ChannelNoise(scale_sampled=True),
+)
+DATA = Path(__file__).parents[1] / "data"
+
+
+def fitted(campaign, noise=None, **options):
+    return optimizer.estimate(Model(campaign, noise=noise or NoiseModel()), starts=1, **options)
+
+
+def too_large(estimate):
+    return [name for name, test in estimate.tests.items() if test.too_large]
+
+
+def expected(function, degrees):
+    """Mean of a function of a Student-t number: y = sqrt(nu) tan(angle), Gauss and Legendre."""
+    nodes, weights = np.polynomial.legendre.leggauss(400)
+    angle = 0.5 * np.pi * nodes
+    weights = weights * np.cos(angle) ** (degrees - 1.0)
+    return float(weights @ np.asarray(function(np.sqrt(degrees) * np.tan(angle))) / weights.sum())
+
+
+@pytest.mark.parametrize("degrees", [2.5, 30.0])
+def test_the_formulas_of_student_t_noise(degrees):
+    y = jnp.linspace(-6.0, 6.0, 25)
+    tail = heavy_tail(y, degrees)
+    log_density = -tail.loss - log_norm(degrees) - 0.5 * np.log(2.0 * np.pi)
+    assert np.allclose(log_density, stats.t(degrees).logpdf(y), atol=1e-12)
+    loss = jax.grad(lambda x: heavy_tail(x, degrees).loss)
+    assert np.allclose(jax.vmap(loss)(y), tail.slope, atol=1e-12)
+    assert np.allclose(jax.vmap(jax.grad(loss))(y), tail.curvature, atol=1e-12)
+
+    def squares(x):
+        return (degrees + 1.0) * x**2 / (degrees + x**2)
+
+    assert expected(squares, degrees) == pytest.approx(1.0, abs=1e-6)
+    variance = expected(lambda x: (squares(x) - 1.0) ** 2, degrees)
+    assert 2.0 / variance == pytest.approx(squares_worth(degrees), rel=1e-6)
+    # The information of (log scale, degrees) is the covariance of their scores.
+    towards = jax.jacfwd(lambda nu, x: heavy_tail(x, nu).loss + log_norm(nu))
+    across = expected(lambda x: (1.0 - squares(x)) * towards(degrees, x), degrees)
+    of_degrees = expected(lambda x: towards(degrees, x) ** 2, degrees)
+    information = np.array([[variance, across], [across, of_degrees]])
+    assert np.allclose(information, scale_information(degrees), rtol=1e-4, atol=1e-7)
+
+
+def test_normal_scores_are_normal():
+    numbers = np.random.default_rng(1).standard_t(3.0, 4000)
+    assert stats.kstest(normal_scores(numbers, 3.0), "norm").pvalue > 1e-3
+    assert stats.kstest(normal_scores(numbers, 30.0), "norm").pvalue < 1e-6
+
+
+def test_the_arrow_is_the_whole_matrix():
+    rng, shared, own, slews = np.random.default_rng(2), 2, 3, 4
+    roots = rng.normal(size=(slews, 9, shared + own))
+    blocks = np.einsum("sni,snj->sij", roots, roots)
+    whole = np.eye(shared + slews * own)
+    for s, block in enumerate(blocks):
+        index = [*range(shared), *range(shared + s * own, shared + (s + 1) * own)]
+        whole[np.ix_(index, index)] += block
+    factor = factored(jnp.asarray(blocks), shared)
+    assert float(factor.log_determinant) == pytest.approx(np.linalg.slogdet(whole)[1], rel=1e-12)
+    right = rng.normal(size=len(whole))
+    parts = solved(factor, right[:shared], right[shared:].reshape(slews, own))
+    joined = np.concatenate([np.ravel(part) for part in parts])
+    assert np.allclose(joined, np.linalg.solve(whole, right))
+    columns = [
+        drawn(factor, z[:shared], z[shared:].reshape(slews, own)) for z in np.eye(len(whole))
+    ]
+    root = np.array([np.concatenate([np.ravel(part) for part in column]) for column in columns])
+    assert np.allclose(root.T @ root, np.linalg.inv(whole))
+
+
+@pytest.mark.slow
+def test_gaussian_noise_of_scale_one_has_the_plain_marginal(small_flown):
+    plain, scaled = (fitted(small_flown.campaign, noise) for noise in (None, SAMPLED))
+    rng = np.random.default_rng(3)
+    thetas = plain.theta + rng.normal(size=(8, 9)) @ np.linalg.cholesky(plain.covariance).T
+    ours = log_density_with_noise(scaled, batch=8)(np.column_stack([thetas, np.ones(8)]))
+    theirs = np.asarray(log_posterior(plain.model.structure, marginal(plain))(jnp.asarray(thetas)))
+    assert np.ptp(theirs) > 1.0
+    assert np.ptp(ours - theirs) < 1e-3
+
+
+def exact_marginal(estimate, theta, rng, n=4000):
+    """log of the integral over the nuisances by importance sampling, and its standard error."""
+    model, rules, frozen = estimate.model, channel_rules(estimate.model), noise_marginal(estimate)
+    at = jax.jit(lambda x: settled(model.structure, rules, frozen, x))(jnp.asarray(theta))
+    shared, size = 3, 3 + at.point.local.size
+    dof = 30.0
+    spread = np.sqrt(dof / rng.chisquare(dof, size=n))
+    z = rng.normal(size=(n, size)) * spread[:, None]
+
+    def density(z_one):
+        bias, local = drawn(at.factor, z_one[:shared], z_one[shared:].reshape(at.point.local.shape))
+        return Point(jnp.asarray(theta), at.point.bias + bias, at.point.local + local)
+
+    def joint(point):
+        r = residuals(model.structure, point, model.data, estimate.stated)
+        return r, -0.5 * (jnp.sum(point.bias**2) + jnp.sum(point.local**2))
+
+    batches = jax.jit(jax.vmap(lambda z_one: joint(density(z_one))))
+    log_weight = []
+    for part in np.split(z, n // 500):
+        r, prior = batches(jnp.asarray(part))
+        numbers = zip(CHANNELS, r, frozen.valid, strict=True)
+        loss = sum(
+            losses(rules, theta, c, np.asarray(values), np.asarray(ok)).sum(-1)
+            for c, values, ok in numbers
+        )
+        proposal = -0.5 * (dof + size) * np.log1p(np.sum(part**2, axis=1) / dof)
+        log_weight.append(np.asarray(prior) - loss - proposal)
+    log_weight = np.concatenate(log_weight) - 0.5 * float(at.factor.log_determinant)
+    weight = np.exp(log_weight - log_weight.max())
+    error = weight.std() / weight.mean() / np.sqrt(n)
+    return float(np.log(weight.mean()) + log_weight.max()), float(error)
+
+
+@pytest.mark.slow
+def test_nuisances_under_student_t_noise_are_integrated_as_by_brute_force(small_flown):
+    rng = np.random.default_rng(4)
+    estimate = fitted(spiked(small_flown.campaign, 0.02)[0], ALL)
+    root = np.linalg.cholesky(estimate.covariance)
+    thetas = (
+        estimate.theta
+        + np.concatenate([np.zeros((1, 12)), 1.5 * rng.normal(size=(3, 12))]) @ root.T
+    )
+    prior_free = log_density_with_noise(estimate, batch=4)(thetas) - np.array(
+        [log_prior_of(estimate, theta) for theta in thetas]
+    )
+    exact, errors = zip(*(exact_marginal(estimate, theta, rng) for theta in thetas), strict=True)
+    gap = (prior_free - prior_free[0]) - (np.array(exact) - exact[0])
+    assert np.ptp(exact) > 2.0
+    # Laplace's own error beside that of the sampling: a fiftieth of a unit of log density.
+    assert np.all(np.abs(gap) < 4.0 * np.hypot(errors, errors[0]) + 0.02), (gap, errors)
+    # The same integral as of Gaussian noise is another one.
+    gaussian = fitted(estimate.model.campaign, discount=False)
+    plain = log_posterior(gaussian.model.structure, marginal(gaussian))(jnp.asarray(thetas[:, :9]))
+    assert np.max(np.abs(np.asarray(plain - plain[0]) - (np.array(exact) - exact[0]))) > 1.0
+
+
+def log_prior_of(estimate, theta):
+    from bayes_inertia.physics.parameters import log_prior
+
+    return float(log_prior(estimate.model.space.constants(), jnp.asarray(theta)))
+
+
+@pytest.mark.slow
+def test_a_sampled_scale_has_its_analytic_posterior(flown):
+    """Inverse gamma times log-normal prior, of the squares that a plain fit leaves."""
+    plain, estimate = fitted(flown.campaign), fitted(flown.campaign, SAMPLED)
+    place = estimate.model.space.names.index("noise.rate_scale")
+    squares = plain.information.chi2[:, 0].sum()
+    dof = plain.information.n_data[:, 0].sum() - plain.effective_parameters[0]
+    log_scale = np.linspace(-0.3, 0.3, 2001)
+    density = -dof * log_scale - 0.5 * squares * np.exp(-2.0 * log_scale)
+    density = density - 0.5 * (log_scale / 0.5) ** 2
+    weight = np.exp(density - density.max())
+    weight /= weight.sum()
+    mean = weight @ log_scale
+    sd = np.sqrt(weight @ (log_scale - mean) ** 2)
+    moments = importance_moments(estimate, np.random.default_rng(5), 6000, logarithm_of=(place,))
+    error = np.sqrt(1.0 / moments.effective)
+    # The squares of the fit at another scale differ by a share of the effective parameters.
+    assert abs(moments.mean[place] - mean) < (4.0 * error + 0.1) * sd
+    assert abs(np.log(moments.sd[place] / sd)) < 4.0 * np.sqrt(0.5) * error + 0.02
+    assert abs(np.log(estimate.theta[place]) - mean) < 0.2 * sd
+    assert estimate.sd[place] / estimate.theta[place] == pytest.approx(sd, rel=0.05)
+
+
+@pytest.mark.slow
+def test_an_unknown_scale_widens_j_where_rows_are_few(flying, setup_type):
+    """Against a mixture of plain fits, each of another noise, weighted by its evidence."""
+    few = setup_type(turns=((0.6, 0.1, 0.0), (0.1, 0.5, 0.5)), rows=8, dt=12.0, fix_rows=(0, -1))
+    campaign = flying(6, few).campaign
+    plain, estimate = fitted(campaign, discount=False), fitted(campaign, SAMPLED)
+    n = plain.information.n_data[:, 0].sum()
+    log_scale = np.linspace(-0.9, 1.1, 17)
+    means, covariances, evidence = [], [], []
+    for x in log_scale:
+        one = optimizer.with_noise(
+            plain, {"rate": float(np.exp(x)), "attitude": 1.0, "momentum": 1.0}
+        )
+        means.append(one.theta)
+        covariances.append(one.covariance)
+        half = 0.5 * np.linalg.slogdet(one.hessian)[1]
+        evidence.append(-one.objective - half - n * x - 0.5 * (x / 0.5) ** 2)
+    weight = np.exp(np.array(evidence) - max(evidence))
+    weight /= weight.sum()
+    mean = weight @ np.array(means)
+    variance = weight @ np.array(
+        [np.diag(c) + (m - mean) ** 2 for c, m in zip(covariances, means, strict=True)]
+    )
+    moments = importance_moments(estimate, np.random.default_rng(7), 20_000)
+    error = np.sqrt(1.0 / moments.effective)
+    ratio = np.log(moments.sd[:9] / np.sqrt(variance))
+    assert np.all(np.abs(ratio) < 5.0 * error + 0.02), ratio
+    assert np.all(np.abs(moments.mean[:9] - mean) < (5.0 * error + 0.05) * np.sqrt(variance))
+    known = fitted(replace_sigma(campaign, float(np.exp(weight @ log_scale))), discount=False)
+    assert np.max(np.sqrt(variance) / known.sd) > 1.01
+
+
+def replace_sigma(campaign, factor):
+    sensor = campaign.rate_sensor
+    return replace(
+        campaign, rate_sensor=replace(sensor, sigma=tuple(factor * s for s in sensor.sigma))
+    )
+
+
+def test_outliers_cost_student_t_noise_little(flown):
+    clean = fitted(flown.campaign)
+    for share in (0.005, 0.05):
+        campaign, _ = spiked(flown.campaign, share)
+        estimate = fitted(campaign, HEAVY)
+        assert not too_large(estimate)
+        assert np.max(np.abs(estimate.theta - clean.theta)[:9] / estimate.sd[:9]) < 1.0
+        # Plain noise, as stated: the same readings overrule everything.
+        plain = fitted(campaign, discount=False)
+        assert too_large(plain)
+        assert np.max(np.abs(plain.theta - clean.theta)[:9] / plain.sd[:9]) > 3.0
+
+
+def test_outliers_in_student_t_noise_are_recorded_and_kept(flown):
+    campaign, rows = spiked(flown.campaign, 0.01)
+    estimate = fitted(campaign, HEAVY)
+    result = clean_fit(estimate)
+    assert result.estimate is estimate
+    records = with_modelled_outliers(estimate).model.campaign.dirt
+    assert {(d.kind, d.channel, d.treated) for d in records} == {("outliers", "rate", "modelled")}
+    assert {d.slew: set(d.rows) for d in records} == rows
+    untouched = fitted(flown.campaign, HEAVY)
+    assert with_modelled_outliers(untouched) is untouched
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["hidden_lag", "hidden_dipole"])
+def test_heavy_noise_of_unknown_scale_hides_no_missing_effect(name):
+    assert too_large(fitted(read_campaign(DATA / name), ALL))
+
+
+@pytest.mark.slow
+def test_fits_to_student_t_noise_are_calibrated(flying):
+    """z-scores of 30 campaigns whose truth is a draw of the prior, the noise's scale among it."""
+    rng, campaigns = np.random.default_rng(8), 30
+    noise = NoiseModel(rate=ChannelNoise("student_t", 4.0, scale_sampled=True))
+    squares, of_scale, plain_squares, of_level = [], [], [], []
+    for seed in range(100, 100 + campaigns):
+        scale = float(np.exp(0.5 * rng.normal()))
+        campaign, truth = with_student_t_rates(flying, seed, 4.0, scale)
+        estimate = fitted(campaign, noise)
+        gap = np.append(truth.theta, scale) - estimate.theta
+        squares.append(gap[:9] @ np.linalg.solve(estimate.covariance[:9, :9], gap[:9]))
+        of_scale.append(np.log(scale / estimate.theta[9]) * estimate.theta[9] / estimate.sd[9])
+        known = replace_sigma(campaign, scale)
+        plain = fitted(known, discount=False)
+        gap = truth.theta - plain.theta
+        plain_squares.append(gap @ np.linalg.solve(plain.covariance, gap))
+        of_level.append(fitted(known, HEAVY).tests["rate"])
+    together = stats.chi2(9 * campaigns)
+    assert 1e-3 < together.cdf(np.sum(squares)) < 0.999
+    assert stats.kstest(squares, stats.chi2(9).cdf).pvalue > 1e-3
+    assert 1e-3 < stats.chi2(campaigns).cdf(np.sum(np.square(of_scale))) < 0.999
+    # Gaussian noise of the same scale believes too much.
+    assert together.sf(np.sum(plain_squares)) < 1e-6
+    # The level of Student-t residuals is judged by their own distribution.
+    assert stats.kstest([test.p_chi2 for test in of_level], "uniform").pvalue > 1e-3
+
+
+def test_noise_is_asked_for_in_words(flown):
+    noise = noise_model_from_text(
+        ["rate=student_t:sampled", "momentum=gaussian"], ["rate", "attitude"]
+    )
+    assert noise == ALL
+    assert noise.names == ("noise.rate_scale", "noise.rate_degrees", "noise.attitude_scale")
+    assert noise_model_from_json(noise.json()) == noise
+    assert Model(flown.campaign, noise=noise).space.names[9:] == noise.names
+    for texts, sampled, words in (
+        (["gyro=student_t"], [], "no channel is called 'gyro'"),
+        (["rate=cauchy"], [], "no distribution is called 'cauchy'"),
+        (["rate"], [], "no distribution is called ''"),
+        (["rate=student_t:few"], [], "'few' degrees of freedom"),
+        (["rate=student_t:0.5"], [], "0.5 degrees of freedom"),
+        (["rate=gaussian:4"], [], "gaussian has no degrees of freedom"),
+        (["rate=gaussian", "rate=student_t"], [], "rate is given twice"),
+        ([], ["tachometer"], "no channel is called 'tachometer'"),
+    ):
+        with pytest.raises(SettingsError, match=words):
+            noise_model_from_text(texts, sampled)
+
+
+def test_noise_of_a_channel_without_readings_is_refused(flown):
+    momentum = NoiseModel(momentum=ChannelNoise("student_t"))
+    with pytest.raises(CampaignError, match="no readings of the channel momentum"):
+        Model(flown.campaign, drive="measured", noise=momentum)
+    slews = tuple(replace(slew, attitude=None) for slew in flown.campaign.slews)
+    blind = replace(flown.campaign, slews=slews, star_tracker=None)
+    with pytest.raises(CampaignError, match="no readings of the channel attitude"):
+        Model(blind, noise=NoiseModel(attitude=ChannelNoise(scale_sampled=True)))
