@@ -8,14 +8,17 @@ campaign a single lost row in 200 moves J by up to 4 sd, a gap of 3 s by 60 sd. 
 * a few rows lost among smooth commands are filled by a curve, where that is good enough;
 * else, where every wheel has a tachometer, the slew's commands are left out: the wheels' measured
   momentum drives the model, which costs 3 to 7 % in the sd of J;
-* else the slew is cut there, each part with a start of its own.
+* else what the wheels did in the gap is unknown and the model integrates it out
+  (`physics.effects.lost_commands`): the slew stays whole;
+* where there are too many gaps for that, and before the first command or after the last, the slew
+  is cut, each part with a start of its own.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from bayes_inertia.campaign.dirt import Dirt
+from bayes_inertia.campaign.dirt import Dirt, Treatment
 from bayes_inertia.campaign.gaps import (
     LONGEST_STEP,
     gap_note,
@@ -23,13 +26,14 @@ from bayes_inertia.campaign.gaps import (
     missing_rows,
     without_intervals,
 )
+from bayes_inertia.campaign.lost_commands import with_lost_commands
 from bayes_inertia.campaign.short_gaps import Channels, with_short_gaps_filled
 
 Interval = tuple[float, float]
 
 
 def with_known_torques(
-    channels: Channels, every_wheel_is_read: bool, negligible: float
+    channels: Channels, every_wheel_is_read: bool, negligible: float, largest: float = np.inf
 ) -> tuple[list[Channels], list[tuple[Dirt, np.ndarray]]]:
     """The channels of a slew, in parts if need be, in which every torque is known or none is given.
 
@@ -41,6 +45,8 @@ def with_known_torques(
         Whether every wheel has a tachometer of known noise.
     negligible : float
         Error of the wheels' momentum that does not matter [N m s].
+    largest : float, optional
+        The largest torque of a wheel [N m]; by default the largest command.
 
     Returns
     -------
@@ -67,27 +73,46 @@ def with_known_torques(
         unknown = _unknown_intervals(time, torque, known, negligible)
         step = float(np.median(np.diff(time[known]))) if known.sum() > 1 else 0.0
         is_short = all(a == -np.inf and b - time[0] <= LONGEST_STEP * step for a, b in unknown)
-        last = np.maximum.accumulate(np.where(known, np.arange(len(torque)), 0))
-        channels = {**channels, "wheel_torque": torque[last]}
         if unknown and not is_short and every_wheel_is_read:
-            dirt = [_record(unknown, "measured wheel momentum drives the model")]
+            dirt = [_record(unknown, "measured wheel momentum drives the model", "masked")]
             channels = {name: values for name, values in given.items() if name != "wheel_torque"}
             unknown = []
-        elif unknown:
-            dirt.append(_record(unknown, "the slew is cut there"))
+        else:
+            channels, unknown, records = _with_unknown_torques(channels, unknown, step, largest)
+            dirt = dirt + records
         # What a row commands is known until the next row is due.
         unknown = [(a + 1.01 * step, b) for a, b in unknown]
     return without_intervals(channels, unknown), dirt
 
 
-def _record(intervals: list[Interval], done: str) -> tuple[Dirt, np.ndarray]:
+def _with_unknown_torques(
+    channels: Channels, unknown: list[Interval], step: float, largest: float
+) -> tuple[Channels, list[Interval], list[tuple[Dirt, np.ndarray]]]:
+    """Channels in which every row has a command, where still to cut, and records of both."""
+    inside = [interval for interval in unknown if np.isfinite(interval).all()]
+    largest = min(largest, float(np.nanmax(np.abs(channels["wheel_torque"]))))
+    marked = with_lost_commands(channels, inside, step, largest) if inside else None
+    dirt = []
+    if marked is not None:
+        channels = marked
+        unknown = [interval for interval in unknown if interval not in inside]
+        dirt.append(_record(inside, "what the wheels did there is integrated out", "modelled"))
+    if unknown:
+        dirt.append(_record(unknown, "the slew is cut there", "masked"))
+    torque = channels["wheel_torque"]
+    known = np.isfinite(torque).all(axis=1)
+    last = np.maximum.accumulate(np.where(known, np.arange(len(torque)), 0))
+    return {**channels, "wheel_torque": torque[last]}, unknown, dirt
+
+
+def _record(intervals: list[Interval], done: str, treated: Treatment) -> tuple[Dirt, np.ndarray]:
     ends = np.array([x for interval in intervals for x in interval])
     lengths = [b - a for a, b in intervals if np.isfinite([a, b]).all()]
     where = [gap_note(len(lengths), max(lengths))] if lengths else []
     where += ["none before the first"] * (intervals[0][0] == -np.inf)
     where += ["none after the last"] * (intervals[-1][1] == np.inf)
     note = f"{', '.join(where)}; {done}"
-    return Dirt("gap", "torque", "", (), "masked", note), ends[np.isfinite(ends)]
+    return Dirt("gap", "torque", "", (), treated, note), ends[np.isfinite(ends)]
 
 
 def _unknown_intervals(

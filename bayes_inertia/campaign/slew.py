@@ -18,6 +18,7 @@ _COLUMNS_OF_CHANNEL = {
     "attitude": 4,
     "magnetic_field_N": 3,
     "position_N": 3,
+    "lost_command_sd": None,
 }
 # Rows with a reading of every axis are enough to tell the motion if they are this share of all.
 _ENOUGH_COMPLETE_ROWS = 0.1
@@ -53,6 +54,11 @@ class Slew:
         Unit axis of the commanded rotation in body axes.
     angle : float, optional
         Angle of the commanded rotation [rad].
+    lost_command : (n,) array of int, optional
+        Number from 1 of the piece of a gap in which a row's command was lost, 0 where it is known.
+        In a lost row `wheel_torque` is a guess. None if all are known.
+    lost_command_sd : (n, wheels) array, optional
+        How far that guess may be off, one sd [N m]; wanted where `lost_command` is given.
 
     Raises
     ------
@@ -76,6 +82,8 @@ class Slew:
     position_N: np.ndarray | None = None
     axis_B: Vector | None = None
     angle: float | None = None
+    lost_command: np.ndarray | None = None
+    lost_command_sd: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         where = f"slews.{self.name}"
@@ -90,10 +98,29 @@ class Slew:
             if getattr(self, key) is not None:
                 array = _channel(getattr(self, key), len(time), width, f"{where}.{key}")
                 object.__setattr__(self, key, array)
+        if self.lost_command is not None:
+            object.__setattr__(self, "lost_command", self._lost_pieces(where))
         if self.attitude is not None:
             object.__setattr__(self, "attitude", _normalised(self.attitude, f"{where}.attitude"))
         if self.axis_B is not None:
             object.__setattr__(self, "axis_B", unit_vector(self.axis_B, f"{where}.axis"))
+
+    def _lost_pieces(self, where: str) -> np.ndarray | None:
+        """`lost_command` as whole numbers, None if no command was lost, or `CampaignError`."""
+        pieces = np.asarray(self.lost_command).astype(int)
+        require(
+            pieces.shape == self.time.shape and bool((pieces >= 0).all()),
+            f"{where}.lost_command",
+            f"shape {pieces.shape} or a negative number",
+            "give a whole number for each row, 0 where the command is known",
+        )
+        require(
+            self.wheel_torque is not None and self.lost_command_sd is not None,
+            f"{where}.lost_command",
+            "nothing says what the wheels may have done",
+            "give wheel_torque and lost_command_sd too",
+        )
+        return pieces if pieces.any() else None
 
     @property
     def fixes(self) -> np.ndarray:

@@ -136,6 +136,8 @@ def _csv(slew: Slew, columns: dict[str, list[str]]) -> str:
     parts = [slew.time[:, None]]
     for channel, names in columns.items():
         values = getattr(slew, channel)
+        if channel == "wheel_torque" and values is not None and slew.lost_command is not None:
+            values = np.where((slew.lost_command > 0)[:, None], np.nan, values)
         parts.append(np.full((len(slew.time), len(names)), np.nan) if values is None else values)
     header = ["t_s", *(name for names in columns.values() for name in names)]
     return _lines(

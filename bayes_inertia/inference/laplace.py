@@ -11,6 +11,7 @@ import numpy as np
 
 from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.inference.channel_rows import measured
+from bayes_inertia.inference.coefficients import CoefficientPart, prior_roots
 from bayes_inertia.inference.likelihood import Information, Residuals, residuals
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.marginal_posterior import Marginal
@@ -229,16 +230,27 @@ def marginal(estimate: Estimate) -> Marginal:
     nuisance = estimate.hessian[d:, d:]
     ridge = -solve(nuisance, estimate.hessian[d:, :d])
     jacobian = estimate.linearised().sensitivities.jacobian
+    columns = Residuals(*(j[..., d:] for j in jacobian))
     return Marginal(
         optimum=jax.tree.map(jnp.asarray, point),
         ridge_bias=jnp.asarray(ridge[:N_BIAS]),
         ridge_local=jnp.asarray(ridge[N_BIAS:].reshape(*point.local.shape, d)),
-        columns=Residuals(*(j[..., d:] for j in jacobian)),
+        columns=columns,
         root=jnp.asarray(inverse_root(nuisance)),
         prior=model.space.constants(),
         data=model.data,
         white=estimate.white,
+        coefficients=_coefficients(estimate, columns) if model.structure.hyperparameters else None,
     )
+
+
+def _coefficients(estimate: Estimate, columns: Residuals) -> CoefficientPart:
+    """What the integral over coefficients needs whose prior is sampled."""
+    model = estimate.model
+    contexts = model.data.arrays.slews.context
+    roots = prior_roots(model.structure, jnp.asarray(estimate.theta), contexts)
+    information = sum(jnp.einsum("snp,snq->spq", j, j) for j in columns)
+    return CoefficientPart(jnp.asarray(information), jnp.linalg.inv(roots))
 
 
 def principal_sd(estimate: Estimate, covariance: np.ndarray) -> np.ndarray:

@@ -18,6 +18,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from bayes_inertia.inference.coefficients import (
+    CoefficientPart,
+    EliminatedSlews,
+    conditional_nuisances,
+    eliminated,
+    log_integral,
+)
 from bayes_inertia.inference.likelihood import Residuals, residuals, whitened
 from bayes_inertia.inference.noise_model import Whitening
 from bayes_inertia.inference.point import Point
@@ -48,6 +55,8 @@ class Marginal(NamedTuple):
     data : Data
     white : Whitening
         The noise as used.
+    coefficients : CoefficientPart, optional
+        What the integral over coefficients needs whose prior is sampled; None where there are none.
     """
 
     optimum: Point
@@ -58,6 +67,7 @@ class Marginal(NamedTuple):
     prior: dict
     data: Data
     white: Whitening
+    coefficients: CoefficientPart | None = None
 
 
 def point_on_ridge(marginal: Marginal, theta: Array) -> Point:
@@ -98,6 +108,22 @@ def _project(structure: Structure, marginal: Marginal, theta: Array) -> tuple[Ar
     return chi2, gradient
 
 
+def _eliminated_at(structure: Structure, marginal: Marginal, theta: Array) -> EliminatedSlews:
+    """The integral over all nuisances at one theta, where their prior depends on it."""
+    fixed = jnp.asarray(structure.hyperparameters)
+    # Residuals depend on what the coefficients are, not on their prior.
+    point = point_on_ridge(marginal, theta.at[fixed].set(marginal.optimum.theta[fixed]))
+    r = residuals(structure, point, marginal.data, marginal.white)
+    slew_gradient: Any = sum(
+        jnp.einsum("sn,snk->sk", channel, columns)
+        for channel, columns in zip(r, marginal.columns, strict=True)
+    )
+    chi2 = sum(jnp.sum(channel**2) for channel in r)
+    contexts = marginal.data.arrays.slews.context
+    part: Any = marginal.coefficients
+    return eliminated(structure, part, theta, contexts, point, chi2, slew_gradient)
+
+
 def log_posterior_of(structure: Structure, marginal: Marginal, theta: Array) -> Array:
     """Marginal log posterior density of one theta, up to a constant.
 
@@ -116,9 +142,14 @@ def log_posterior_of(structure: Structure, marginal: Marginal, theta: Array) -> 
     """
     physical = inertia_tensor.is_physical(theta[:6])
     safe = jnp.where(physical, theta, marginal.optimum.theta)
-    chi2, gradient = _project(structure, marginal, safe)
-    explained = jnp.sum((marginal.root @ gradient) ** 2)
-    value = log_prior(marginal.prior, theta) - 0.5 * (chi2 - explained)
+    if marginal.coefficients is None:
+        chi2, gradient = _project(structure, marginal, safe)
+        explained = jnp.sum((marginal.root @ gradient) ** 2)
+        value = log_prior(marginal.prior, theta) - 0.5 * (chi2 - explained)
+    else:
+        value = log_prior(marginal.prior, theta) + log_integral(
+            _eliminated_at(structure, marginal, safe)
+        )
     return jnp.where(physical & jnp.isfinite(value), value, -jnp.inf)
 
 
@@ -162,6 +193,9 @@ def shared_log_posterior(structure: Structure, marginal: Marginal, thetas: Array
     return jax.vmap(partial(log_posterior_of, structure, marginal))(thetas)
 
 
+_compiled_elimination = jax.jit(_eliminated_at, static_argnums=0)
+
+
 def conditional_point(
     structure: Structure, marginal: Marginal, theta: np.ndarray, noise: np.ndarray
 ) -> Point:
@@ -179,6 +213,10 @@ def conditional_point(
     -------
     Point
     """
+    if marginal.coefficients is not None:
+        parts = _compiled_elimination(structure, marginal, jnp.asarray(theta))
+        bias, local = conditional_nuisances(parts, noise)
+        return Point(np.asarray(theta), bias, local)
     theta, optimum = np.asarray(theta), jax.tree.map(np.asarray, marginal.optimum)
     shift = theta - optimum.theta
     bias = optimum.bias + np.asarray(marginal.ridge_bias) @ shift

@@ -17,23 +17,19 @@ import numpy as np
 
 from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.errors import EstimateError
+from bayes_inertia.inference.descent import descend
 from bayes_inertia.inference.distinct_optima import distinct_optima
+from bayes_inertia.inference.hyperparameters import (
+    information_with_learnt,
+    without_hyperparameters,
+)
 from bayes_inertia.inference.laplace import Estimate, Starts, residual_series
-from bayes_inertia.inference.likelihood import information_blocks
 from bayes_inertia.inference.noise_estimate import with_noise_model
 from bayes_inertia.inference.noise_model import Whitening, discounted, whitening
-from bayes_inertia.inference.objective import (
-    N_BIAS,
-    in_chart,
-    moved,
-    negative_log_posterior,
-    normal_equations,
-    step_sizes,
-)
+from bayes_inertia.inference.objective import N_BIAS, normal_equations
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_tests import dispersion
 from bayes_inertia.inference.start_guess import guess_nuisances
-from bayes_inertia.maths.least_squares import dogleg
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import N_BASE
 
@@ -152,7 +148,8 @@ def re_estimate(
     if weak_data_first:
         white = discounted(whitening(model, point.theta), _GENTLE_WEIGHT * discount)
         guess = replace(point, local=guess_nuisances(model, point.theta))
-        point, _ = _descend(model, guess, white, free, **_GENTLE_STOP)
+        shaped = without_hyperparameters(model, free)
+        point, _ = descend(model, guess, white, shaped, **_GENTLE_STOP)
     settled = _optimum_with_noise(model, point, discount, free, rounds=1, tolerance=tolerance)
     return with_noise_model(_estimate_of(model, *settled, discount, free, Starts(1, 1)))
 
@@ -287,14 +284,15 @@ def _gentle_descent(model: Model, theta: np.ndarray, free: np.ndarray) -> tuple[
     white = discounted(whitening(model, theta), weights)
     core = free[free < N_BASE]
     first = Point(theta, np.zeros(N_BIAS), guess_nuisances(model, theta))
-    point, objective = _descend(model, first, white, core, **_GENTLE_STOP)
+    point, objective = descend(model, first, white, core, **_GENTLE_STOP)
     if np.any(first.local):
         guess = replace(point, local=guess_nuisances(model, point.theta))
-        second, lower = _descend(model, guess, white, core, **_GENTLE_STOP)
+        second, lower = descend(model, guess, white, core, **_GENTLE_STOP)
         if lower < objective:
             point, objective = second, lower
-    if len(core) < len(free):
-        point, objective = _descend(model, point, white, free, **_GENTLE_STOP)
+    shaped = without_hyperparameters(model, free)
+    if len(core) < len(shaped):
+        point, objective = descend(model, point, white, shaped, **_GENTLE_STOP)
     return objective, point
 
 
@@ -303,6 +301,9 @@ def _inside_support(model: Model, theta: np.ndarray) -> np.ndarray:
     theta = np.array(theta, float)
     margin = 0.1 * model.space.sd
     theta[6:] = np.clip(theta, model.space.lower + margin, model.space.upper - margin)[6:]
+    # Objectives are compared between starts: the prior of coefficients must be the same in all.
+    learnt = list(model.structure.hyperparameters)
+    theta[learnt] = model.space.mean[learnt]
     return theta
 
 
@@ -312,7 +313,7 @@ def _optimum_with_noise(
     """Optimum, objective and noise that belong together (measured drive: noise depends on J)."""
     stated, objective = whitening(model, point.theta), np.inf
     for _ in range(rounds if model.structure.drive == "measured" else 1):
-        point, objective = _descend(model, point, discounted(stated, factors), free, **stop)
+        point, objective = descend(model, point, discounted(stated, factors), free, **stop)
         stated = whitening(model, point.theta)
     return point, objective, stated
 
@@ -341,25 +342,6 @@ def _estimate_of(
 ) -> Estimate:
     """The estimate that an optimum is."""
     white = discounted(stated, factors)
-    blocks = information_blocks(model, point, white, free)
+    blocks = information_with_learnt(model, point, white, free)
     hessian, _ = normal_equations(model, point, blocks)
     return Estimate(model, point, stated, white, factors, blocks, hessian, objective, starts)
-
-
-def _descend(
-    model: Model, point: Point, white: Whitening, free: np.ndarray, **stop
-) -> tuple[Point, float]:
-    """The minimum that a descent from a point reaches, and its objective."""
-
-    def equations(x: Point) -> tuple[np.ndarray, np.ndarray]:
-        blocks = information_blocks(model, x, white, free)
-        return in_chart(x, *normal_equations(model, x, blocks))
-
-    return dogleg(
-        lambda x: negative_log_posterior(model, x, white),
-        equations,
-        lambda x, step: moved(model, x, step, free),
-        point,
-        step_sizes(model, point, free),
-        **stop,
-    )

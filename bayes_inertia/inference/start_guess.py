@@ -37,7 +37,7 @@ def guess_nuisances(model: Model, theta: np.ndarray) -> np.ndarray:
         prior_sd = np.asarray(model.data.scale.local[6:])
         J = np.array(inertia_tensor.tensor(jnp.asarray(theta[:6])))
         for s in range(model.n_slews):
-            local[s, 6:] = _start_momentum(model, J, theta[6:9], s, prior_sd)
+            local[s, 6 : 6 + len(prior_sd)] = _start_momentum(model, J, theta[6:9], s, prior_sd)
     return local
 
 

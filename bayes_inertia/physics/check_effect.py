@@ -12,6 +12,7 @@ import numpy as np
 from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.physics.check_stochastic import check_coefficients, coefficient_draw
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effect_declaration import check_declaration, guarded, require_of_effect
 from bayes_inertia.physics.forward_model import Model
@@ -52,7 +53,9 @@ def check_effect(effect: Effect, campaign: Campaign | None = None) -> CheckedEff
     null values nothing changes (1e-12). A batch of parameter vectors gives what a loop over them
     gives. It is pure: evaluated again, without compilation, it gives the same. Telemetry and
     derivatives are finite over draws of the prior. Derivatives agree with differences. Every
-    parameter leaves a trace in the telemetry of at least one drive.
+    parameter leaves a trace in the telemetry of at least one drive. The coefficients of an effect
+    without a fixed shape have a positive definite covariance, zero at its null; they are tried with
+    one draw.
 
     Parameters
     ----------
@@ -120,7 +123,7 @@ class _Bench:
     def _predict(self, x: Array) -> Prediction:
         model = self.model
         theta = jnp.concatenate([jnp.asarray(model.space.mean[:N_BASE]), x])
-        local = jnp.zeros((model.n_slews, model.structure.n_local))
+        local = jnp.asarray(coefficient_draw(model))
         return predict_all(model.structure, theta, local, jnp.zeros(3), model.data)
 
     def __call__(self, x: Array) -> Array:
@@ -173,10 +176,10 @@ def _in_drive(effect: Effect, campaign: Campaign, drive: Drive, thorough: bool) 
     """All checks in one drive (of the hooks' style only if `thorough`); the fingerprint."""
     step = guarded(effect, "max_step(campaign)", lambda: effect.max_step(campaign))
     model = guarded(effect, "building the model", lambda: Model(campaign, (effect,), drive))
+    check_coefficients(effect, model, _points(model))
     undisturbed = _undisturbed(campaign, drive, step)
     bench = _Bench(model, _noise_sigma(model, undisturbed))
-    draws = bench.model.draw_prior(np.random.default_rng(_SEED), _DRAWS)[:, N_BASE:]
-    points = np.concatenate([bench.model.space.nulls[None, N_BASE:], draws])
+    points = _points(model)[:, N_BASE:]
     pushed = _compiled(lambda x, v: jax.jvp(bench, (x,), (v,)))
     telemetry = guarded(
         effect, "predicting telemetry", lambda: np.array([pushed(x, 0.0 * x)[0] for x in points])
@@ -190,7 +193,8 @@ def _in_drive(effect: Effect, campaign: Campaign, drive: Drive, thorough: bool) 
         "keep every hook finite over the whole prior, and at the null",
     )
     size = max(1.0, float(np.abs(without).max()))
-    gap = float(np.abs(telemetry[0] - without).max()) / size
+    # Without parameters nothing switches an effect off.
+    gap = float(np.abs(telemetry[0] - without).max()) / size if points.shape[1] else 0.0
     require_of_effect(
         gap <= 1e-12,
         effect,
@@ -200,7 +204,13 @@ def _in_drive(effect: Effect, campaign: Campaign, drive: Drive, thorough: bool) 
     trial = _Trial(effect, bench, points, telemetry, pushed)
     if thorough:
         _check_style(trial, size)
-    return _check_derivatives(trial)
+    return _check_derivatives(trial) if points.shape[1] else {}
+
+
+def _points(model: Model) -> np.ndarray:
+    """Parameter vectors (points, d): the nulls first, then draws of the prior."""
+    draws = model.draw_prior(np.random.default_rng(_SEED), _DRAWS)
+    return np.concatenate([model.space.nulls[None], draws])
 
 
 def _check_style(trial: _Trial, size: float) -> None:

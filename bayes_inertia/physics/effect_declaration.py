@@ -12,6 +12,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import EffectError
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.parameters import Parameter
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 _NOT_SI = {"deg", "arcsec", "arcmin", "rpm", "min", "h", "gauss"}
 
@@ -110,7 +111,7 @@ def check_declaration(effect: Effect, campaign: Campaign) -> None:
     good = (
         isinstance(parameters, tuple)
         and all(isinstance(p, Parameter) for p in parameters)
-        and len(parameters) > 0
+        and (len(parameters) > 0 or isinstance(effect, StochasticEffect))
     )
     require_of_effect(
         good,

@@ -14,6 +14,7 @@ from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.channel_noise import NOISE_OWNER, NoiseModel
 from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effects.lost_commands import LostCommands
 from bayes_inertia.physics.packing import Arrays, pack
 from bayes_inertia.physics.parameters import (
     BASE_NAMES,
@@ -23,6 +24,7 @@ from bayes_inertia.physics.parameters import (
     scalar,
 )
 from bayes_inertia.physics.prediction import Data, NuisanceScale, Sensors, Structure
+from bayes_inertia.physics.random_inputs import coefficient_counts
 from bayes_inertia.physics.slew_input import Drive
 
 # Slow shapes of tachometer noise that move the attitude; the rest acts only on its own sample.
@@ -73,7 +75,7 @@ class Model:
         _check(campaign, effects, drive)
         _check_noise(campaign, drive, self.noise)
         space = _space(campaign, effects, self.noise)
-        structure = _structure(campaign, effects, drive, space)
+        structure = _structure(campaign, _acting(campaign, effects, drive), drive, space)
         steps = [step for step in (e.max_step(campaign) for e in effects) if step is not None]
         arrays = pack(campaign, max_step=min(steps) if steps else None, modes=structure.modes)
         structure = replace(structure, refined=_is_refined(arrays))
@@ -201,7 +203,14 @@ def _structure(
         len(campaign.wheels),
         modes=_TACHOMETER_MODES if drive == "measured" else 0,
         refined=False,
+        coefficients=coefficient_counts(campaign, effects),
     )
+
+
+def _acting(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> tuple[Effect, ...]:
+    """The effects, with the unknown torque of lost commands where commands drive the model."""
+    lost = drive == "commanded" and any(s.lost_command is not None for s in campaign.slews)
+    return (*effects, LostCommands()) if lost else effects
 
 
 def _is_refined(arrays: Arrays) -> bool:

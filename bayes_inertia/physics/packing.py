@@ -16,6 +16,7 @@ import numpy as np
 from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.fix_groups import fix_groups
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.physics.slew_context import SlewContext
@@ -219,6 +220,8 @@ def _padded(n: int) -> int:
 
 def _stack_tuples(parts):
     first = parts[0]
+    if first is None:
+        return None
     if isinstance(first, tuple):
         return type(first)(*(_stack_tuples(field) for field in zip(*parts, strict=True)))
     return jnp.asarray(np.stack(parts))
@@ -263,6 +266,8 @@ def _pack_slew(campaign: Campaign, index: int, grid, sample, n_grid, n_rows, n_f
         spin_inertia=campaign.spin_inertias,
         boresight_B=np.array(boresight),
         rate_axes=campaign.rate_sensor.axes,
+        **_lost_commands(campaign, slew, held, n_grid),
+        fix_group=_fix_groups(campaign, slew, grid, n_grid),
     )
     field, position = (
         _extend(_on_grid(slew, key, grid, 3), n_grid) for key in ("magnetic_field_N", "position_N")
@@ -271,6 +276,26 @@ def _pack_slew(campaign: Campaign, index: int, grid, sample, n_grid, n_rows, n_f
     inputs = SlewInput(context, momentum, field, position)
     telemetry = _pack_telemetry(campaign, slew, sample, n_grid, n_rows, n_fixes, modes, len(grid))
     return inputs, telemetry, _reference(campaign, slew)
+
+
+def _lost_commands(campaign: Campaign, slew: Slew, held: np.ndarray, n: int) -> dict:
+    """Pieces of gaps in the commands, and sds there, on the grid; empty if nothing was lost."""
+    if all(s.lost_command is None for s in campaign.slews):
+        return {}
+    pieces, sd = np.zeros(n, dtype=int), np.zeros((n, len(campaign.wheels)))
+    if slew.lost_command is not None and slew.lost_command_sd is not None:
+        pieces[: len(held)] = slew.lost_command[held]
+        sd[: len(held)] = np.where(pieces[: len(held), None] > 0, slew.lost_command_sd[held], 0.0)
+    return {"lost_command": pieces, "lost_command_sd": sd}
+
+
+def _fix_groups(campaign: Campaign, slew: Slew, grid: np.ndarray, n: int) -> np.ndarray:
+    """The nearest group of fixes at each grid point (n,)."""
+    groups, fixed = fix_groups(slew), slew.time[slew.fixes] - slew.time[0]
+    if not len(groups):
+        return np.zeros(n, dtype=int)
+    between = 0.5 * (fixed[1:] + fixed[:-1])
+    return _extend(groups[np.searchsorted(between, grid)], n)
 
 
 def _pack_telemetry(campaign, slew, sample, n_grid, n_rows, n_fixes, modes, n) -> Telemetry:

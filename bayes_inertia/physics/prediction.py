@@ -19,6 +19,7 @@ from bayes_inertia.physics.components import Components
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.packing import Arrays, Reference, Telemetry
 from bayes_inertia.physics.parameters import N_BASE
+from bayes_inertia.physics.random_inputs import hyperparameters, with_coefficients
 from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_context import Trajectory
 from bayes_inertia.physics.slew_input import Drive, SlewInput, Start
@@ -44,6 +45,8 @@ class Structure:
         Number of slow tachometer-noise shapes a wheel (measured drive).
     refined : bool
         Whether the integration grid is finer than the telemetry's rows.
+    coefficients : tuple of int, optional
+        How many coefficients each effect has in one slew; empty if all effects have a fixed shape.
     """
 
     effects: tuple[Effect, ...]
@@ -53,14 +56,25 @@ class Structure:
     wheels: int
     modes: int
     refined: bool
+    coefficients: tuple[int, ...] = ()
 
     @property
-    def n_local(self) -> int:
-        """Number of one slew's nuisances.
+    def n_start(self) -> int:
+        """Number of one slew's nuisances without coefficients.
 
         Start rate and attitude, then start momentum (commanded) or tachometer shapes (measured).
         """
         return 6 + self.wheels * (self.modes if self.drive == "measured" else 1)
+
+    @property
+    def n_local(self) -> int:
+        """Number of one slew's nuisances: `n_start`, then the effects' whitened coefficients."""
+        return self.n_start + sum(self.coefficients)
+
+    @property
+    def hyperparameters(self) -> tuple[int, ...]:
+        """Which parameters only fix the prior of coefficients; empty without stochastic effects."""
+        return hyperparameters(self.effects, self.layout) if self.coefficients else ()
 
     def active_effects(self, theta: Array) -> ActiveEffects:
         """The effects with the parameters that a flat vector gives them.
@@ -104,8 +118,8 @@ class NuisanceScale(NamedTuple):
 
     Parameters
     ----------
-    local : (n_local,) array
-        Of one slew's nuisances [rad/s, rad, N m s].
+    local : (n_start,) array
+        Of one slew's nuisances without coefficients [rad/s, rad, N m s].
     bias : (3,) array
         Of the rate bias [rad/s].
     """
@@ -163,8 +177,8 @@ def start_of(
         Prior sd of the nuisances.
     reference : Reference
         Where the nuisances are counted from.
-    local : (n_local,) array
-        Whitened nuisances of the slew.
+    local : (n_start,) array
+        Whitened nuisances of the slew, without coefficients.
 
     Returns
     -------
@@ -214,6 +228,10 @@ def predict(
         What the sensors would report without noise.
     """
     active = structure.active_effects(theta)
+    if structure.coefficients:
+        whitened = local[structure.n_start :]
+        active = with_coefficients(active, structure.coefficients, whitened, slew.context)
+        local = local[: structure.n_start]
     J = inertia_tensor.tensor(theta[:6])
     if structure.includes_wheel_spin:
         J = inertia_tensor.without_wheel_spin(

@@ -37,6 +37,13 @@ class SlewContext(NamedTuple):
         Unit boresight of the star tracker, body frame.
     rate_axes : (3, 3) array
         C_rate of the rate sensor, one row a sensor axis.
+    lost_command : (n,) array of int, optional
+        Number from 1 of the piece of a gap in the commands that begins at each grid point; 0 where
+        the command is known. None if all are.
+    lost_command_sd : (n, wheels) array, optional
+        How far the torque may be off there, one sd [N m]; None where `lost_command` is.
+    fix_group : (n,) array of int, optional
+        Number from 0 of the nearest group of star-tracker fixes. None where nothing asks for it.
     """
 
     index: Array  # type: ignore[assignment]  # hides tuple.index, which nobody needs
@@ -50,6 +57,9 @@ class SlewContext(NamedTuple):
     spin_inertia: Array
     boresight_B: Array
     rate_axes: Array
+    lost_command: Array | None = None
+    lost_command_sd: Array | None = None
+    fix_group: Array | None = None
 
 
 @array_tuple

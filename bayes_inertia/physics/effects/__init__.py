@@ -19,17 +19,24 @@ from bayes_inertia.physics.effects.inertia_change import InertiaChange
 from bayes_inertia.physics.effects.magnetic_dipole import MagneticDipole
 from bayes_inertia.physics.effects.rate_bias import RateBias
 from bayes_inertia.physics.effects.rate_bias_drift import RateBiasDrift
+from bayes_inertia.physics.effects.rate_bias_instability import RateBiasInstability
+from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift
+from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
 from bayes_inertia.physics.effects.rate_sensor_delay import RateSensorDelay
 from bayes_inertia.physics.effects.rate_sensor_misalignment import RateSensorMisalignment
 from bayes_inertia.physics.effects.rate_sensor_nonlinearity import RateSensorNonlinearity
+from bayes_inertia.physics.effects.star_tracker_low_frequency import StarTrackerLowFrequency
 from bayes_inertia.physics.effects.star_tracker_misalignment import StarTrackerMisalignment
 from bayes_inertia.physics.effects.star_tracker_shift import StarTrackerShift
 from bayes_inertia.physics.effects.star_tracker_time_offset import StarTrackerTimeOffset
+from bayes_inertia.physics.effects.tachometer_noise_walk import TachometerNoiseWalk
+from bayes_inertia.physics.effects.torque_noise import TorqueNoise
 from bayes_inertia.physics.effects.viscous_torque import ViscousTorque
 from bayes_inertia.physics.effects.wheel_command_lag import WheelCommandLag
 from bayes_inertia.physics.effects.wheel_friction import WheelFriction
 from bayes_inertia.physics.effects.wheel_misalignment import WheelMisalignment
 from bayes_inertia.physics.effects.wheel_torque_gain import WheelTorqueGain
+from bayes_inertia.physics.effects.wheel_torque_noise import WheelTorqueNoise
 
 LIBRARY: tuple[Effect, ...] = (
     RateBias(),
@@ -52,8 +59,20 @@ LIBRARY: tuple[Effect, ...] = (
     InertiaChange(),
 )
 
+# Effects without a fixed shape: fitted by name, not tried by a diagnosis.
+STOCHASTIC: tuple[Effect, ...] = (
+    RateRandomWalk(),
+    RateBiasInstability(),
+    RateBiasSlewDrift(),
+    StarTrackerLowFrequency(),
+    TachometerNoiseWalk(),
+    TorqueNoise(),
+    WheelTorqueNoise(),
+)
+
 __all__ = [
     "LIBRARY",
+    "STOCHASTIC",
     "ConstantTorque",
     "EachSlew",
     "FlexibleMode",
@@ -62,23 +81,30 @@ __all__ = [
     "MagneticDipole",
     "RateBias",
     "RateBiasDrift",
+    "RateBiasInstability",
+    "RateBiasSlewDrift",
+    "RateRandomWalk",
     "RateSensorDelay",
     "RateSensorMisalignment",
     "RateSensorNonlinearity",
+    "StarTrackerLowFrequency",
     "StarTrackerMisalignment",
     "StarTrackerShift",
     "StarTrackerTimeOffset",
+    "TachometerNoiseWalk",
+    "TorqueNoise",
     "ViscousTorque",
     "WheelCommandLag",
     "WheelFriction",
     "WheelMisalignment",
     "WheelTorqueGain",
+    "WheelTorqueNoise",
     "by_name",
 ]
 
 
 def by_name(names: Sequence[str]) -> tuple[Effect, ...]:
-    """The library's effects with these names.
+    """The effects with these names, of the library or without a fixed shape.
 
     Parameters
     ----------
@@ -93,14 +119,14 @@ def by_name(names: Sequence[str]) -> tuple[Effect, ...]:
     Raises
     ------
     EffectError
-        If a name is not in the library (the error lists the nearest ones), or is given twice.
+        If no effect has a name (the error lists the nearest ones), or is given twice.
 
     Examples
     --------
     >>> [effect.name for effect in by_name(["rate_bias"])]
     ['rate_bias']
     """
-    known = {effect.name: effect for effect in LIBRARY}
+    known = {effect.name: effect for effect in (*LIBRARY, *STOCHASTIC)}
     for name in names:
         if name not in known:
             near = difflib.get_close_matches(name, known, n=3, cutoff=0.4) or list(known)

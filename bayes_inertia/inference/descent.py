@@ -1,0 +1,80 @@
+"""A descent of the negative log posterior; sizes of stochastic effects are learnt on the way."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayes_inertia.inference.hyperparameters import (
+    evidence_at,
+    most_probable,
+    without_hyperparameters,
+)
+from bayes_inertia.inference.likelihood import information_blocks
+from bayes_inertia.inference.noise_model import Whitening
+from bayes_inertia.inference.objective import (
+    in_chart,
+    moved,
+    negative_log_posterior,
+    normal_equations,
+    step_sizes,
+)
+from bayes_inertia.inference.point import Point
+from bayes_inertia.maths.least_squares import dogleg
+from bayes_inertia.physics.forward_model import Model
+
+# Rounds of learning sizes, at most, and the change [prior sd] after which they have settled.
+_ROUNDS, _SETTLED = 8, 0.02
+
+
+def descend(
+    model: Model, point: Point, white: Whitening, free: np.ndarray, **stop: float
+) -> tuple[Point, float]:
+    """The minimum that a descent from a point reaches, and its objective.
+
+    Parameters
+    ----------
+    model : Model
+    point : Point
+        Where it begins.
+    white : Whitening
+        The noise.
+    free : (f,) array of int
+        Indices of the parameters that may move. Those of stochastic effects among them go where the
+        evidence is largest, the others to the minimum that belongs to them.
+    **stop : float
+        When to stop, as of `dogleg`.
+
+    Returns
+    -------
+    point : Point
+    objective : float
+        Half the sum of all whitened squares, priors included.
+    """
+    shaped = without_hyperparameters(model, free)
+    point, objective = _to_minimum(model, point, white, shaped, **stop)
+    if len(shaped) < len(free):
+        for _ in range(_ROUNDS):
+            point, change = most_probable(evidence_at(model, point, white, free))
+            point, objective = _to_minimum(model, point, white, shaped, **stop)
+            if change < _SETTLED:
+                break
+    return point, objective
+
+
+def _to_minimum(
+    model: Model, point: Point, white: Whitening, free: np.ndarray, **stop: float
+) -> tuple[Point, float]:
+    """The minimum with the sizes of stochastic effects as they are."""
+
+    def equations(x: Point) -> tuple[np.ndarray, np.ndarray]:
+        blocks = information_blocks(model, x, white, free)
+        return in_chart(x, *normal_equations(model, x, blocks))
+
+    return dogleg(
+        lambda x: negative_log_posterior(model, x, white),
+        equations,
+        lambda x, step: moved(model, x, step, free),
+        point,
+        step_sizes(model, point, free),
+        **stop,
+    )

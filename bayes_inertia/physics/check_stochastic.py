@@ -1,0 +1,111 @@
+"""What `check_effect` asks of effects without a fixed shape: the prior of their coefficients."""
+
+from __future__ import annotations
+
+import jax
+import numpy as np
+
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect_declaration import guarded, require_of_effect
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.random_inputs import prior_root
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
+
+_SEED = 20251
+# Eigenvalues of a correlation matrix below this are taken for zero.
+_SMALLEST_EIGENVALUE = 1e-12
+
+
+def coefficient_draw(model: Model) -> np.ndarray:
+    """Whitened nuisances with coefficients to try an effect with.
+
+    Parameters
+    ----------
+    model : Model
+
+    Returns
+    -------
+    (slews, n_local) array
+        Zero but for the coefficients, which are standard normal.
+    """
+    structure = model.structure
+    local = np.zeros((model.n_slews, structure.n_local))
+    draw = np.random.default_rng(_SEED).standard_normal(local.shape)
+    local[:, structure.n_start :] = draw[:, structure.n_start :]
+    return local
+
+
+def check_coefficients(effect: Effect, model: Model, points: np.ndarray) -> None:
+    """Check the prior covariance of an effect's coefficients.
+
+    Parameters
+    ----------
+    effect : Effect
+        Any effect; those of a fixed shape pass.
+    model : Model
+        With this effect alone.
+    points : (n, d) array
+        Parameter vectors: the null first, then draws of the prior.
+
+    Raises
+    ------
+    EffectError
+        If there are no coefficients, or their covariance is not zero at the null, not finite or
+        not positive definite elsewhere.
+    """
+    if not isinstance(effect, StochasticEffect):
+        return
+    require_of_effect(
+        bool(model.structure.coefficients),
+        effect,
+        "coefficient_count(campaign) is 0",
+        "pass a campaign in which it acts",
+    )
+    roots = guarded(effect, "coefficient_root(p, slew, count)", lambda: _roots(model, points))
+    count = sum(model.structure.coefficients)
+    require_of_effect(
+        roots.shape[-2:] == (count, count),
+        effect,
+        f"coefficient_root has the shape {roots.shape[-2:]} for {count} coefficients",
+        "return one row and one column a coefficient",
+    )
+    has_parameters = points.shape[1] > model.space.slice_of("").stop
+    require_of_effect(
+        not has_parameters or not np.any(roots[0]),
+        effect,
+        "at its null values the covariance of the coefficients is not zero",
+        "let the root vanish there",
+    )
+    for k, root in enumerate(roots[1:].reshape(-1, count, count)):
+        require_of_effect(
+            bool(np.isfinite(root).all()),
+            effect,
+            f"coefficient_root is not finite (draw {k} of the prior)",
+            "keep it finite over the whole prior",
+        )
+        require_of_effect(
+            _is_definite(root @ root.T),
+            effect,
+            "the covariance of the coefficients is not positive definite",
+            "leave out coefficients that others determine, or give each a variance",
+        )
+
+
+def _roots(model: Model, points: np.ndarray) -> np.ndarray:
+    """Roots (points, slews, k, k)."""
+    structure, contexts = model.structure, model.data.arrays.slews.context
+
+    def of_point(theta):
+        active = structure.active_effects(theta)
+        return jax.vmap(lambda slew: prior_root(active, structure.coefficients, slew))(contexts)
+
+    return np.array(jax.jit(jax.vmap(of_point))(points))
+
+
+def _is_definite(covariance: np.ndarray) -> bool:
+    """Whether a covariance (k, k) has full rank, whatever the units of its rows."""
+    sd = np.sqrt(np.diag(covariance))
+    if not np.all(sd > 0.0):
+        return False
+    smallest = np.linalg.eigvalsh(covariance / np.outer(sd, sd)).min()
+    return bool(smallest > _SMALLEST_EIGENVALUE)

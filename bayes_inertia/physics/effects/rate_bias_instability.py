@@ -1,0 +1,73 @@
+"""The bias instability of a gyro: a bias that wanders about its mean with a correlation time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from bayes_inertia.physics.parameters import LogNormal, scalar
+from bayes_inertia.physics.random_basis import (
+    hat_functions,
+    on_axes,
+    on_each_axis,
+    ornstein_uhlenbeck_root,
+    slew_duration,
+    slew_fraction,
+)
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
+
+
+@dataclass(frozen=True)
+class RateBiasInstability(StochasticEffect):
+    """The rate bias of each axis and slew has a part that is a first-order Gauss-Markov process.
+
+    Its covariance is sd^2 exp(-|t - t'| / time). Flicker noise (BI of an Allan curve) has no finite
+    state; the Gauss-Markov process is the usual stand-in for it. Straight lines between knots: what
+    changes faster than their spacing is not modelled.
+
+    Parameters
+    ----------
+    median_sd, median_time : float or None, optional
+        Medians of the priors [rad/s, s]; None takes the noise of one reading, and a fifth of a
+        slew.
+    factor_sd : float, optional
+        Sd of the logarithm of the sd. The time is known to a factor of 2 (sd 0.7).
+    knots : int, optional
+        On each axis, evenly over the slew.
+
+    References
+    ----------
+    IEEE Std 952-1997, annex B and C (bias instability, exponentially correlated noise).
+
+    Examples
+    --------
+    >>> RateBiasInstability(knots=9).coefficient_count(None)
+    27
+    """
+
+    name: ClassVar[str] = "rate_bias_instability"
+    median_sd: float | None = None
+    median_time: float | None = None
+    factor_sd: float = 1.5
+    knots: int = 17
+
+    def parameters(self, campaign):
+        sd = self.median_sd or float(np.max(campaign.rate_sensor.sigma))
+        time = self.median_time or 0.2 * campaign.scale_of_motion()[1]
+        return (
+            scalar("sd", unit="rad/s", prior=LogNormal(sd, self.factor_sd)),
+            scalar("time", unit="s", prior=LogNormal(time, 0.7), null=time),
+        )
+
+    def coefficient_count(self, campaign):
+        return 3 * self.knots
+
+    def coefficient_root(self, p, slew, count):
+        spacing = slew_duration(slew) / (self.knots - 1)
+        return on_each_axis(ornstein_uhlenbeck_root(p["sd"], p["time"], spacing, self.knots), 3)
+
+    def rate_output(self, p, slew, trajectory, rate_S):
+        hats = hat_functions(slew_fraction(slew, slew.time), self.knots)
+        return rate_S + on_axes(hats, p["coefficients"], 3)

@@ -1,0 +1,80 @@
+"""The rate random walk of a gyro: its bias wanders, in every slew anew."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+
+from bayes_inertia.physics.parameters import LogNormal, scalar
+from bayes_inertia.physics.random_basis import (
+    on_axes,
+    slew_duration,
+    slew_fraction,
+    wiener_functions,
+)
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
+
+
+@dataclass(frozen=True)
+class RateRandomWalk(StochasticEffect):
+    """The rate bias is a Wiener process: white noise of its derivative (Farrenkopf 1978, RRW).
+
+    Over a time T the bias of each axis changes by rate_random_walk.density sqrt(T) (one sd). In
+    each slew it has an offset, as large as the walk from the middle of the campaign to the slew
+    makes it, and walks on from there. (The offsets of two slews are taken as independent.) Angle
+    random walk (ARW) is the white noise that the campaign states: sigma = ARW / sqrt(step).
+
+    Parameters
+    ----------
+    median : float or None, optional
+        Median of the density's prior [rad/s^1.5]; None takes the walk that reaches the noise of one
+        reading within a slew.
+    factor_sd : float, optional
+        Sd of the logarithm of the density: 1.5 allows a factor of 20 either way.
+    functions : int, optional
+        Sines of the walk on each axis. What they leave out, 2 / (pi^2 functions) of its variance,
+        is fast and remains in the residuals.
+
+    References
+    ----------
+    R. L. Farrenkopf, "Analytic Steady-State Accuracy Solutions for Two Common Spacecraft Attitude
+    Estimators", J. Guidance and Control 1(4), 1978; IEEE Std 952-1997, annex C.
+
+    Examples
+    --------
+    >>> RateRandomWalk().coefficient_count(None)
+    51
+    """
+
+    name: ClassVar[str] = "rate_random_walk"
+    median: float | None = None
+    factor_sd: float = 1.5
+    functions: int = 16
+
+    def parameters(self, campaign):
+        median = self.median
+        if median is None:
+            sigma = float(np.max(campaign.rate_sensor.sigma))
+            median = sigma / np.sqrt(campaign.scale_of_motion()[1])
+        return (scalar("density", unit="rad/s^1.5", prior=LogNormal(median, self.factor_sd)),)
+
+    def coefficient_count(self, campaign):
+        return 3 * (self.functions + 1)
+
+    def coefficient_root(self, p, slew, count):
+        duration = slew_duration(slew)
+        # Never zero: where the campaign is one slew its offset is as large as the walk.
+        away = jnp.abs(slew.start + slew.time[0] - slew.middle) + duration
+        spread = jnp.concatenate(
+            [jnp.sqrt(away)[None], jnp.full(self.functions, jnp.sqrt(duration))]
+        )
+        return p["density"] * jnp.diag(jnp.tile(spread, 3))
+
+    def rate_output(self, p, slew, trajectory, rate_S):
+        fraction = slew_fraction(slew, slew.time)
+        walk = wiener_functions(fraction, self.functions)
+        offset = jnp.ones((len(fraction), 1))
+        return rate_S + on_axes(jnp.concatenate([offset, walk], -1), p["coefficients"], 3)

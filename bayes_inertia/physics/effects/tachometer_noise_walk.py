@@ -1,0 +1,68 @@
+"""A random walk of the tachometers' error: wheel momentum that is read wrong, slowly otherwise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+
+from bayes_inertia.physics.parameters import LogNormal, scalar
+from bayes_inertia.physics.random_basis import (
+    on_axes,
+    slew_duration,
+    slew_fraction,
+    wiener_functions,
+)
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
+
+
+@dataclass(frozen=True)
+class TachometerNoiseWalk(StochasticEffect):
+    """The error of each tachometer is a Wiener process that begins each slew at zero.
+
+    What is wrong when a slew begins belongs to the start momentum, which is free in every slew.
+    Over a time T the error changes by tachometer_noise_walk.density sqrt(T) (one sd). In the
+    measured drive tachometers are the input and this effect does nothing.
+
+    Parameters
+    ----------
+    median : float or None, optional
+        Median of the density's prior [N m s^0.5]; None takes the walk that reaches the noise of one
+        reading within a slew.
+    factor_sd : float, optional
+        Sd of the logarithm of the density.
+    functions : int, optional
+        Sines of the walk on each wheel.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> TachometerNoiseWalk().coefficient_count(small_campaign())
+    48
+    """
+
+    name: ClassVar[str] = "tachometer_noise_walk"
+    median: float | None = None
+    factor_sd: float = 1.5
+    functions: int = 16
+
+    def parameters(self, campaign):
+        sigma = [wheel.momentum_sigma for wheel in campaign.wheels if wheel.momentum_sigma]
+        if not sigma:
+            return ()
+        median = self.median or float(np.max(sigma)) / np.sqrt(campaign.scale_of_motion()[1])
+        return (scalar("density", unit="N m s^0.5", prior=LogNormal(median, self.factor_sd)),)
+
+    def coefficient_count(self, campaign):
+        return len(campaign.wheels) * self.functions if self.parameters(campaign) else 0
+
+    def coefficient_root(self, p, slew, count):
+        return p["density"] * jnp.sqrt(slew_duration(slew)) * jnp.eye(count)
+
+    def momentum_output(self, p, slew, trajectory, momentum):
+        if not p["coefficients"].shape[0]:
+            return momentum
+        walk = wiener_functions(slew_fraction(slew, slew.time), self.functions)
+        return momentum + on_axes(walk, p["coefficients"], momentum.shape[1])

@@ -1,0 +1,71 @@
+"""Random torque of the wheels' motors: an Ornstein-Uhlenbeck process on each wheel."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from bayes_inertia.physics.effects.scales import torque_scale
+from bayes_inertia.physics.parameters import LogNormal, scalar
+from bayes_inertia.physics.random_basis import (
+    hat_functions,
+    on_axes,
+    on_each_axis,
+    ornstein_uhlenbeck_root,
+    slew_duration,
+    slew_fraction,
+)
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
+
+
+@dataclass(frozen=True)
+class WheelTorqueNoise(StochasticEffect):
+    """What a motor delivers beyond its command, with covariance sd^2 exp(-|t - t'| / time).
+
+    Body and wheel push against each other: the momentum of both together is kept, and tachometers
+    see it. In the measured drive, where torques are not used, it does nothing.
+
+    Parameters
+    ----------
+    median_sd, median_time : float or None, optional
+        Medians of the priors [N m, s]; None takes 1 % of J w / T, and a fifth of a slew.
+    factor_sd : float, optional
+        Sd of the logarithm of the sd. The time is known to a factor of 2 (sd 0.7).
+    knots : int, optional
+        On each wheel, evenly over the slew.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> WheelTorqueNoise(knots=9).coefficient_count(small_campaign())
+    27
+    """
+
+    name: ClassVar[str] = "wheel_torque_noise"
+    median_sd: float | None = None
+    median_time: float | None = None
+    factor_sd: float = 1.5
+    knots: int = 17
+
+    def parameters(self, campaign):
+        if not campaign.wheels:
+            return ()
+        sd = self.median_sd or 0.01 * torque_scale(campaign)
+        time = self.median_time or 0.2 * campaign.scale_of_motion()[1]
+        return (
+            scalar("sd", unit="N m", prior=LogNormal(sd, self.factor_sd)),
+            scalar("time", unit="s", prior=LogNormal(time, 0.7), null=time),
+        )
+
+    def coefficient_count(self, campaign):
+        return len(campaign.wheels) * self.knots
+
+    def coefficient_root(self, p, slew, count):
+        spacing = slew_duration(slew) / (self.knots - 1)
+        root = ornstein_uhlenbeck_root(p["sd"], p["time"], spacing, self.knots)
+        return on_each_axis(root, count // self.knots)
+
+    def delivered_torque(self, p, slew, torque):
+        # The mean over each interval of the grid, as the commands are.
+        hats = hat_functions(slew_fraction(slew, slew.time + 0.5 * slew.step), self.knots)
+        return torque + on_axes(hats, p["coefficients"], torque.shape[1])

@@ -1,0 +1,184 @@
+"""Unit inputs for effects without a fixed shape, and the covariance of their coefficients.
+
+Two reduced bases over one slew: the Karhunen-Loeve functions of the Wiener process (a random walk
+that begins at zero), and hat functions on evenly spaced knots with the covariance of an
+Ornstein-Uhlenbeck process at them. Loeve, "Probability Theory" II, section 37; Rasmussen and
+Williams, "Gaussian Processes for Machine Learning", section 4.2.1.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+from jax import Array
+
+from bayes_inertia.physics.slew_context import SlewContext
+
+
+def slew_fraction(slew: SlewContext, t: Array) -> Array:
+    """How much of a slew is over.
+
+    Parameters
+    ----------
+    slew : SlewContext
+        The slew.
+    t : (...) array
+        Times from the slew's own zero [s].
+
+    Returns
+    -------
+    (...) array
+        0 at its first row, 1 at its last.
+    """
+    first = slew.time[0]
+    return (t - first) / slew_duration(slew)
+
+
+def slew_duration(slew: SlewContext) -> Array:
+    """Time from the first to the last row of a slew.
+
+    Parameters
+    ----------
+    slew : SlewContext
+        The slew.
+
+    Returns
+    -------
+    () array
+        [s], never zero.
+    """
+    return jnp.maximum(slew.time[-1] - slew.time[0], 1e-9)
+
+
+def wiener_functions(fraction: Array, count: int) -> Array:
+    """Karhunen-Loeve functions of the Wiener process on [0, 1].
+
+    W(x) = sum_j z_j sqrt(2) sin((j - 1/2) pi x) / ((j - 1/2) pi) with z_j standard normal.
+
+    Parameters
+    ----------
+    fraction : (n,) array
+        Where, 0 to 1.
+    count : int
+        How many functions. What n of them leave out is 2 / (pi^2 n) of the variance.
+
+    Returns
+    -------
+    (n, count) array
+        Each with a coefficient of unit variance.
+
+    Examples
+    --------
+    >>> wiener_functions(jnp.array([1.0]), 400).__pow__(2).sum().round(2).item()
+    1.0
+    """
+    frequency = (jnp.arange(count) + 0.5) * jnp.pi
+    return jnp.sqrt(2.0) * jnp.sin(fraction[..., None] * frequency) / frequency
+
+
+def hat_functions(fraction: Array, knots: int) -> Array:
+    """Weights of evenly spaced knots in straight lines between them.
+
+    Parameters
+    ----------
+    fraction : (...) array
+        Where, 0 to 1; beyond, the nearest knot counts.
+    knots : int
+        How many, at least two.
+
+    Returns
+    -------
+    (..., knots) array
+
+    Examples
+    --------
+    >>> hat_functions(jnp.array(0.25), 3).tolist()
+    [0.5, 0.5, 0.0]
+    """
+    place = jnp.clip(fraction, 0.0, 1.0) * (knots - 1)
+    return jnp.maximum(0.0, 1.0 - jnp.abs(place[..., None] - jnp.arange(knots)))
+
+
+def ornstein_uhlenbeck_root(
+    sd: Array, correlation_time: Array, spacing: Array, knots: int
+) -> Array:
+    """Root of the covariance of an Ornstein-Uhlenbeck process at evenly spaced knots.
+
+    Its covariance is sd^2 exp(-|t - t'| / time): from knot to knot x' = r x + sqrt(1 - r^2) noise
+    with r = exp(-spacing / time).
+
+    Parameters
+    ----------
+    sd : () array
+        Standard deviation of the process.
+    correlation_time : () array
+        Its correlation time [s].
+    spacing : () array
+        Between knots [s].
+    knots : int
+        How many.
+
+    Returns
+    -------
+    (knots, knots) array
+        Lower triangular.
+
+    Examples
+    --------
+    >>> root = ornstein_uhlenbeck_root(2.0, 3.0, 1.0, 4)
+    >>> bool(jnp.allclose((root @ root.T)[0, 2], 4.0 * jnp.exp(-2.0 / 3.0)))
+    True
+    """
+    time = jnp.maximum(correlation_time, 1e-9)
+    steps = jnp.arange(knots)
+    apart = steps[:, None] - steps[None, :]
+    kept = jnp.where(apart >= 0, jnp.exp(-jnp.maximum(apart, 0) * spacing / time), 0.0)
+    fresh = jnp.sqrt(-jnp.expm1(-2.0 * spacing / time))
+    return sd * kept * jnp.where(steps == 0, 1.0, fresh)
+
+
+def on_each_axis(root: Array, axes: int) -> Array:
+    """The root for independent processes of one kind on several axes.
+
+    Parameters
+    ----------
+    root : (k, k) array
+        Of the coefficients on one axis.
+    axes : int
+        How many axes.
+
+    Returns
+    -------
+    (axes k, axes k) array
+        Coefficients of the first axis first.
+
+    Examples
+    --------
+    >>> on_each_axis(jnp.array([[2.0]]), 2).tolist()
+    [[2.0, 0.0], [0.0, 2.0]]
+    """
+    return jnp.kron(jnp.eye(axes), root)
+
+
+def on_axes(functions: Array, coefficients: Array, axes: int) -> Array:
+    """Signals on several axes from coefficients in the order of `on_each_axis`.
+
+    Parameters
+    ----------
+    functions : (..., k) array
+        Values of the unit inputs.
+    coefficients : (axes k,) array
+        Their coefficients.
+    axes : int
+        How many axes.
+
+    Returns
+    -------
+    (..., axes) array
+        The signals.
+
+    Examples
+    --------
+    >>> on_axes(jnp.array([1.0, 0.5]), jnp.array([1.0, 2.0, 0.0, 4.0]), 2).tolist()
+    [2.0, 2.0]
+    """
+    return functions @ coefficients.reshape(axes, -1).T

@@ -1,0 +1,145 @@
+"""Coefficients of effects without a fixed shape: how many, their prior, and how they reach hooks.
+
+The nuisances of a slew end with the whitened coefficients z of its stochastic effects, all with
+prior sd 1. A hook gets c = B(p) z; the root B depends on the effect's parameters.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.scipy.linalg import block_diag
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.errors import EffectError
+from bayes_inertia.physics.active_effects import ActiveEffects
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.parameters import N_BASE
+from bayes_inertia.physics.slew_context import SlewContext
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
+
+
+def coefficient_counts(campaign: Campaign, effects: tuple[Effect, ...]) -> tuple[int, ...]:
+    """How many coefficients each effect has in one slew.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What was flown.
+    effects : tuple of Effect
+        What acts.
+
+    Returns
+    -------
+    tuple of int
+        One an effect, 0 for effects of a fixed shape; empty if all are.
+
+    Raises
+    ------
+    EffectError
+        If an effect's count is not a whole number.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> coefficient_counts(small_campaign(), ())
+    ()
+    """
+    counts = []
+    for effect in effects:
+        count = effect.coefficient_count(campaign) if isinstance(effect, StochasticEffect) else 0
+        if not isinstance(count, int | np.integer) or count < 0:
+            raise EffectError(
+                f"coefficient_count(campaign) is {count!r}",
+                where=effect.name,
+                advice="return a whole number, 0 or more",
+            )
+        counts.append(int(count))
+    return tuple(counts) if any(counts) else ()
+
+
+def with_coefficients(
+    active: ActiveEffects, counts: tuple[int, ...], whitened: Array, slew: SlewContext
+) -> ActiveEffects:
+    """Effects with the coefficients of one slew in place of the parameters that fix their prior.
+
+    Parameters
+    ----------
+    active : ActiveEffects
+        Effects and their parameters.
+    counts : tuple of int
+        From `coefficient_counts`.
+    whitened : (n_random,) array
+        z of this slew, effect by effect.
+    slew : SlewContext
+        The slew.
+
+    Returns
+    -------
+    ActiveEffects
+        What the hooks are called with.
+    """
+    values, start = dict(active.values), 0
+    for (effect, p), count in zip(active, counts, strict=True):
+        if isinstance(effect, StochasticEffect):
+            z, start = whitened[start : start + count], start + count
+            values[effect.name] = {"coefficients": effect.coefficient_root(p, slew, count) @ z}
+    return ActiveEffects(active.effects, values)
+
+
+def prior_root(active: ActiveEffects, counts: tuple[int, ...], slew: SlewContext) -> Array:
+    """The root B of the prior covariance of all coefficients of one slew.
+
+    Parameters
+    ----------
+    active : ActiveEffects
+        Effects and their parameters.
+    counts : tuple of int
+        From `coefficient_counts`.
+    slew : SlewContext
+        The slew.
+
+    Returns
+    -------
+    (n_random, n_random) array
+        One block an effect.
+    """
+    blocks = [
+        effect.coefficient_root(p, slew, count)
+        for (effect, p), count in zip(active, counts, strict=True)
+        if isinstance(effect, StochasticEffect) and count
+    ]
+    return block_diag(*blocks) if blocks else jnp.zeros((0, 0))
+
+
+def hyperparameters(
+    effects: tuple[Effect, ...], layout: tuple[tuple[str, str, int | None], ...]
+) -> tuple[int, ...]:
+    """Where the parameters of stochastic effects stand in the flat vector.
+
+    Parameters
+    ----------
+    effects : tuple of Effect
+        What acts.
+    layout : tuple of (str, str, int or None)
+        Owner, name and number of components (None: a scalar) of each parameter after J and K.
+
+    Returns
+    -------
+    tuple of int
+        Their indices, ascending; empty without such effects.
+
+    Examples
+    --------
+    >>> hyperparameters((), (("rate_bias", "bias", 3),))
+    ()
+    """
+    stochastic = {e.name for e in effects if isinstance(e, StochasticEffect)}
+    indices: list[int] = []
+    start = N_BASE
+    for owner, _, size in layout:
+        stop = start + (1 if size is None else size)
+        indices += range(start, stop) if owner in stochastic else ()
+        start = stop
+    return tuple(indices)

@@ -1,0 +1,74 @@
+"""Effects without a fixed shape: a Gaussian process that differs in every slew.
+
+Such an effect writes its signal in one slew as a sum of unit inputs, c_1 f_1(t) + ... + c_k f_k(t)
+(a reduced basis: knots, the sines of a random walk, an offset for each group of fixes). The
+coefficients have the Gaussian prior c = B(p) z, z standard normal, with a root B of their
+covariance that the effect's parameters p fix (an sd, a correlation time). The likelihood integrates
+z out in closed form with the other nuisances of the slew; p are sampled like J and K.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+import jax.numpy as jnp
+from jax import Array
+
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.slew_context import SlewContext
+
+if TYPE_CHECKING:
+    from bayes_inertia.campaign.campaign import Campaign
+
+
+@dataclass(frozen=True)
+class StochasticEffect(Effect):
+    """Base of effects that are different in every slew.
+
+    The hooks of `Effect` are given `p = {"coefficients": c}`, shape (k,), the coefficients of the
+    slew at hand, and nothing else: what `parameters` declares acts through `coefficient_root`
+    alone. Hooks must do nothing where all coefficients are zero, and should be linear in them.
+
+    Examples
+    --------
+    >>> StochasticEffect().coefficient_count(None)
+    0
+    """
+
+    name: ClassVar[str] = "no_stochastic_effect"
+
+    def coefficient_count(self, campaign: Campaign) -> int:
+        """How many coefficients one slew has.
+
+        Parameters
+        ----------
+        campaign : Campaign
+            Tells how many wheels there are.
+
+        Returns
+        -------
+        int
+            k, the same in all slews.
+        """
+        return 0
+
+    def coefficient_root(self, p: Mapping[str, Array], slew: SlewContext, count: int) -> Array:
+        """A root of the coefficients' prior covariance in one slew.
+
+        Parameters
+        ----------
+        p : mapping of str to Array
+            The effect's parameters: sds, times.
+        slew : SlewContext
+            The slew.
+        count : int
+            k of this campaign.
+
+        Returns
+        -------
+        (k, k) array
+            B; B B^T is the covariance. Zero where the parameters are null, else of full rank.
+        """
+        return jnp.zeros((count, count))
