@@ -27,7 +27,7 @@ PUBLIC = set(
     ConventionChange ConventionsCheck check_conventions
     ChannelNoise CheckedEffect Drive Effect LIBRARY LogNormal Model NoiseModel Normal
     Parameter ParameterSpace
-    SlewContext State Trajectory check_effect scalar vector
+    STOCHASTIC SlewContext State StochasticEffect Trajectory check_effect scalar vector
     Controller Flight Mission Orbit Plan PlannedSlew Spacecraft fly most_like_prior
     most_like_spacecraft paper_like_plan read_plan simulate write_plan
     ChannelTest Colour ColourOfAxis DirtTreatment Estimate FitContext Posterior Settings

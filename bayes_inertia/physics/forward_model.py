@@ -26,6 +26,7 @@ from bayes_inertia.physics.parameters import (
 from bayes_inertia.physics.prediction import Data, NuisanceScale, Sensors, Structure
 from bayes_inertia.physics.random_inputs import coefficient_counts
 from bayes_inertia.physics.slew_input import Drive
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 # Slow shapes of tachometer noise that move the attitude; the rest acts only on its own sample.
 _TACHOMETER_MODES = 12
@@ -76,6 +77,7 @@ class Model:
         _check_noise(campaign, drive, self.noise)
         space = _space(campaign, effects, self.noise)
         structure = _structure(campaign, _acting(campaign, effects, drive), drive, space)
+        _check_combination(structure, self.noise)
         steps = [step for step in (e.max_step(campaign) for e in effects) if step is not None]
         arrays = pack(campaign, max_step=min(steps) if steps else None, modes=structure.modes)
         structure = replace(structure, refined=_is_refined(arrays))
@@ -167,6 +169,15 @@ def _check_noise(campaign: Campaign, drive: Drive, noise: NoiseModel) -> None:
                 where=f"noise of {channel}",
                 advice="leave it out (in the measured drive tachometers are an input)",
             )
+
+
+def _check_combination(structure: Structure, noise: NoiseModel) -> None:
+    if structure.hyperparameters and not noise.is_stated:
+        raise EffectError(
+            "cannot be fitted together with Student-t noise or a sampled noise scale",
+            where=next(e.name for e in structure.effects if isinstance(e, StochasticEffect)),
+            advice="leave out one of the two",
+        )
 
 
 def _space(campaign: Campaign, effects: tuple[Effect, ...], noise: NoiseModel) -> ParameterSpace:

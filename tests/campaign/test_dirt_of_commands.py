@@ -63,8 +63,9 @@ def test_what_no_curve_shows_is_not_filled(tmp_path, hidden):
         return without_rows(SLEWING)(header, rows)
 
     campaign = read_campaign(dirty(tmp_path / "c", lost, without="tachometers"))
-    assert kinds(campaign)[0] == ("gap", "torque", "masked")
-    assert len(campaign.slews) == 3
+    assert kinds(campaign)[0] == ("gap", "torque", "modelled")
+    assert len(campaign.slews) == 2
+    assert np.flatnonzero(campaign.slews[0].lost_command).tolist() == [SLEWING]
 
 
 def test_a_missing_command_of_one_wheel_is_a_lost_row(tmp_path):
@@ -77,8 +78,10 @@ def test_a_missing_command_of_one_wheel_is_a_lost_row(tmp_path):
 
     campaign = read_campaign(dirty(tmp_path / "a", one_cell))
     assert kinds(campaign) == [("gap", "torque", "masked")]
-    cut = read_campaign(dirty(tmp_path / "b", one_cell, without="tachometers"))
-    assert len(cut.slews) == 3
+    whole = read_campaign(dirty(tmp_path / "b", one_cell, without="tachometers"))
+    assert kinds(whole) == [("gap", "torque", "modelled")]
+    assert np.flatnonzero(whole.slews[0].lost_command).tolist() == [SLEWING]
+    assert np.isfinite(whole.slews[0].rate[SLEWING]).all()
     filled = read_campaign(dirty(tmp_path / "c", one_smooth_cell, without="tachometers"))
     assert kinds(filled) == [("gap", "torque", "modelled")]
     assert len(filled.slews) == 2

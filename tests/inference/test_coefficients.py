@@ -1,0 +1,145 @@
+"""Effects without a fixed shape, integrated out: against dense Gaussians, and calibrated."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy import linalg, stats
+
+from bayes_inertia.inference.coefficients import prior_roots
+from bayes_inertia.inference.hyperparameters import evidence_at
+from bayes_inertia.inference.laplace import marginal
+from bayes_inertia.inference.marginal_posterior import conditional_point, log_posterior
+from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift
+from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
+from bayes_inertia.physics.effects.torque_noise import TorqueNoise
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.parameters import log_prior
+
+DENSITY = 1e-5  # of the simulated walks [rad/s^1.5]
+
+
+def wandering(campaign, seed: int, density: float = DENSITY):
+    """The campaign with a random walk of the rate bias, drawn reading by reading."""
+    rng = np.random.default_rng(seed)
+    slews = []
+    for slew in campaign.slews:
+        steps = np.diff(slew.time, prepend=slew.time[0] - 1.0)
+        walk = np.cumsum(density * np.sqrt(steps)[:, None] * rng.normal(size=slew.rate.shape), 0)
+        slews.append(replace(slew, rate=slew.rate + walk))
+    return replace(campaign, slews=tuple(slews))
+
+
+@pytest.fixture(scope="module")
+def wandered(small_flown):
+    """Fit of a small campaign with a walk and a random torque, few coefficients each."""
+    effects = (RateRandomWalk(functions=3), TorqueNoise(knots=4))
+    model = Model(wandering(small_flown.campaign, 5), effects)
+    return estimate(model, starts=1, discount=False)
+
+
+def dense_log_integral(fitted, theta) -> float:
+    """log N(residuals; 0, 1 + J P J^T) with the whole covariance matrix written out."""
+    model, d = fitted.model, len(fitted.theta)
+    structure, rows = model.structure, fitted.linearised().rows
+    slews, numbers = rows.residual.shape
+    contexts = model.data.arrays.slews.context
+    before, after = (
+        np.asarray(prior_roots(structure, jnp.asarray(x), contexts)) for x in (fitted.theta, theta)
+    )
+    free = np.ones(structure.n_start)
+    residual, covariance = np.zeros(slews * numbers), np.eye(slews * numbers)
+    bias = rows.jacobian[..., d : d + 3].reshape(-1, 3)
+    covariance += bias @ bias.T
+    for s in range(slews):
+        part = slice(s * numbers, (s + 1) * numbers)
+        own = rows.jacobian[s][:, d + 3 :]
+        all_zero = rows.residual[s] - rows.jacobian[s][:, d : d + 3] @ fitted.point.bias
+        residual[part] = all_zero - own @ fitted.point.local[s]
+        turned = own @ linalg.block_diag(np.diag(free), np.linalg.solve(before[s], after[s]))
+        covariance[part, part] += turned @ turned.T
+    root = np.linalg.cholesky(covariance)
+    z = linalg.solve_triangular(root, residual, lower=True)
+    return float(-0.5 * z @ z - np.sum(np.log(np.diag(root))))
+
+
+@pytest.mark.slow
+def test_the_integral_is_that_of_the_dense_gaussian(wandered):
+    model, learnt = wandered.model, list(wandered.model.structure.hyperparameters)
+    rng = np.random.default_rng(6)
+    thetas = np.tile(wandered.theta, (9, 1))
+    thetas[1:, learnt] *= np.exp(1.5 * rng.normal(size=(8, len(learnt))))
+    ours = np.asarray(log_posterior(model.structure, marginal(wandered))(jnp.asarray(thetas)))
+    ours = ours - np.asarray(log_prior(model.space.constants(), jnp.asarray(thetas)))
+    dense = np.array([dense_log_integral(wandered, theta) for theta in thetas])
+    assert np.ptp(dense) > 10.0
+    np.testing.assert_allclose(ours - ours[0], dense - dense[0], atol=1e-6 * np.abs(dense).max())
+
+
+@pytest.mark.slow
+def test_the_evidence_is_largest_at_the_fit(wandered):
+    """Its gradient in the learnt parameters vanishes, and agrees with the sampled density's."""
+    evidence = evidence_at(
+        wandered.model, wandered.point, wandered.white, np.arange(len(wandered.theta))
+    )
+    value, chart = evidence.negative_log(), evidence.chart(wandered.theta)
+    for unit in np.eye(len(chart)):
+        up, here, down = (value(chart + step * unit) for step in (0.2, 0.0, -0.2))
+        assert min(up, down) > here - 5e-3
+
+
+@pytest.mark.slow
+def test_drawn_nuisances_have_their_conditional_mean_and_spread(wandered):
+    frozen, structure = marginal(wandered), wandered.model.structure
+    theta = wandered.theta.copy()
+    learnt = list(structure.hyperparameters)
+    size = 3 + wandered.point.local.size
+    at_fit = conditional_point(structure, frozen, theta, np.zeros(size))
+    np.testing.assert_allclose(at_fit.local, wandered.point.local, atol=0.05)
+    # Coefficients with a vanishing prior keep their prior: standard normal draws.
+    theta[learnt] *= 1e-9
+    noise = np.random.default_rng(7).normal(size=size)
+    drawn = conditional_point(structure, frozen, theta, noise)
+    own = noise[3:].reshape(wandered.point.local.shape)[:, structure.n_start :]
+    np.testing.assert_allclose(drawn.local[:, structure.n_start :], own, atol=1e-3)
+
+
+def test_without_stochastic_effects_nothing_changes(fitted):
+    assert marginal(fitted).coefficients is None
+    assert fitted.point.n_local == fitted.model.structure.n_start
+
+
+def test_another_drift_in_each_slew_is_learnt(flown):
+    rng = np.random.default_rng(8)
+    slews = tuple(
+        replace(s, rate=s.rate + s.time[:, None] * 3e-6 * rng.normal(size=3))
+        for s in flown.campaign.slews
+    )
+    campaign = replace(flown.campaign, slews=slews)
+    with_drift = estimate(Model(campaign, (RateBiasSlewDrift(),)), starts=1)
+    sd, sd_sd = with_drift.theta[9], with_drift.sd[9]
+    assert abs(np.log(sd / 3e-6)) < 4.0 * sd_sd / sd
+    assert not with_drift.discounted
+    assert estimate(Model(campaign), starts=1).discounted
+
+
+@pytest.mark.slow
+def test_z_scores_under_a_random_walk_are_calibrated(flying):
+    """With the effect they are standard normal (0.1 % two-sided); without it far too wide."""
+    scores, plain = [], []
+    for seed in range(16):
+        flown = flying(100 + seed)
+        campaign = wandering(flown.campaign, seed)
+        for effects, into in (((RateRandomWalk(functions=8),), scores), ((), plain)):
+            fitted = estimate(Model(campaign, effects), starts=1, discount=False)
+            gap = fitted.theta[:9] - flown.truth.theta
+            covariance = fitted.covariance[:9, :9]
+            into.append(gap @ np.linalg.solve(covariance, gap))
+    # Sums of squares in the metric of the covariance: chi^2 with 9 degrees of freedom each.
+    low, high = stats.chi2.interval(0.999, 9 * len(scores))
+    assert low < np.sum(scores) < high
+    assert np.sum(plain) > 2.0 * high

@@ -1,0 +1,183 @@
+"""Effects without a fixed shape: their bases, their contract, and that broken ones are refused."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.fix_groups import fix_groups
+from bayes_inertia.campaign.hardware import RateSensor
+from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.errors import EffectError
+from bayes_inertia.physics.channel_noise import ChannelNoise, NoiseModel
+from bayes_inertia.physics.check_effect import check_effect
+from bayes_inertia.physics.effects import LIBRARY, STOCHASTIC, by_name
+from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.random_basis import (
+    hat_functions,
+    ornstein_uhlenbeck_root,
+    wiener_functions,
+)
+from bayes_inertia.physics.small_campaign import small_campaign
+
+ONLY_WHERE_COMMANDS_DRIVE = ("tachometer_noise_walk", "wheel_torque_noise")
+
+
+@pytest.mark.parametrize(
+    "effect",
+    [
+        pytest.param(e, id=e.name, marks=() if i == 2 else pytest.mark.slow)
+        for i, e in enumerate(STOCHASTIC)
+    ],
+)
+def test_every_stochastic_effect_keeps_the_contract(effect, campaign):
+    fingerprint = check_effect(effect, campaign).fingerprint
+    assert min(fingerprint["commanded"].values()) > 0.0
+    idle = max(fingerprint["measured"].values()) == 0.0
+    assert idle == (effect.name in ONLY_WHERE_COMMANDS_DRIVE)
+
+
+def test_stochastic_effects_are_fitted_by_name_and_not_searched_for():
+    names = [effect.name for effect in STOCHASTIC]
+    assert [effect.name for effect in by_name(names)] == names
+    assert not set(names) & {effect.name for effect in LIBRARY}
+
+
+def thrown_body() -> Campaign:
+    time = np.linspace(0.0, 0.5, 101)
+    rate = np.stack([10.0 * np.cos(3.0 * time), 10.0 * np.sin(3.0 * time), np.full(101, 2.0)], -1)
+    prior = InertiaPrior(1e-3 * np.diag([1.3, 1.1, 0.9]), 0.3, 1e-4)
+    slews = tuple(Slew(f"throw {i}", 60.0 * i, time, rate=rate) for i in range(2))
+    return Campaign("thrown", prior, (), RateSensor(sigma=0.01, bias_sigma=0.01), None, slews)
+
+
+@pytest.mark.parametrize("effect", STOCHASTIC, ids=lambda e: e.name)
+def test_default_priors_scale_with_the_campaign(effect, campaign):
+    """In units of the noise, the torque J w / T and the duration, priors of any body are alike."""
+    units = []
+    for flown in (campaign, thrown_body()):
+        rate, duration, inertia = flown.scale_of_motion()
+        sigma = max(flown.rate_sensor.sigma)
+        units.append(
+            {
+                "rad/s": sigma,
+                "rad/s^1.5": sigma / duration**0.5,
+                "rad/s^2": sigma / duration,
+                "N m": inertia * rate / duration,
+                "s": duration,
+            }
+        )
+    thrown = {p.name: p for p in effect.parameters(thrown_body())}
+    for parameter in effect.parameters(campaign):
+        if parameter.name in thrown and parameter.unit in units[0]:
+            medians = [parameter.priors[0].median, thrown[parameter.name].priors[0].median]
+            here, there = (m / u[parameter.unit] for m, u in zip(medians, units, strict=True))
+            assert here == pytest.approx(there)
+
+
+def test_the_sines_of_the_random_walk_have_its_covariance():
+    at = np.linspace(0.0, 1.0, 21)
+    functions = np.asarray(wiener_functions(jnp.asarray(at), 4000))
+    np.testing.assert_allclose(functions @ functions.T, np.minimum.outer(at, at), atol=1e-4)
+    left_out = np.minimum.outer(at, at) - (functions[:, :16] @ functions[:, :16].T)
+    share = np.diag(left_out).mean() / at.mean()
+    assert share == pytest.approx(2.0 / (np.pi**2 * 16), rel=0.1)
+
+
+@pytest.mark.parametrize("time", [0.05, 3.0, 1e4])
+def test_knots_have_the_covariance_of_an_ornstein_uhlenbeck_process(time):
+    spacing, knots = 1.5, 9
+    root = np.asarray(ornstein_uhlenbeck_root(2.0, time, spacing, knots))
+    apart = spacing * np.abs(np.subtract.outer(np.arange(knots), np.arange(knots)))
+    np.testing.assert_allclose(root @ root.T, 4.0 * np.exp(-apart / time), rtol=1e-9, atol=1e-12)
+
+
+def test_hats_lie_on_straight_lines():
+    at, values = np.linspace(0.0, 1.0, 37), np.array([3.0, -1.0, 2.0, 0.0])
+    expected = np.interp(at, np.linspace(0.0, 1.0, 4), values)
+    hats = np.asarray(hat_functions(jnp.asarray(at), 4))
+    np.testing.assert_allclose(hats @ values, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("rows", "expected"),
+    [
+        ([0, 1, 2, 97, 98, 99], [0, 0, 0, 1, 1, 1]),
+        ([3, 96], [0, 1]),
+        ([50], [0]),
+        ([], []),
+        (list(range(0, 100, 5)), [0] * 20),
+        ([0, 1, 2, 49, 50, 97, 98], [0, 0, 0, 1, 1, 2, 2]),
+    ],
+)
+def test_fixes_without_a_gap_are_one_group(rows, expected):
+    attitude = np.full((100, 4), np.nan)
+    attitude[rows] = (0.0, 0.0, 0.0, 1.0)
+    assert fix_groups(Slew("a", 0.0, np.arange(100.0), attitude=attitude)).tolist() == expected
+
+
+@dataclass(frozen=True)
+class NotZeroAtNull(RateBiasSlewDrift):
+    def coefficient_root(self, p, slew, count):
+        return (p["sd"] + 1e-9) * jnp.eye(count)
+
+
+@dataclass(frozen=True)
+class NotDefinite(RateBiasSlewDrift):
+    def coefficient_root(self, p, slew, count):
+        return p["sd"] * jnp.ones((count, count))
+
+
+@dataclass(frozen=True)
+class NotFinite(RateBiasSlewDrift):
+    def coefficient_root(self, p, slew, count):
+        return p["sd"] * jnp.eye(count) * jnp.sqrt(-p["sd"])
+
+
+@dataclass(frozen=True)
+class NoCoefficients(RateBiasSlewDrift):
+    def coefficient_count(self, campaign):
+        return 0
+
+
+@dataclass(frozen=True)
+class WrongShape(RateBiasSlewDrift):
+    def coefficient_count(self, campaign):
+        return 2
+
+    def coefficient_root(self, p, slew, count):
+        return p["sd"] * jnp.ones((3, 2))
+
+
+@pytest.mark.parametrize(
+    ("broken", "says"),
+    [
+        (NotZeroAtNull, "not zero"),
+        (NotDefinite, "positive definite"),
+        (NotFinite, "not finite"),
+        (NoCoefficients, "coefficient_count"),
+        (WrongShape, "shape"),
+    ],
+)
+def test_broken_covariances_are_refused(broken, says):
+    with pytest.raises(EffectError, match=says):
+        check_effect(broken(), small_campaign())
+
+
+def test_what_has_a_fixed_shape_has_no_coefficients(campaign):
+    model = Model(campaign, LIBRARY[:3])
+    assert model.structure.coefficients == ()
+    assert model.structure.hyperparameters == ()
+    assert model.structure.n_local == model.structure.n_start
+
+
+def test_sampled_noise_and_stochastic_effects_exclude_each_other(campaign):
+    noise = NoiseModel(rate=ChannelNoise("student_t"))
+    with pytest.raises(EffectError, match="rate_random_walk"):
+        Model(campaign, by_name(["rate_random_walk"]), noise=noise)
