@@ -15,7 +15,9 @@ modelled |
 | rounded stamps (32 bits, few digits) that a regular clock fits within their resolution | the \
 clock's times are taken | clock, modelled |
 | times of 32 bits too coarse for their spacing, no such clock | error | |
-| stamps of a regular clock with jitter | kept; said by how much they are uneven | clock, ignored |
+| stamps jitter, readings show that sampling does not, or `regular = true` | the regular clock's \
+times are taken | clock, modelled |
+| stamps jitter, nothing decides, or sampling does too | kept; said by how much | clock, ignored |
 | empty cell, "nan" | no reading; every vector but the rate as a whole | |
 | infinite value | error that names the row and the column | |
 | rate axis or wheel without any reading | error that names the column | |

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import reprlib
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,7 @@ from bayes_inertia.campaign.row_order import ordered_rows
 from bayes_inertia.campaign.schema import CampaignPart, ColumnsPart, SlewPart
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import located, parts_of
-from bayes_inertia.campaign.stamps import regular_stamps
+from bayes_inertia.campaign.stream_clocks import StreamRows, on_their_clocks
 from bayes_inertia.campaign.streams import Stream, streams_of, union
 from bayes_inertia.campaign.table import Table
 from bayes_inertia.errors import CampaignError, OutputError
@@ -98,8 +98,10 @@ def read_unmasked(path: str | Path) -> Campaign:
     except CampaignError as error:
         raise error.inside(str(description)) from None
     slews, dirt = [], []
-    for part in parsed.slews:
-        channels, records = _channels(part, tables, parsed, hardware["wheels"])
+    unplaced = [_streams(part, tables, parsed) for part in parsed.slews]
+    streams = on_their_clocks(unplaced, parsed.columns)
+    for part, of_slew in zip(parsed.slews, streams, strict=True):
+        channels, records = _channels(part, of_slew, parsed, hardware["wheels"])
         try:
             parts, unknown = _slews(part, channels, hardware)
         except CampaignError as error:
@@ -259,21 +261,29 @@ def _columns(stream: Stream, columns: ColumnsPart) -> list[str]:
     return [stream.time.names[0], *names]
 
 
-def _channels(
-    part: SlewPart, paths: dict[str, Path], parsed: CampaignPart, wheels: tuple[Wheel, ...]
-) -> tuple[dict[str, np.ndarray], list[_TimedDirt]]:
-    """The channels of a slew on one list of times, and faults of its rows with their times."""
+def _streams(part: SlewPart, paths: dict[str, Path], parsed: CampaignPart) -> list[StreamRows]:
+    """The streams of a slew, their rows in the order of time."""
     tables = _tables(part, paths, parsed)
-    spin_inertias = np.array([wheel.spin_inertia for wheel in wheels])
-    readings, disorder = [], []
+    streams = []
     for stream in streams_of(part, parsed.columns):
         time, *names = _columns(stream, parsed.columns)
         table, dirt = ordered_rows(tables[stream.file], time, names)
-        times, uneven = regular_stamps(table.columns[time], stream.time.unit)
-        table = replace(table, columns={**table.columns, time: times})
-        readings.append(stream_from_table(table, parsed.columns, stream, spin_inertias))
-        dirt += [] if uneven is None else [uneven]
-        disorder += [(record, readings[-1]["time"][list(record.rows)]) for record in dirt]
+        streams.append(StreamRows(stream, table, tuple(dirt)))
+    return streams
+
+
+def _channels(
+    part: SlewPart,
+    streams: Sequence[StreamRows],
+    parsed: CampaignPart,
+    wheels: tuple[Wheel, ...],
+) -> tuple[dict[str, np.ndarray], list[_TimedDirt]]:
+    """The channels of a slew on one list of times, and faults of its rows with their times."""
+    spin_inertias = np.array([wheel.spin_inertia for wheel in wheels])
+    readings, disorder = [], []
+    for rows in streams:
+        readings.append(stream_from_table(rows.table, parsed.columns, rows.stream, spin_inertias))
+        disorder += [(record, readings[-1]["time"][list(record.rows)]) for record in rows.dirt]
     return union(readings, f"slews.{part.name}"), disorder
 
 

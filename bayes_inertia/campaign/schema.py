@@ -106,6 +106,8 @@ class TimeColumn(_Part):
     names: Names1 = Field(description='names = ["..."], one column')
     unit: TimeUnit
     offset_s: float = 0.0
+    # Whether the sensor samples at regular times although the stamps jitter about them.
+    regular: bool = False
 
 
 class _Stream(_Part):

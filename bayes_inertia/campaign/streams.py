@@ -54,17 +54,17 @@ def streams_of(slew: SlewPart, columns: ColumnsPart) -> list[Stream]:
     list of Stream
         One if all entries share a table and a clock.
     """
-    keys: dict[tuple[str, str, str, float], tuple[TimeColumn, list[str]]] = {}
+    keys: dict[tuple[str, str, str, bool, float], tuple[TimeColumn, list[str]]] = {}
     for key, entry in columns.given().items():
         file = None if key == "time" else slew.file_of(key)
         if file is None:
             continue
         time = columns.time if entry.time is None else entry.time
-        clock = (file, time.names[0], time.unit, time.offset_s + entry.offset_s)
+        clock = (file, time.names[0], time.unit, time.regular, time.offset_s + entry.offset_s)
         keys.setdefault(clock, (time, []))[1].append(key)
     return [
         Stream(file, time, offset, tuple(entries))
-        for (file, _, _, offset), (time, entries) in keys.items()
+        for (file, *_, offset), (time, entries) in keys.items()
     ]
 
 

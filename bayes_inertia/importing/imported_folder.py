@@ -13,7 +13,7 @@ import numpy as np
 from bayes_inertia.campaign.schema import FORMAT
 from bayes_inertia.importing.common_clock import Logs
 from bayes_inertia.importing.leap_seconds import tai_to_utc
-from bayes_inertia.importing.mapping import rate_sensor_axes
+from bayes_inertia.importing.mapping import rate_sensor_axes, streams_that_hold
 from bayes_inertia.importing.mapping_schema import MappingPart
 from bayes_inertia.importing.rest_noise import RestNoise
 from bayes_inertia.importing.slew_cutting import SlewCut
@@ -110,7 +110,10 @@ def _columns(mapping: MappingPart, slews: Sequence[SlewTables]) -> Any:
     table["time"] = _inline({"names": ["t_s"], "unit": "s"})
     for key, written in written_columns(mapping).items():
         if key in held:
-            table[key] = _inline({"names": list(written.names), **written.sense})
+            entry = {"names": list(written.names), **written.sense}
+            if all(stream.time.regular for stream in streams_that_hold(mapping, key)):
+                entry["time"] = _inline({"names": ["t_s"], "unit": "s", "regular": True})
+            table[key] = _inline(entry)
     return table
 
 

@@ -51,6 +51,8 @@ class TimeStampPart(_MappingTable):
     names: list[str] = Field(default=[], description='names = ["..."], the columns of the time')
     kind: str = ""
     epoch: str = ""
+    # Whether the sensor samples at regular times although the stamps jitter about them.
+    regular: bool = False
 
 
 class ValidRows(_MappingTable):
