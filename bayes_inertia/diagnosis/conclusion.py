@@ -18,6 +18,7 @@ from bayes_inertia.diagnosis.score_test import ScoreTests
 from bayes_inertia.diagnosis.unexplained import unexplained_signal
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.residual_tests import ChannelTest, channel_tests
+from bayes_inertia.inference.rounding import has_one_error, rounding_steps
 
 
 def conclude(
@@ -134,7 +135,9 @@ def final_tests(estimate: Estimate) -> dict[str, ChannelTest]:
     series = {c: [scale[c] * x for x in slews] for c, slews in estimate.residual_series.items()}
     info = estimate.information
     dof = info.n_data.sum(0) - estimate.effective_parameters
-    return channel_tests(series, info.chi2.sum(0), dof)
+    steps = rounding_steps(estimate.model.campaign)
+    rounded = [c for c, of_components in steps.items() if has_one_error(scale[c] * of_components)]
+    return channel_tests(series, info.chi2.sum(0), dof, rounded)
 
 
 def is_explained(tests: dict[str, ChannelTest], rules: Rules) -> bool:

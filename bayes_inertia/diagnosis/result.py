@@ -144,4 +144,4 @@ class Diagnosis:
     def dirt(self) -> tuple[Dirt, ...]:
         """What is wrong with the telemetry, and what was done about it before the search."""
         done = replace(self.treatment, masked=(), colour=None)
-        return records_of_dirt(self.base.model.campaign, done)
+        return records_of_dirt(self.final.model.campaign, done)

@@ -10,28 +10,24 @@ cannot tell apart is reported as a set. Effects that a later one makes needless 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.candidates import (
+    CandidateEffects,
     candidate_effects,
     ranked_candidates,
     score_candidates,
 )
+from bayes_inertia.diagnosis.clean_start import CleanStart, clean_start, measured_again
 from bayes_inertia.diagnosis.conclusion import conclude
-from bayes_inertia.diagnosis.precompilation import precompile
 from bayes_inertia.diagnosis.pruning import drop_needless
 from bayes_inertia.diagnosis.refitting import ScoredRound, best_step
 from bayes_inertia.diagnosis.result import Diagnosis, Step
 from bayes_inertia.diagnosis.rules import Rules
-from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.cleaning import CleanFit
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.noise_level import noise_factors
-from bayes_inertia.inference.treatment import DirtTreatment
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, FlexibleMode
 from bayes_inertia.physics.forward_model import Model
@@ -80,40 +76,36 @@ def diagnose(
     EffectError
         If two candidates have one name.
     """
-    rules, rng = rules or Rules(), np.random.default_rng([seed, 3])
-    effects = candidate_effects(campaign, library)
+    rules, effects = rules or Rules(), candidate_effects(campaign, library)
     model = Model(campaign, effects.linear, drive)
-    estimate, noise, treatment = _fit_without_effects(model, drive, seed, as_stated)
+    begin = clean_start(model, seed=seed, as_stated=as_stated)
+    diagnosis = _diagnosed(begin, effects, rules, seed)
+    if diagnosis.verdict != "unknown" or diagnosis.treatment.colour is None:
+        return diagnosis
+    # What no effect explains beside correlated noise may be what looks like such noise.
+    begin = clean_start(model, seed=seed, coloured=False)
+    return _diagnosed(begin, effects, rules, seed)
+
+
+def _diagnosed(begin: CleanStart, effects: CandidateEffects, rules: Rules, seed: int) -> Diagnosis:
+    """The verdict of a search from a clean start."""
+    rng = np.random.default_rng([seed, 3])
     rounds: list[ScoredRound] = []
     steps: list[Step] = []
     for _ in range(_MAX_NOISE_ROUNDS):
-        steps, scored, estimate = _forward_search(
-            estimate, steps, effects.flexible_mode, rules, rng
+        if begin.estimate is begin.base:
+            rounds, steps = [], []
+        steps, scored, final = _forward_search(
+            begin.estimate, steps, effects.flexible_mode, rules, rng
         )
         rounds += scored
         # An effect's own jumps can look like noise: measure the noise again, without them.
-        noise_after = noise_factors(estimate)
-        if noise_after == noise:
+        again = measured_again(begin, final)
+        if again is None:
             break
-        noise, estimate = noise_after, optimizer.with_noise(estimate, noise_after)
-    diagnosis = conclude(rounds[0], estimate, steps, noise, effects.skipped, rules)
-    return replace(diagnosis, treatment=replace(treatment, level=noise))
-
-
-def _fit_without_effects(
-    model: Model, drive: Drive | None, seed: int, as_stated: bool
-) -> tuple[Estimate, dict[str, float], DirtTreatment]:
-    """The base fit, as a point of the model with all effects; noise and dirt measured in it."""
-    with ThreadPoolExecutor(1) as pool:
-        compiled = pool.submit(precompile, model)
-        plain = optimizer.estimate(Model(model.campaign, (), drive), seed=seed, discount=False)
-        clean = CleanFit(plain, DirtTreatment())
-        noise = noise_factors(clean.estimate)
-        compiled.result()
-    estimate = optimizer.with_noise(clean.estimate, noise)
-    if clean.estimate is not plain:
-        model = Model(clean.estimate.model.campaign, model.effects, drive)
-    return optimizer.move_to(estimate, model), noise, clean.treatment
+        begin, final = again, again.estimate
+    diagnosis = conclude(rounds[0], final, steps, dict(begin.noise), effects.skipped, rules)
+    return replace(diagnosis, treatment=replace(begin.treatment, level=dict(begin.noise)))
 
 
 def _forward_search(

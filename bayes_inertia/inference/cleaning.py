@@ -17,14 +17,24 @@ from functools import partial
 
 import numpy as np
 
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.dirt import Dirt
-from bayes_inertia.campaign.quantisation import quantisation_sigma, quantisation_step
 from bayes_inertia.inference import optimizer
+from bayes_inertia.inference.fix_outliers import fix_outliers
 from bayes_inertia.inference.gate_limits import REJECT_BELOW
 from bayes_inertia.inference.laplace import Estimate, residual_series
-from bayes_inertia.inference.noise_colour import colour_of, is_alike_everywhere
-from bayes_inertia.inference.noise_level import bursts_of, noise_factors
-from bayes_inertia.inference.outliers import away_from_switches, outlying_fixes, outlying_readings
+from bayes_inertia.inference.noise_colour import Colour, colour_of, is_alike_everywhere
+from bayes_inertia.inference.noise_level import noise_factors
+from bayes_inertia.inference.noise_model import whitening
+from bayes_inertia.inference.outliers import away_from_switches, outlying_readings
+from bayes_inertia.inference.rounding import (
+    ROUNDING_THAT_COUNTS,
+    factor_of_rounding,
+    has_one_error,
+    is_coarse,
+    level_of_rounded,
+    rounding_steps,
+)
 from bayes_inertia.inference.treatment import DirtTreatment, treated
 from bayes_inertia.physics.forward_model import Model
 
@@ -32,8 +42,6 @@ from bayes_inertia.physics.forward_model import Model
 _ROUNDS_OF_MASKS = 3
 # Readings that noise may remember. Slower residuals look like a constant torque, and are none.
 _LONGEST_COLOUR = 12.0
-# Rounding that adds less to the noise than this factor is left alone.
-_ROUNDING_THAT_COUNTS = 1.005
 # Noise beyond what is stated and rounded by this factor has another cause.
 _MORE_THAN_ROUNDING = 1.15
 
@@ -54,9 +62,7 @@ class CleanFit:
     treatment: DirtTreatment
 
 
-def clean_fit(
-    estimate: Estimate, *, seed: int = 0, level: bool = True, discount: bool = True
-) -> CleanFit:
+def clean_fit(estimate: Estimate, *, seed: int = 0) -> CleanFit:
     """Look for dirt in an estimate's residuals, and repeat the estimate without it.
 
     Parameters
@@ -65,10 +71,6 @@ def clean_fit(
         Of a campaign as stated.
     seed : int
         Of the optimizer's starts.
-    level : bool
-        Whether the level of white noise is measured too.
-    discount : bool
-        Whether misfit that is left discounts the slews.
 
     Returns
     -------
@@ -80,41 +82,125 @@ def clean_fit(
     EstimateError
         If the optimizer finds no usable estimate.
     """
-    first = CleanFit(estimate, DirtTreatment())
-    repeat = partial(_repeated, estimate.model, seed=seed, discount=discount)
-    fit = _without_outliers(first, repeat)
-    for measured in (_with_colour, _with_level) if level else (_with_colour,):
+    repeat = partial(_repeated, estimate.model, seed=seed)
+    stated = estimate.model.campaign
+    fit = without_outliers(CleanFit(estimate, DirtTreatment()), stated, repeat)
+    for measured in (_with_rounding, _with_colour, _with_level):
         if not any(test.too_large for test in fit.estimate.tests.values()):
             break
         again = repeat(fit, measured(fit))
-        fit = fit if again is fit else _without_outliers(again, repeat)
+        fit = fit if again is fit else without_outliers(again, stated, repeat)
     return fit
 
 
-def _repeated(
-    stated: Model, fit: CleanFit, treatment: DirtTreatment, *, seed: int, discount: bool
-) -> CleanFit:
+def _repeated(stated: Model, fit: CleanFit, treatment: DirtTreatment, *, seed: int) -> CleanFit:
     """The fit with another treatment of the campaign as stated."""
     if treatment == fit.treatment:
         return fit
     drive = stated.structure.drive
     campaign = treated(stated.campaign, treatment, drive)
     model = Model(campaign, stated.effects, drive, stated.noise)
-    return CleanFit(optimizer.estimate(model, seed=seed, discount=discount), treatment)
+    return CleanFit(optimizer.estimate(model, seed=seed), treatment)
 
 
-def _without_outliers(fit: CleanFit, repeat: Callable[..., CleanFit]) -> CleanFit:
-    """The fit with every outlier masked."""
+def refitted(previous: Estimate, campaign: Campaign, *, weak_data_first: bool = False) -> Estimate:
+    """An estimate repeated with other readings, or another noise, of the same slews.
+
+    Parameters
+    ----------
+    previous : Estimate
+        Where the optimizer begins.
+    campaign : Campaign
+        With the slews of the old one.
+    weak_data_first : bool
+        As in `optimizer.re_estimate`.
+
+    Returns
+    -------
+    Estimate
+        The same object if its campaign is that already.
+    """
+    old = previous.model
+    if campaign is old.campaign:
+        return previous
+    model = Model(campaign, old.effects, old.structure.drive, old.noise)
+    begin = replace(previous, model=model)
+    return optimizer.re_estimate(
+        begin, previous.theta, previous.free, weak_data_first=weak_data_first
+    )
+
+
+def without_outliers(
+    fit: CleanFit, stated: Campaign, repeat: Callable[[CleanFit, DirtTreatment], CleanFit]
+) -> CleanFit:
+    """The fit with every outlier masked.
+
+    Parameters
+    ----------
+    fit : CleanFit
+        Where outliers are looked for.
+    stated : Campaign
+        As stated.
+    repeat : callable
+        Repeats a fit with another treatment.
+
+    Returns
+    -------
+    CleanFit
+        The same object where there are none.
+    """
     for _ in range(_ROUNDS_OF_MASKS):
-        masked = _with_masks(fit.treatment.masked, _outliers(fit.estimate))
+        masked = masks_at(fit.estimate, stated, fit.treatment)
         if masked == fit.treatment.masked:
             break
         fit = repeat(fit, replace(fit.treatment, masked=masked))
     return fit
 
 
-def _with_masks(old: tuple[Dirt, ...], new: tuple[Dirt, ...]) -> tuple[Dirt, ...]:
-    """Masks of both, one record a channel and slew."""
+def masks_at(estimate: Estimate, stated: Campaign, treatment: DirtTreatment) -> tuple[Dirt, ...]:
+    """All outliers at an estimate, among readings that are masked already as among the others.
+
+    What an earlier, worse fit took for an outlier need not be one.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        A fit.
+    stated : Campaign
+        As stated.
+    treatment : DirtTreatment
+        What was done to it for this fit.
+
+    Returns
+    -------
+    tuple of Dirt
+        One record a channel and slew.
+    """
+    if not treatment.masked:
+        return with_masks((), outliers_in(estimate))
+    drive = estimate.model.structure.drive
+    whole = treated(stated, replace(treatment, masked=()), drive)
+    model = Model(whole, estimate.model.effects, drive, estimate.model.noise)
+    references = (x.data.arrays.reference for x in (model, estimate.model))
+    if not all(np.array_equal(a, b) for a, b in zip(*references, strict=True)):
+        # Nuisances are counted from readings that are masked.
+        return with_masks(treatment.masked, outliers_in(estimate))
+    unmasked = replace(estimate, model=model, stated=whitening(model, estimate.theta))
+    return with_masks((), outliers_in(unmasked))
+
+
+def with_masks(old: tuple[Dirt, ...], new: tuple[Dirt, ...]) -> tuple[Dirt, ...]:
+    """Masks of both, one record a channel and slew.
+
+    Parameters
+    ----------
+    old, new : tuple of Dirt
+        Outliers.
+
+    Returns
+    -------
+    tuple of Dirt
+    """
     rows: dict[tuple[str, str], set[int]] = {}
     for mask in (*old, *new):
         rows.setdefault((mask.channel, mask.slew), set()).update(mask.rows)
@@ -132,19 +218,27 @@ def _with_masks(old: tuple[Dirt, ...], new: tuple[Dirt, ...]) -> tuple[Dirt, ...
     )
 
 
-def _outliers(estimate: Estimate) -> tuple[Dirt, ...]:
-    """Outliers among an estimate's residuals."""
-    slews, series = estimate.model.campaign.slews, _plain_series(estimate)
-    hit = {}
+def outliers_in(estimate: Estimate) -> tuple[Dirt, ...]:
+    """Outliers among an estimate's residuals.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        A fit; what its campaign masks already is not looked at.
+
+    Returns
+    -------
+    tuple of Dirt
+        One a channel and slew.
+    """
+    slews, series = estimate.model.campaign.slews, plain_series(estimate)
+    steps, hit = rounding_steps(estimate.model.campaign), {}
     for channel in ("rate", "momentum"):
         if any(values.size for values in series[channel]):
-            flags = away_from_switches(slews, outlying_readings(series[channel]))
+            flags = outlying_readings(series[channel], steps[channel])
+            flags = away_from_switches(slews, flags)
             hit[channel] = [np.flatnonzero(flag.any(axis=1)) for flag in flags]
-    fix_rows = [np.flatnonzero(slew.fixes) for slew in slews]
-    fixes = [x[: len(rows)] for x, rows in zip(series["attitude"], fix_rows, strict=True)]
-    bursts = [bursts_of(slew.time[rows]) for slew, rows in zip(slews, fix_rows, strict=True)]
-    flags = outlying_fixes(fixes, bursts)
-    hit["attitude"] = [rows[flag] for rows, flag in zip(fix_rows, flags, strict=True)]
+    hit["attitude"] = fix_outliers(estimate, series)
     noise = estimate.model.noise
     return tuple(
         Dirt("outliers", channel, slew.name, tuple(rows.tolist()), "masked")
@@ -155,60 +249,125 @@ def _outliers(estimate: Estimate) -> tuple[Dirt, ...]:
     )
 
 
-def _plain_series(estimate: Estimate) -> dict[str, list[np.ndarray]]:
-    """Residuals in sigmas, those of correlated noise as they are."""
+def plain_series(estimate: Estimate) -> dict[str, list[np.ndarray]]:
+    """Residuals in the sigmas of the estimate's campaign, those of correlated noise as they are.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        A fit.
+
+    Returns
+    -------
+    dict of list of (rows, components) arrays
+        By channel and slew; NaN where nothing was measured.
+    """
     white = estimate.stated._replace(memory=None)
     return residual_series(estimate.model, estimate.point, white)
 
 
+def rounded_channels(estimate: Estimate) -> dict[str, float]:
+    """Channels whose noise is larger than stated because their readings are rounded.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        A fit of the campaign with its noise as stated.
+
+    Returns
+    -------
+    dict of float
+        By channel, the factor on its noise. Not among them where the stated noise holds the
+        rounding already, and where the noise is louder than that.
+    """
+    measured, rounded = noise_factors(estimate), {}
+    for channel, steps in rounding_steps(estimate.model.campaign).items():
+        factor = factor_of_rounding(steps)
+        seen = measured[channel] > 1.0 + 0.5 * (factor - 1.0)
+        if factor > ROUNDING_THAT_COUNTS and (is_coarse(steps) or seen):
+            level = level_of_rounded(measured[channel], steps)
+            if level < _MORE_THAN_ROUNDING * factor:
+                rounded[channel] = level
+    return rounded
+
+
+def _with_rounding(fit: CleanFit) -> DirtTreatment:
+    """The treatment with the noise that rounding adds."""
+    tests, level = fit.estimate.tests, dict(fit.treatment.level)
+    noise = fit.estimate.model.noise
+    rounded = {
+        channel: factor
+        for channel, factor in rounded_channels(fit.estimate).items()
+        if tests[channel].too_large and noise.of(channel).is_stated
+    }
+    colour = colour_of_rounding(fit.estimate) if "rate" in rounded else None
+    level.update(rounded if colour is None else {**rounded, "rate": 1.0})
+    return replace(fit.treatment, level=level, rounded=tuple(sorted(rounded)), colour=colour)
+
+
+def colour_of_rounding(estimate: Estimate) -> Colour | None:
+    """The noise of coarsely rounded rates: their errors last while the readings stay the same.
+
+    They do so longer at rest than in motion.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        A fit.
+
+    Returns
+    -------
+    Colour or None
+        None where the rounding is fine.
+    """
+    campaign = estimate.model.campaign
+    if not has_one_error(rounding_steps(campaign)["rate"]):
+        return None
+    return colour_of(campaign.slews, plain_series(estimate)["rate"], slow=True, alike=False)
+
+
 def _with_colour(fit: CleanFit) -> DirtTreatment:
     """The treatment with correlated noise of the rate sensor, if that is what there is."""
-    tests, noise = fit.estimate.tests["rate"], fit.estimate.model.noise.rate
-    if noise.heavy or tests.p_white is None or tests.p_white >= REJECT_BELOW:
+    if fit.treatment.colour is not None or fit.estimate.model.noise.rate.heavy:
         return fit.treatment
-    slews = fit.estimate.model.campaign.slews
-    colour = colour_of(slews, _plain_series(fit.estimate)["rate"])
-    if colour is not None and max(colour.times) > _LONGEST_COLOUR * colour.spacing:
+    colour = colour_seen(fit.estimate)
+    if colour is None or max(colour.times) > _LONGEST_COLOUR * colour.spacing:
         return fit.treatment
     return replace(fit.treatment, colour=colour)
+
+
+def colour_seen(estimate: Estimate, *, slow: bool = False) -> Colour | None:
+    """Correlated noise of the rate sensor in an estimate's residuals.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        A fit.
+    slow : bool
+        As in `colour_of`.
+
+    Returns
+    -------
+    Colour or None
+        In the sigmas of the estimate's campaign; None where the residuals are white, or where what
+        they are is not alike everywhere.
+    """
+    tests = estimate.tests["rate"]
+    if tests.p_white is None or tests.p_white >= REJECT_BELOW:
+        return None
+    return colour_of(estimate.model.campaign.slews, plain_series(estimate)["rate"], slow=slow)
 
 
 def _with_level(fit: CleanFit) -> DirtTreatment:
     """The treatment with the measured level of each channel's noise, where that is noise."""
     estimate = fit.estimate
     series, slews = estimate.residual_series, estimate.model.campaign.slews
-    rounding = _factors_of_rounding(estimate)
-    level, rounded = dict(fit.treatment.level), set(fit.treatment.rounded)
+    level, steps = dict(fit.treatment.level), rounding_steps(estimate.model.campaign)
     for channel, factor in noise_factors(estimate).items():
         if not estimate.model.noise.of(channel).is_stated:
             continue
-        by_rounding = rounding.get(channel, 1.0) if estimate.tests[channel].too_large else 1.0
-        alike = factor > 1.0 and (
-            channel == "attitude" or is_alike_everywhere(slews, series[channel])
-        )
-        if by_rounding > _ROUNDING_THAT_COUNTS and factor < _MORE_THAN_ROUNDING * by_rounding:
-            level[channel] *= max(by_rounding, factor)
-            rounded.add(channel)
-        elif alike:
+        if channel in fit.treatment.rounded and has_one_error(steps[channel]):
+            continue  # Fast differences do not tell its level.
+        if factor > 1.0 and (channel == "attitude" or is_alike_everywhere(slews, series[channel])):
             level[channel] *= factor
-    return replace(fit.treatment, level=level, rounded=tuple(sorted(rounded)))
-
-
-def _factors_of_rounding(estimate: Estimate) -> dict[str, float]:
-    """What rounding of the readings adds to the noise of rates and tachometers, as factors."""
-    campaign = estimate.model.campaign
-    sigmas = {
-        "rate": campaign.rate_sensor.sigma,
-        "wheel_momentum": tuple(wheel.momentum_sigma for wheel in campaign.wheels),
-    }
-    factors = {}
-    for key, sigma in sigmas.items():
-        readings = [getattr(s, key) for s in campaign.slews if getattr(s, key) is not None]
-        steps = [
-            (quantisation_step(np.concatenate([x[:, k] for x in readings])) or 0.0) / one
-            for k, one in enumerate(sigma)
-            if one is not None and readings
-        ]
-        worst = quantisation_sigma(max(steps, default=0.0))
-        factors["momentum" if key == "wheel_momentum" else key] = float(np.hypot(1.0, worst))
-    return factors
+    return replace(fit.treatment, level=level)

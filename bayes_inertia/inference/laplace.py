@@ -19,6 +19,7 @@ from bayes_inertia.inference.noise_model import Whitening
 from bayes_inertia.inference.objective import N_BIAS, block_index, prior_rows
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_tests import ChannelTest, channel_tests
+from bayes_inertia.inference.rounding import has_one_error, rounding_steps
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root, solve
 from bayes_inertia.maths.values import array_dataclass
@@ -128,7 +129,8 @@ class Estimate:
         """Reduced chi^2 against the STATED noise and whiteness, by channel and in total."""
         chi2 = (self.information.chi2 / self.discount).sum(0)
         dof = self.information.n_data.sum(0) - self.effective_parameters
-        return channel_tests(self.residual_series, chi2, dof)
+        rounded = [c for c, s in rounding_steps(self.model.campaign).items() if has_one_error(s)]
+        return channel_tests(self.residual_series, chi2, dof, rounded)
 
     @cached_property
     def robust_sd(self) -> np.ndarray | None:

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayes_inertia.inference.noise_memory import innovations
+from bayes_inertia.inference.noise_memory import Memory, innovations
 from bayes_inertia.inference.noise_model import Whitening, n_data
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import quaternion
@@ -107,7 +107,6 @@ def whitened(
     return Residuals(*(r.reshape(*r.shape[:-2], -1) for r in (rate, attitude, momentum)))
 
 
-@partial(jax.jit, static_argnums=0)
 def residuals(structure: Structure, point: Point, data: Data, white: Whitening) -> Residuals:
     """Whitened residuals of all slews.
 
@@ -124,11 +123,28 @@ def residuals(structure: Structure, point: Point, data: Data, white: Whitening) 
     -------
     Residuals
     """
+    plain = _plain_residuals(structure, point, data, white._replace(memory=None))
+    return plain if white.memory is None else _remembered(plain, white.memory)
+
+
+@partial(jax.jit, static_argnums=0)
+def _plain_residuals(structure: Structure, point: Point, data: Data, white: Whitening) -> Residuals:
     prediction = predict_all(structure, point.theta, point.local, point.bias, data)
     return whitened(structure, prediction, data.arrays.telemetry, white)
 
 
-@partial(jax.jit, static_argnums=0)
+@jax.jit
+def _remembered(plain: Residuals, memory: Memory) -> Residuals:
+    """Residuals, or their derivatives (slews, numbers, p), without what noise before lets expect.
+
+    It is linear: one compiled model serves white and correlated noise.
+    """
+    shape = plain.rate.shape
+    columns = jnp.moveaxis(plain.rate.reshape(shape[0], shape[1] // 3, 3, -1), -1, 0)
+    rate = jnp.moveaxis(innovations(columns, memory), 0, -1).reshape(shape)
+    return plain._replace(rate=rate)
+
+
 def sensitivities(
     structure: Structure,
     point: Point,
@@ -154,6 +170,16 @@ def sensitivities(
     -------
     Sensitivities
     """
+    plain = _plain_sensitivities(structure, point, data, white._replace(memory=None), columns)
+    if white.memory is None:
+        return plain
+    return Sensitivities(*(_remembered(part, white.memory) for part in plain))
+
+
+@partial(jax.jit, static_argnums=0)
+def _plain_sensitivities(
+    structure: Structure, point: Point, data: Data, white: Whitening, columns: Array | None
+) -> Sensitivities:
     d, b = len(point.theta), len(point.bias)
 
     def of_slew(x, slew, telemetry, reference, white_of_slew):

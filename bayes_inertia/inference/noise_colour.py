@@ -16,8 +16,10 @@ from scipy import fft, optimize, stats
 
 from bayes_inertia.campaign.slew import Slew
 
-# Components of a longer period than this [readings, and share of a series] are left to the model.
-_LONGEST_PERIOD, _LONGEST_SHARE = 100.0, 1.0 / 3.0
+# Components of a longer period than this [readings, and share of a series] are left to the model,
+# and where effects compete with noise.
+_LONGEST_FAST = (100.0, 1.0 / 3.0)
+_LONGEST_SLOW = (1000.0, 1.0)
 # Spectra are averaged over so many bins of frequency.
 _BINS = 128
 # Stretches of fewer readings tell nothing.
@@ -28,8 +30,10 @@ _FEWEST_COMPONENTS = 60
 # every other.
 _CLEAR_LEAD = 12.0
 _LEAST_LEAD = 4.0
-# Correlation over one reading that can be told from the model's own slow errors.
-_MOST_CORRELATION = 0.975
+# Correlation over one reading beyond which noise is a random walk for all that a slew can tell.
+_MOST_CORRELATION = 0.9985
+# Logits of share and correlation from which the noise is looked for: short and long memory.
+_STARTS = ((4.0, 0.5), (4.0, 2.5), (-1.0, 2.0), (-1.0, 5.0))
 # p-value below which noise at rest and in motion, or of the slews, is not alike.
 _ALIKE_ABOVE = 1e-3
 # Differences of the noise that matter for nothing [share of its power].
@@ -98,7 +102,13 @@ class Stretch(NamedTuple):
     readings: np.ndarray
 
 
-def colour_of(slews: Sequence[Slew], residuals: Sequence[np.ndarray]) -> Colour | None:
+def colour_of(
+    slews: Sequence[Slew],
+    residuals: Sequence[np.ndarray],
+    *,
+    slow: bool = False,
+    alike: bool = True,
+) -> Colour | None:
     """The correlated noise that residuals of the rates show.
 
     Parameters
@@ -107,6 +117,11 @@ def colour_of(slews: Sequence[Slew], residuals: Sequence[np.ndarray]) -> Colour 
         The slews, for their times and their motion.
     residuals : sequence of (rows, 3) arrays
         In stated sigmas, white where the noise is as stated; NaN where nothing was measured.
+    slow : bool
+        Whether slow components count, too: where effects are not taken for noise by other means.
+    alike : bool
+        Whether the noise must be alike at rest and in motion, and in all slews, and clearly not
+        white. False where its cause is known.
 
     Returns
     -------
@@ -119,13 +134,13 @@ def colour_of(slews: Sequence[Slew], residuals: Sequence[np.ndarray]) -> Colour 
         stretches = stretches_of(slews, [values[:, axis] for values in residuals])
         if not stretches:
             return None
-        axes.append(gauss_markov_noise(_whole(residuals, axis)))
-        for key in ("rests", "slew"):
+        axes.append(gauss_markov_noise(_whole(residuals, axis), slow=slow))
+        for key in ("rests", "slew") if alike else ():
             more = _gain_apart(stretches, key, axes[-1])
             gain, parameters = gain + more[0], parameters + more[1]
     spacings = [float(np.median(np.diff(slew.time))) for slew in slews]
     uneven = max(spacings) > 1.5 * min(spacings)
-    if uneven or max(a.lead for a in axes) < _CLEAR_LEAD:
+    if uneven or (alike and max(a.lead for a in axes) < _CLEAR_LEAD):
         return None
     if parameters and stats.chi2.sf(2.0 * gain, parameters) < _ALIKE_ABOVE:
         return None
@@ -198,13 +213,15 @@ def at_rest(slew: Slew) -> np.ndarray:
     return counts > 0.5 * width
 
 
-def gauss_markov_noise(series: Sequence[np.ndarray]) -> ColourOfAxis:
+def gauss_markov_noise(series: Sequence[np.ndarray], *, slow: bool = False) -> ColourOfAxis:
     """White and Gauss-Markov noise that fast components of series show.
 
     Parameters
     ----------
     series : sequence of (n,) arrays
         Of even spacing.
+    slow : bool
+        Whether slow components count, too.
 
     Returns
     -------
@@ -218,16 +235,18 @@ def gauss_markov_noise(series: Sequence[np.ndarray]) -> ColourOfAxis:
     >>> bool(noise.lead > 100.0), round(noise.correlation, 1), round(noise.sd, 1)
     (True, 0.6, 1.0)
     """
-    angle, power = _fast_components(series)
-    return _best_noise(angle, power, ((4.0, 0.5), (4.0, 2.5), (-1.0, 2.0)))
+    angle, power = _fast_components(series, _LONGEST_SLOW if slow else _LONGEST_FAST)
+    return _best_noise(angle, power, _STARTS)
 
 
-def _fast_components(series: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+def _fast_components(
+    series: Sequence[np.ndarray], longest: tuple[float, float] = _LONGEST_FAST
+) -> tuple[np.ndarray, np.ndarray]:
     """Angular frequency [rad a reading] and power of the fast cosine components of series."""
     angles, powers = [], []
     for x in series:
         angle = np.pi * np.arange(len(x)) / len(x)
-        fast = angle > 2.0 * np.pi / min(_LONGEST_PERIOD, _LONGEST_SHARE * len(x))
+        fast = angle > 2.0 * np.pi / min(longest[0], longest[1] * len(x))
         angles.append(angle[fast])
         powers.append(fft.dct(x - x.mean(), norm="ortho")[fast] ** 2)
     return np.concatenate(angles), np.maximum(np.concatenate(powers), 1e-12)

@@ -1,15 +1,17 @@
 """Correlated noise of the rate sensor, as what each reading's noise keeps of those before it.
 
-Each reading is compared with what the noise of the last few readings lets expect (Vecchia 1988):
-the innovations are white and of unit variance, and a linear map of the residuals, so that
-everything that follows from residuals and their derivatives stays as it is. For a Gauss-Markov
-process without white part this is exact; across missing readings too.
+White noise and a Gauss-Markov process are told apart by a Kalman filter of one state an axis. Its
+gains follow from the times and from which readings are missing alone, so that its innovations are a
+linear map of the residuals: white, of unit variance, and everything that follows from residuals and
+their derivatives stays as it is (Anderson and Moore 1979, section 9.2). Exact for any share, any
+correlation time and any gap.
 """
 
 from __future__ import annotations
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -17,25 +19,26 @@ from jax import Array
 from bayes_inertia.campaign.hardware import CorrelatedNoise
 from bayes_inertia.physics.forward_model import Model
 
-# Readings before that are taken into account.
-_READINGS_BEFORE = 8
-
 
 class Memory(NamedTuple):
-    """What the whitened noise of each reading keeps of the p readings before.
+    """The filter that whitens correlated noise.
 
     Parameters
     ----------
-    past : (slews, n, 3, p) array
-        Weights of the residuals one row before, two rows before, ...
+    decay : (slews, n, 3) array
+        What is left of the correlated part at the next row.
+    gain : (slews, n, 3) array
+        Share of an innovation that belongs to the correlated part; 0 where nothing was measured.
     scale : (slews, n, 3) array
-        One over the standard deviation of what is new.
+        One over the standard deviation of the innovations; 1 where nothing was measured.
     """
 
-    past: Array
+    decay: Array
+    gain: Array
     scale: Array
 
 
+@jax.jit
 def innovations(rate: Array, memory: Memory) -> Array:
     """Whitened residuals without what the residuals before them let expect.
 
@@ -52,16 +55,20 @@ def innovations(rate: Array, memory: Memory) -> Array:
 
     Examples
     --------
-    >>> memory = Memory(jnp.full((2, 3, 1), 0.6), jnp.full((2, 3), 1.25))
-    >>> innovations(jnp.ones((2, 3)), memory)[:, 0].tolist()
+    >>> decay, gain = jnp.full((2, 3), 0.6), jnp.ones((2, 3))
+    >>> innovations(jnp.ones((2, 3)), Memory(decay, gain, jnp.full((2, 3), 1.25)))[:, 0].tolist()
     [1.25, 0.5]
     """
-    expected = jnp.zeros_like(rate)
-    for before in range(1, memory.past.shape[-1] + 1):
-        nothing = jnp.zeros_like(rate[..., :before, :])
-        earlier = jnp.concatenate([nothing, rate[..., :-before, :]], -2)
-        expected = expected + memory.past[..., before - 1] * earlier
-    return memory.scale * (rate - expected)
+    keep = memory.decay * (1.0 - memory.gain)
+    add = memory.decay * memory.gain * rate
+
+    def step(expected: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
+        return row[0] * expected + row[1], expected
+
+    rows = (jnp.moveaxis(jnp.broadcast_to(keep, add.shape), -2, 0), jnp.moveaxis(add, -2, 0))
+    _, expected = jax.lax.scan(step, jnp.zeros_like(add[..., 0, :]), rows)
+    expected = jnp.moveaxis(expected, 0, -2)
+    return memory.scale * (rate - jnp.where(memory.gain > 0.0, expected, 0.0))
 
 
 def correlated_noise(white_noise: np.ndarray, memory: Memory) -> np.ndarray:
@@ -78,11 +85,12 @@ def correlated_noise(white_noise: np.ndarray, memory: Memory) -> np.ndarray:
     (..., slews, n, 3) array
         Correlated noise of unit variance.
     """
-    past, scale = np.asarray(memory.past), np.asarray(memory.scale)
-    noise = white_noise / scale
-    for row in range(1, noise.shape[-2]):
-        for before in range(1, min(row, past.shape[-1]) + 1):
-            noise[..., row, :] += past[:, row, :, before - 1] * noise[..., row - before, :]
+    decay, gain, scale = (np.asarray(x) for x in memory)
+    new = white_noise / scale
+    noise, expected = new.copy(), np.zeros_like(new[..., 0, :])
+    for row in range(noise.shape[-2]):
+        noise[..., row, :] += expected
+        expected = decay[:, row] * (expected + gain[:, row] * new[..., row, :])
     return noise
 
 
@@ -104,33 +112,25 @@ def rate_noise_memory(model: Model) -> Memory | None:
         return None
     telemetry = model.data.arrays.telemetry
     valid, n = np.asarray(telemetry.rate_valid), telemetry.rate.shape[1]
-    past = np.zeros((*valid.shape, min(_READINGS_BEFORE, n - 1)))
-    scale = np.ones(valid.shape)
-    for s, slew in enumerate(model.campaign.slews):
-        time = np.concatenate([slew.time, np.full(n - len(slew.time), slew.time[-1])])
-        for axis in range(3):
-            weights = _conditional_weights(time, valid[s, :, axis], noise, axis, past.shape[-1])
-            past[s, :, axis], scale[s, :, axis] = weights
-    return Memory(jnp.asarray(past), jnp.asarray(scale))
+    times = [
+        np.concatenate([slew.time, np.full(n - len(slew.time), slew.time[-1])])
+        for slew in model.campaign.slews
+    ]
+    steps = np.stack([np.diff(time, append=time[-1]) for time in times])
+    return _filter(steps, valid, noise)
 
 
-def _conditional_weights(
-    time: np.ndarray, valid: np.ndarray, noise: CorrelatedNoise, axis: int, before: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Weights (n, before) of the readings before, and one over the sd (n,) of what is new."""
-    share, correlation_time = noise.share[axis], noise.time[axis]
-
-    def covariance(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        return share * np.exp(-np.abs(first - second) / correlation_time)
-
-    rows = np.arange(len(time))[:, None] - np.arange(1, before + 1)
-    known = (rows >= 0) & valid[np.maximum(rows, 0)] & valid[:, None]
-    earlier = time[np.maximum(rows, 0)]
-    pairs = known[:, :, None] & known[:, None, :]
-    among = np.where(pairs, covariance(earlier[:, :, None], earlier[:, None, :]), 0.0)
-    diagonal = np.arange(before)
-    among[:, diagonal, diagonal] = 1.0
-    across = np.where(known, covariance(time[:, None], earlier), 0.0)
-    weights = np.linalg.solve(among, across[..., None])[..., 0]
-    left = 1.0 - np.einsum("np,np->n", weights, across)
-    return weights, 1.0 / np.sqrt(np.maximum(left, 1e-12))
+def _filter(steps: np.ndarray, valid: np.ndarray, noise: CorrelatedNoise) -> Memory:
+    """The filter for steps of time (slews, n) [s] and what was measured (slews, n, 3)."""
+    share = np.array(noise.share)
+    decay = np.exp(-steps[..., None] / np.array(noise.time))
+    gain, scale = np.zeros(valid.shape), np.ones(valid.shape)
+    variance = np.broadcast_to(share, (len(valid), 3)).copy()
+    for row in range(valid.shape[1]):
+        of_reading = variance + 1.0 - share
+        known = valid[:, row]
+        gain[:, row] = np.where(known, variance / of_reading, 0.0)
+        scale[:, row] = np.where(known, 1.0 / np.sqrt(np.maximum(of_reading, 1e-12)), 1.0)
+        left = (1.0 - gain[:, row]) * variance
+        variance = decay[:, row] ** 2 * left + share * (1.0 - decay[:, row] ** 2)
+    return Memory(jnp.asarray(decay), jnp.asarray(gain), jnp.asarray(scale))

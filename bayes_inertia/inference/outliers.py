@@ -8,6 +8,8 @@ torques change is left alone all the same, since an effect could do that where r
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import stats
@@ -15,18 +17,18 @@ from scipy import stats
 from bayes_inertia.campaign.slew import Slew
 
 # Readings on either side that a reading is compared with: runs of two are in the minority there.
-_NEIGHBOURS = 5
+NEIGHBOURS = 5
 # Probability of an outlier anywhere in a channel of Gaussian noise.
-_FALSE_ALARM = 1e-3
+FALSE_ALARM = 1e-3
 # More outliers than this share of a channel's readings are no outliers but its noise.
 MOST_OUTLIERS = 0.03
-# The same of fixes: they are few, and compared only with those of their own burst.
-_MOST_OUTLYING_FIXES = 0.15
 # The scale around a reading is taken from so many readings on either side.
-_READINGS_AROUND = 12
-_SD_OVER_MAD = 1.4826
+READINGS_AROUND = 12
+SD_OVER_MAD = 1.4826
 # MAD times 1.4826 of those distances in white unit noise that are not zero; their tail is normal.
 _SCALE_OF_WHITE = 0.94
+# Rounded readings may lie beyond their neighbours by as many steps.
+_STEPS_BEYOND = 1.6
 # A change of torque by this share of the slew's largest torque is a switch.
 _SWITCH = 0.2
 # Rows beside a switch in which nothing is taken for an outlier, if outliers gather there.
@@ -65,20 +67,25 @@ def distance_from_both_sides(series: np.ndarray) -> np.ndarray:
 
 def _median_before(series: np.ndarray) -> np.ndarray:
     """Median of the readings before each; NaN where there are fewer than three."""
-    padded = np.concatenate([np.full(_NEIGHBOURS, np.nan), series[:-1]])
-    windows = sliding_window_view(padded, _NEIGHBOURS).copy()
+    padded = np.concatenate([np.full(NEIGHBOURS, np.nan), series[:-1]])
+    windows = sliding_window_view(padded, NEIGHBOURS).copy()
     few = np.isfinite(windows).sum(axis=1) < 3
     windows[few] = 0.0
     return np.where(few, np.nan, np.nanmedian(windows, axis=1))
 
 
-def outlying_readings(slews: list[np.ndarray]) -> list[np.ndarray]:
+def outlying_readings(
+    slews: list[np.ndarray], steps: Sequence[float] | None = None
+) -> list[np.ndarray]:
     """Readings of one channel that stand out from their neighbours.
 
     Parameters
     ----------
     slews : list of (rows, components) arrays
         Residuals, NaN where nothing was measured.
+    steps : sequence of float, optional
+        To which multiples each component's readings are rounded, in the unit of the residuals; 0
+        where they are not. One step up or down is no outlier.
 
     Returns
     -------
@@ -96,20 +103,21 @@ def outlying_readings(slews: list[np.ndarray]) -> list[np.ndarray]:
     [[50, 0], [200, 1], [201, 1]]
     """
     n = sum(int(np.isfinite(slew).sum()) for slew in slews)
-    limit = stats.norm.isf(0.5 * _FALSE_ALARM / max(n, 1))
+    limit = stats.norm.isf(0.5 * FALSE_ALARM / max(n, 1))
     flags = [np.zeros(slew.shape, bool) for slew in slews]
     for component in range(slews[0].shape[1]):
         rows = [np.flatnonzero(np.isfinite(slew[:, component])) for slew in slews]
         distances = [
             distance_from_both_sides(slew[k, component])
-            if len(k) > 2 * _NEIGHBOURS
+            if len(k) > 2 * NEIGHBOURS
             else np.zeros(len(k))
             for slew, k in zip(slews, rows, strict=True)
         ]
         overall = _scale(np.concatenate(distances))
         for flag, k, distance in zip(flags, rows, distances, strict=True):
             scale = np.maximum(overall, _scale_around(distance))
-            flag[k, component] = np.abs(distance) > limit * scale
+            least = _STEPS_BEYOND * steps[component] if steps is not None else 0.0
+            flag[k, component] = np.abs(distance) > np.maximum(limit * scale, least)
     share = sum(int(flag.sum()) for flag in flags) / max(n, 1)
     return [flag & (share <= MOST_OUTLIERS) for flag in flags]
 
@@ -117,64 +125,23 @@ def outlying_readings(slews: list[np.ndarray]) -> list[np.ndarray]:
 def _scale(distance: np.ndarray) -> float:
     """Standard deviation of white noise that would lie so far beyond its neighbours."""
     beyond = np.abs(distance[distance != 0.0])
-    if len(beyond) < _READINGS_AROUND:
+    if len(beyond) < READINGS_AROUND:
         return np.inf
-    return float(np.median(beyond)) * _SD_OVER_MAD / _SCALE_OF_WHITE
+    return float(np.median(beyond)) * SD_OVER_MAD / _SCALE_OF_WHITE
 
 
 def _scale_around(distance: np.ndarray) -> np.ndarray:
     """As `_scale`, of the readings around each."""
-    width = 2 * _READINGS_AROUND + 1
+    width = 2 * READINGS_AROUND + 1
     if len(distance) < width:
         return np.zeros(len(distance))
     beyond = np.where(distance != 0.0, np.abs(distance), np.nan)
-    padded = np.pad(beyond, _READINGS_AROUND, mode="reflect")
+    padded = np.pad(beyond, READINGS_AROUND, mode="reflect")
     windows = sliding_window_view(padded, width)
     some = ~np.isnan(windows).all(axis=1)
     around = np.zeros(len(distance))
     around[some] = np.nanquantile(windows[some], 0.5, axis=1)
-    return around * _SD_OVER_MAD / _SCALE_OF_WHITE
-
-
-def outlying_fixes(slews: list[np.ndarray], bursts: list[list[np.ndarray]]) -> list[np.ndarray]:
-    """Star-tracker fixes that stand out from the others of their burst.
-
-    Parameters
-    ----------
-    slews : list of (fixes, 3) arrays
-        Residuals, NaN where there is no fix.
-    bursts : list of list of arrays of int
-        By slew, the fixes of each burst.
-
-    Returns
-    -------
-    list of (fixes,) arrays of bool
-        None of a burst of less than three fixes, where nobody can say which is wrong, and never
-        more than a third of a burst.
-    """
-    distances = [np.full(slew.shape, np.nan) for slew in slews]
-    for slew, distance, parts in zip(slews, distances, bursts, strict=True):
-        for part in parts:
-            if len(part) >= 2 * _NEIGHBOURS + 1:
-                for axis in range(3):
-                    distance[part, axis] = distance_from_both_sides(slew[part, axis])
-            elif len(part) >= 3:
-                for i in part:
-                    others = slew[part[part != i]]
-                    distance[i] = slew[i] - np.median(others, axis=0)
-    every = np.concatenate(distances)
-    every = every[np.isfinite(every)]
-    if len(every) < _READINGS_AROUND:
-        return [np.zeros(len(slew), bool) for slew in slews]
-    limit = stats.norm.isf(0.5 * _FALSE_ALARM / len(every))
-    # A quarter more: a median of a few others scatters itself. Never below what is stated.
-    scale = 1.25 * max(1.0, _SD_OVER_MAD * float(np.median(np.abs(every))))
-    flags = [(np.abs(np.nan_to_num(d)) > limit * scale).any(axis=1) for d in distances]
-    for flag, parts in zip(flags, bursts, strict=True):
-        for part in parts:
-            flag[part] &= 3 * int(flag[part].sum()) <= len(part)
-    share = sum(int(flag.sum()) for flag in flags) / max(1, sum(map(len, flags)))
-    return [flag & (share <= _MOST_OUTLYING_FIXES) for flag in flags]
+    return around * SD_OVER_MAD / _SCALE_OF_WHITE
 
 
 def away_from_switches(slews: tuple[Slew, ...], flags: list[np.ndarray]) -> list[np.ndarray]:

@@ -8,6 +8,7 @@ that factor slew by slew; the estimate then counts each slew with its inverse.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -86,7 +87,10 @@ def chi2_test(chi2: float, dof: float, p_white: float | None = None) -> ChannelT
 
 
 def channel_tests(
-    series: dict[str, list[np.ndarray]], chi2: np.ndarray, dof: np.ndarray
+    series: dict[str, list[np.ndarray]],
+    chi2: np.ndarray,
+    dof: np.ndarray,
+    rounded: Sequence[str] = (),
 ) -> dict[str, ChannelTest]:
     """Test every channel, and the total.
 
@@ -98,6 +102,8 @@ def channel_tests(
         Sums of squares by channel.
     dof : (3,) array
         Degrees of freedom by channel.
+    rounded : sequence of str
+        Channels whose readings are rounded so coarsely that their errors are not white by right.
 
     Returns
     -------
@@ -107,7 +113,8 @@ def channel_tests(
     tests = {}
     for i, channel in enumerate(CHANNELS):
         # Star-tracker fixes come in a few bursts: no series to correlate.
-        p_white = None if channel == "attitude" else whiteness(series[channel])
+        no_series = channel == "attitude" or channel in rounded
+        p_white = None if no_series else whiteness(series[channel])
         tests[channel] = chi2_test(float(chi2[i]), float(dof[i]), p_white)
     tests["total"] = chi2_test(float(chi2.sum()), float(dof.sum()))
     return tests

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.dirt import Dirt
+from bayes_inertia.campaign.dirt import Dirt, DirtKind
 from bayes_inertia.campaign.hardware import CorrelatedNoise, RateSensor
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.inference.measured_noise import with_measured_noise
@@ -34,7 +34,8 @@ class DirtTreatment:
     colour : Colour or None
         Correlation and level of the rate sensor's noise.
     rounded : tuple of str
-        Channels whose level follows from the step to which readings are rounded.
+        Channels whose noise follows from the step to which readings are rounded: their level, or
+        the colour of coarsely rounded rates.
     """
 
     masked: tuple[Dirt, ...] = ()
@@ -68,7 +69,8 @@ class DirtTreatment:
             for channel, factor in self.louder.items()
         ]
         if self.colour is not None:
-            colour = Dirt("coloured", "rate", "", (), "modelled", _colour_in_words(self.colour))
+            kind: DirtKind = "quantised" if "rate" in self.rounded else "coloured"
+            colour = Dirt(kind, "rate", "", (), "modelled", _colour_in_words(self.colour))
             return (*self.masked, colour, *noise)
         return (*self.masked, *noise)
 

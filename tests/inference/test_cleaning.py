@@ -15,14 +15,11 @@ from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import clean_fit
+from bayes_inertia.inference.fix_outliers import outlying_fixes
 from bayes_inertia.inference.gates import prior_gate
 from bayes_inertia.inference.noise_colour import colour_of, is_alike_everywhere
 from bayes_inertia.inference.noise_memory import correlated_noise, innovations, rate_noise_memory
-from bayes_inertia.inference.outliers import (
-    away_from_switches,
-    outlying_fixes,
-    outlying_readings,
-)
+from bayes_inertia.inference.outliers import away_from_switches, outlying_readings
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.treatment import DirtTreatment, treated, treatment_from
 from bayes_inertia.maths.linear_algebra import inverse_root
@@ -221,30 +218,67 @@ def test_a_burst_of_two_fixes_has_no_outlier():
     assert np.flatnonzero(outlying_fixes(slews, together)[0]).tolist() == [0]
 
 
+TRIPLES = [[np.arange(3), np.arange(3, 6)]] * 4
+
+
+def drifting_fixes(seed=8):
+    """Bursts of three fixes while a missing torque turns the body: turns and residuals."""
+    rng, t = np.random.default_rng(seed), np.tile(np.arange(3.0), 2)[:, None]
+    turns = [t**2 * rng.normal(0.0, 20.0, 3) + t * rng.normal(0.0, 20.0, 3) for _ in TRIPLES]
+    return turns, [turn + rng.normal(size=(6, 3)) for turn in turns]
+
+
+def test_what_a_missing_torque_does_to_three_fixes_is_no_outlier():
+    turns, slews = drifting_fixes()
+    assert not any(f.any() for f in outlying_fixes(slews, TRIPLES, turns=turns))
+    # Nor is what an error of the rate sensor lets expect: the fixes themselves do not drift.
+    calm = [np.random.default_rng(k).normal(size=(6, 3)) for k in range(4)]
+    wrong = [30.0 * np.tile(np.arange(3.0), 2)[:, None] * np.ones(3)] * 4
+    assert not any(f.any() for f in outlying_fixes(calm, TRIPLES, turns=wrong))
+
+
+@pytest.mark.parametrize("row", [0, 1, 2, 4])
+def test_one_wrong_fix_of_three_is_known(row):
+    turns, slews = drifting_fixes()
+    slews[2][row, 1] += 40.0
+    flags = outlying_fixes(slews, TRIPLES, turns=turns)
+    assert [np.flatnonzero(f).tolist() for f in flags] == [[], [], [row], []]
+
+
+def test_two_wrong_fixes_of_three_are_left_alone():
+    turns, slews = drifting_fixes()
+    slews[2][0, 1] += 40.0
+    slews[2][1, 1] -= 60.0
+    assert not any(f.any() for f in outlying_fixes(slews, TRIPLES, turns=turns))
+
+
 def coloured(campaign, share, time):
     sensor = replace(campaign.rate_sensor, correlated_noise=CorrelatedNoise(share, time))
     return replace(campaign, rate_sensor=sensor)
 
 
-def test_innovations_give_the_likelihood_of_gauss_markov_noise(flown):
-    """r^T C^-1 r of the full covariance, missing readings included."""
+@pytest.mark.parametrize(("share", "time"), [(1.0, 2.0), (0.4, 2.0), (0.7, 60.0)])
+def test_innovations_give_the_likelihood_of_correlated_noise(flown, share, time):
+    """r^T C^-1 r and log |C| of the full covariance, missing readings included."""
 
     def change(i, slew):
         rate = np.array(slew.rate)
         rate[[20, 21, 50]] = np.nan
         return replace(slew, rate=rate)
 
-    campaign = coloured(changed(flown.campaign, change), 1.0, 2.0)
+    campaign = coloured(changed(flown.campaign, change), share, time)
     model = Model(campaign)
     memory = rate_noise_memory(model)
     valid = np.asarray(model.data.arrays.telemetry.rate_valid)
     z = np.random.default_rng(7).normal(size=valid.shape) * valid
     new = np.asarray(innovations(z, memory))
     rows = np.flatnonzero(valid[0, :, 1])
-    time = campaign.slews[0].time[rows]
-    covariance = np.exp(-np.abs(time[:, None] - time) / 2.0)
+    at = campaign.slews[0].time[rows]
+    covariance = share * np.exp(-np.abs(at[:, None] - at) / time) + (1.0 - share) * np.eye(len(at))
     x = z[0, rows, 1]
     assert np.sum(new[0, :, 1] ** 2) == pytest.approx(x @ np.linalg.solve(covariance, x), rel=1e-9)
+    norm = np.linalg.slogdet(covariance)[1]
+    assert -2.0 * np.log(memory.scale[0, :, 1]).sum() == pytest.approx(norm, rel=1e-9, abs=1e-9)
     noise = correlated_noise(new, memory)
     assert np.allclose(noise[valid], z[valid], atol=1e-9)
 

@@ -1,0 +1,287 @@
+"""What is dirt and what may be physics: decided before a search, and again after it.
+
+Outliers are local, and rounding is seen in the readings: both are treated at once. The level of the
+noise comes from fast differences. Correlated noise can look like a slow missing effect, and the
+other way round: the two compete. Where one effect explains the residuals better than any noise that
+is alike everywhere, physics goes first, and what it leaves is looked at again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayes_inertia.diagnosis.candidates import score_candidates
+from bayes_inertia.diagnosis.precompilation import precompile
+from bayes_inertia.inference import optimizer
+from bayes_inertia.inference.cleaning import (
+    CleanFit,
+    colour_of_rounding,
+    colour_seen,
+    masks_at,
+    plain_series,
+    refitted,
+    rounded_channels,
+    without_outliers,
+)
+from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.noise_colour import Colour, ColourOfAxis, colour_of
+from bayes_inertia.inference.noise_level import noise_factors
+from bayes_inertia.inference.rounding import level_of_rounded, rounding_steps
+from bayes_inertia.inference.treatment import DirtTreatment, treated
+from bayes_inertia.physics.forward_model import Model
+
+# What a number of a noise's shape costs [log evidence]: half the log of as many readings.
+_READINGS_A_NUMBER = 100.0
+_NUMBERS_OF_COLOUR = 6  # share and time of three axes
+# So often correlated noise is measured again after a fit with it.
+_ROUNDS_OF_COLOUR = 3
+# Two colours are one if their sds and their slowest powers differ by less than these factors.
+_SAME_SD, _SAME_POWER = 1.1, 1.5
+
+
+@dataclass(frozen=True)
+class CleanStart:
+    """Where a search begins.
+
+    Parameters
+    ----------
+    stated : Model
+        With all candidates, its campaign as stated.
+    base : Estimate
+        The fit without effects, as a point of the model with all of them.
+    estimate : Estimate
+        Where to search on: the base, or a fit with effects that were named before.
+    noise : mapping of float
+        By channel, what its noise is multiplied by.
+    treatment : DirtTreatment
+        What was done to the campaign; its level is in `noise`.
+    as_stated : bool
+        Whether only the level of the noise is measured.
+    coloured : bool
+        Whether noise may be correlated in time.
+    """
+
+    stated: Model
+    base: Estimate
+    estimate: Estimate
+    noise: Mapping[str, float]
+    treatment: DirtTreatment
+    as_stated: bool = False
+    coloured: bool = True
+
+
+def clean_start(
+    model: Model, *, seed: int = 0, as_stated: bool = False, coloured: bool = True
+) -> CleanStart:
+    """Fit the model without effects, dirt kept away.
+
+    Parameters
+    ----------
+    model : Model
+        With all candidate effects.
+    seed : int
+        Of the optimizer's starts.
+    as_stated : bool
+        Only the level of the noise is measured.
+    coloured : bool
+        Whether noise may be correlated in time.
+
+    Returns
+    -------
+    CleanStart
+
+    Raises
+    ------
+    EstimateError
+        If the base model cannot be fitted.
+    """
+    with ThreadPoolExecutor(1) as pool:
+        compiled = pool.submit(precompile, model)
+        base = Model(model.campaign, (), model.structure.drive)
+        fit = CleanFit(optimizer.estimate(base, seed=seed, discount=False), DirtTreatment())
+        if not as_stated:
+            fit = _without_local_dirt(fit, base)
+        noise = _noise(fit.estimate, fit.treatment)
+        compiled.result()
+    estimate = optimizer.with_noise(fit.estimate, noise)
+    estimate = _among_candidates(estimate, model)
+    start = CleanStart(model, estimate, estimate, noise, fit.treatment, as_stated, coloured)
+    return _noise_or_physics(start)
+
+
+def _without_local_dirt(fit: CleanFit, stated: Model) -> CleanFit:
+    """The fit without outliers, and without readings that rounding repeats."""
+
+    def repeat(fit: CleanFit, treatment: DirtTreatment) -> CleanFit:
+        campaign = treated(stated.campaign, treatment, stated.structure.drive)
+        return CleanFit(refitted(fit.estimate, campaign, weak_data_first=True), treatment)
+
+    fit = without_outliers(fit, stated.campaign, repeat)
+    rounded = tuple(sorted(rounded_channels(fit.estimate)))
+    colour = colour_of_rounding(fit.estimate) if "rate" in rounded else None
+    treatment = replace(fit.treatment, rounded=rounded, colour=colour)
+    return fit if treatment == fit.treatment else repeat(fit, treatment)
+
+
+def _noise(estimate: Estimate, treatment: DirtTreatment) -> dict[str, float]:
+    """By channel, what its noise is multiplied by: as measured, or as rounding makes it."""
+    measured, steps = noise_factors(estimate), rounding_steps(estimate.model.campaign)
+    for channel in treatment.rounded:
+        if channel == "rate" and treatment.colour is not None:
+            measured[channel] = 1.0  # The colour holds it all.
+        else:
+            measured[channel] = level_of_rounded(measured[channel], steps[channel])
+    return measured
+
+
+def _among_candidates(estimate: Estimate, stated: Model) -> Estimate:
+    """The point of a fit without effects in the model with all candidates."""
+    campaign = estimate.model.campaign
+    if campaign is not stated.campaign:
+        stated = Model(campaign, stated.effects, stated.structure.drive)
+    return optimizer.move_to(estimate, stated)
+
+
+def _noise_or_physics(start: CleanStart) -> CleanStart:
+    """The start with correlated noise, if that explains more than any candidate could."""
+    colour = None
+    if start.coloured and not start.as_stated and start.treatment.colour is None:
+        colour = colour_seen(start.base, slow=True)
+    if colour is None:
+        return start
+    tests = score_candidates(start.base)
+    best = max((tests.log_bayes_factor(k) for k in range(len(tests.names))), default=0.0)
+    coloured = _coloured(start, colour)
+    gain = _log_evidence(coloured.base) - _log_evidence(start.base)
+    return coloured if gain > max(best, 0.0) else start
+
+
+def _coloured(start: CleanStart, colour: Colour) -> CleanStart:
+    """The start with correlated noise, measured until fit and noise agree.
+
+    A fit that takes the noise for white explains part of what is slow in it.
+    """
+    slews = start.base.model.campaign.slews
+    for _ in range(_ROUNDS_OF_COLOUR):
+        coloured = _restarted(start, replace(start.treatment, colour=colour))
+        again = colour_of(slews, _in_stated_sigmas(coloured, coloured.base), slow=True)
+        if again is None or _is_alike(again, colour):
+            break
+        colour = again
+    return coloured
+
+
+def _restarted(start: CleanStart, treatment: DirtTreatment) -> CleanStart:
+    """The base fit with another treatment."""
+    base, noise = _with_treatment(start, start.base, treatment)
+    return replace(start, base=base, estimate=base, noise=noise, treatment=treatment)
+
+
+def _with_treatment(
+    start: CleanStart, estimate: Estimate, treatment: DirtTreatment
+) -> tuple[Estimate, dict[str, float]]:
+    """An estimate with another treatment, and the level of its noise, measured anew."""
+    campaign = treated(start.stated.campaign, treatment, start.stated.structure.drive)
+    calm = optimizer.with_noise(estimate, dict.fromkeys(start.noise, 1.0))
+    estimate = refitted(calm, campaign)
+    noise = _noise(estimate, treatment)
+    return optimizer.with_noise(estimate, noise), noise
+
+
+def _log_evidence(estimate: Estimate) -> float:
+    """Log posterior density with the norms of the noise, less what the shape of the noise costs."""
+    white = estimate.white
+    matrices = (np.diagonal(w, axis1=-2, axis2=-1) for w in (white.rate, white.attitude))
+    norms = [float(np.log(x[x > 0.0]).sum()) for x in (*matrices, np.asarray(white.momentum))]
+    if white.memory is None:
+        return sum(norms) - estimate.objective
+    cost = 0.5 * _NUMBERS_OF_COLOUR * np.log(_READINGS_A_NUMBER)
+    return sum(norms) + float(np.log(white.memory.scale).sum()) - cost - estimate.objective
+
+
+def measured_again(start: CleanStart, final: Estimate) -> CleanStart | None:
+    """What dirt is once effects are named: they are not in the way any more.
+
+    Parameters
+    ----------
+    start : CleanStart
+        Where the search began.
+    final : Estimate
+        Where it ended: the fit with everything named.
+
+    Returns
+    -------
+    CleanStart or None
+        Where to search on: at the same effects with other noise or other masks, or without any
+        where the noise has another shape. None where nothing changed.
+    """
+    if start.as_stated:
+        return None if final is start.estimate else _with_level(start, final)
+    colour = _colour_after(start, final)
+    if colour is not start.treatment.colour:
+        if colour is None:
+            return _restarted(start, replace(start.treatment, colour=None))
+        return _coloured(start, colour)
+    if final is start.estimate:
+        return None
+    masked = masks_at(final, start.stated.campaign, start.treatment)
+    if masked == start.treatment.masked:
+        return _with_level(start, final)
+    treatment = replace(start.treatment, masked=masked)
+    estimate, noise = _with_treatment(start, final, treatment)
+    return replace(start, estimate=estimate, noise=noise, treatment=treatment)
+
+
+def _colour_after(start: CleanStart, final: Estimate) -> Colour | None:
+    """Correlated noise in what effects leave; the very object where it is as before."""
+    before = start.treatment.colour
+    if (
+        not start.coloured
+        or "rate" in start.treatment.rounded
+        or (before is not None and final is start.estimate)
+    ):
+        return before
+    if before is None:
+        colour = colour_seen(final, slow=True)
+        if colour is None:
+            return None
+        coloured, _ = _with_treatment(start, final, replace(start.treatment, colour=colour))
+        return colour if _log_evidence(coloured) > _log_evidence(final) else None
+    slews = final.model.campaign.slews
+    colour = colour_of(slews, _in_stated_sigmas(start, final), slow=True)
+    return before if colour is not None and _is_alike(colour, before) else colour
+
+
+def _in_stated_sigmas(start: CleanStart, final: Estimate) -> list[np.ndarray]:
+    """Residuals of the rates in the sigmas that the campaign states."""
+    stated = np.array(start.stated.campaign.rate_sensor.sigma)
+    ratio = np.array(final.model.campaign.rate_sensor.sigma) / stated
+    return [series * ratio for series in plain_series(final)["rate"]]
+
+
+def _is_alike(colour: Colour, other: Colour) -> bool:
+    """Whether two colours are one within what can be told."""
+    for one, two in zip(colour.axes, other.axes, strict=True):
+        sd = abs(np.log(one.sd / two.sd))
+        slow = abs(np.log(_slow_power(one) / _slow_power(two)))
+        if sd > np.log(_SAME_SD) or slow > np.log(_SAME_POWER):
+            return False
+    return True
+
+
+def _slow_power(axis: ColourOfAxis) -> float:
+    """Power of the noise of one axis at rest of frequency."""
+    lasting = (1.0 + axis.correlation) / (1.0 - axis.correlation)
+    return axis.sd**2 * (1.0 - axis.share + axis.share * lasting)
+
+
+def _with_level(start: CleanStart, final: Estimate) -> CleanStart | None:
+    """The fit with everything named at the level of noise that it leaves."""
+    noise = _noise(final, start.treatment)
+    if noise == start.noise:
+        return None
+    return replace(start, estimate=optimizer.with_noise(final, noise), noise=noise)

@@ -1,0 +1,135 @@
+"""Readings rounded to a step: known from the readings themselves, before any fit.
+
+Rounding adds an error of step / sqrt(12). Where the noise is small beside the step, readings stay
+the same while the truth moves little: their errors are one error, not many, and no test for white
+noise applies (Widrow and Kollar 2008, chapter 20: noise of half a step makes errors independent).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.quantisation import quantisation_sigma, quantisation_step
+
+# Rounding that adds less to the noise than this factor is left alone.
+ROUNDING_THAT_COUNTS = 1.005
+# Steps beyond so many sigmas leave errors that are not independent.
+_COARSE = 2.5
+# Coarsely rounded readings are louder than their rounding where they are so by this factor.
+_LOUDER_THAN_COARSE = 1.5
+_KEY_OF_CHANNEL = {"rate": "rate", "momentum": "wheel_momentum"}
+
+
+def rounding_steps(campaign: Campaign) -> dict[str, np.ndarray]:
+    """The steps to which rates and tachometers are rounded.
+
+    Parameters
+    ----------
+    campaign : Campaign
+
+    Returns
+    -------
+    dict of (components,) arrays
+        By channel, "rate" and "momentum" [stated sigma]; 0 where nothing is rounded.
+    """
+    sigmas = {
+        "rate": campaign.rate_sensor.sigma,
+        "momentum": tuple(wheel.momentum_sigma for wheel in campaign.wheels),
+    }
+    steps = {}
+    for channel, sigma in sigmas.items():
+        key = _KEY_OF_CHANNEL[channel]
+        tables = [getattr(s, key) for s in campaign.slews if getattr(s, key) is not None]
+        steps[channel] = np.array(
+            [
+                (quantisation_step(np.concatenate([x[:, k] for x in tables])) or 0.0) / one
+                if one is not None and tables
+                else 0.0
+                for k, one in enumerate(sigma)
+            ]
+        )
+    return steps
+
+
+def factor_of_rounding(steps: np.ndarray) -> float:
+    """What rounding adds to the noise of a channel.
+
+    Parameters
+    ----------
+    steps : (components,) array
+        Of its components [stated sigma].
+
+    Returns
+    -------
+    float
+        Factor on the stated sigma, of the coarsest component.
+
+    Examples
+    --------
+    >>> factor_of_rounding(np.array([0.0, 6.0]))
+    2.0
+    """
+    return float(np.hypot(1.0, quantisation_sigma(float(steps.max(initial=0.0)))))
+
+
+def is_coarse(steps: np.ndarray) -> bool:
+    """Whether a channel's noise as stated cannot hold its rounding.
+
+    Parameters
+    ----------
+    steps : (components,) array
+        [stated sigma].
+
+    Returns
+    -------
+    bool
+
+    Examples
+    --------
+    >>> is_coarse(np.array([1.0, 6.0])), is_coarse(np.array([1.0]))
+    (True, False)
+    """
+    return quantisation_sigma(float(steps.max(initial=0.0))) > 1.0
+
+
+def has_one_error(steps: np.ndarray) -> bool:
+    """Whether readings of a channel share rounding errors, so that these are not white.
+
+    Parameters
+    ----------
+    steps : (components,) array
+        [sigma of the noise as used, which holds the rounding].
+
+    Returns
+    -------
+    bool
+    """
+    return bool(np.any(steps > _COARSE / np.hypot(1.0, quantisation_sigma(_COARSE))))
+
+
+def level_of_rounded(measured: float, steps: np.ndarray) -> float:
+    """The noise of a rounded channel.
+
+    Errors of coarse rounding are not independent: fast differences measure their level badly.
+
+    Parameters
+    ----------
+    measured : float
+        Factor on the stated sigma, from fast differences.
+    steps : (components,) array
+        [stated sigma].
+
+    Returns
+    -------
+    float
+        Factor on the stated sigma.
+
+    Examples
+    --------
+    >>> level_of_rounded(2.3, np.array([6.0])), level_of_rounded(1.1, np.array([1.0]))
+    (2.0, 1.1)
+    """
+    factor = factor_of_rounding(steps)
+    trusted = not is_coarse(steps) or measured > _LOUDER_THAN_COARSE * factor
+    return max(factor, measured) if trusted else factor
