@@ -48,7 +48,12 @@ class ForeignLogs:
 
 
 def write_foreign_logs(
-    campaign: Campaign, folder: Path, *, tracker: str = "aem", seed: int = 1
+    campaign: Campaign,
+    folder: Path,
+    *,
+    tracker: str = "aem",
+    seed: int = 1,
+    between_slews: bool = True,
 ) -> ForeignLogs:
     """Write a campaign as raw logs of another mission.
 
@@ -62,6 +67,8 @@ def write_foreign_logs(
         How the star tracker's attitudes are written.
     seed : int, optional
         For the readings at rest between the slews.
+    between_slews : bool, optional
+        Write readings between the slews too: noise about the last values, which no dynamics made.
 
     Returns
     -------
@@ -70,7 +77,8 @@ def write_foreign_logs(
     """
     folder.mkdir(parents=True, exist_ok=True)
     native = thinned(campaign)
-    rows = _continuous(native, np.random.default_rng(seed))
+    rng = np.random.default_rng(seed) if between_slews else None
+    rows = _continuous(native, rng)
     inertias = campaign.spin_inertias
     files = [
         _csv(
@@ -105,7 +113,8 @@ def write_foreign_logs(
     )
     mapping, to_cut = folder / "mapping.toml", folder / "mapping_to_cut.toml"
     mapping.write_text(_mapping(campaign, tracker) + _slews(native), encoding="utf-8")
-    to_cut.write_text(_mapping(campaign, tracker), encoding="utf-8")
+    cut = "\n[cut]\nbefore_s = 8.0\nafter_s = 8.0\n" if between_slews else ""
+    to_cut.write_text(_mapping(campaign, tracker) + cut, encoding="utf-8")
     return ForeignLogs(tuple(files), mapping, to_cut, native)
 
 
@@ -130,8 +139,8 @@ def thinned(campaign: Campaign) -> Campaign:
     return replace(campaign, slews=tuple(slews))
 
 
-def _continuous(campaign: Campaign, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """All channels from the first slew to the last, with rest between the slews."""
+def _continuous(campaign: Campaign, rng: np.random.Generator | None) -> dict[str, np.ndarray]:
+    """All channels from the first slew to the last, with rest between the slews if drawn."""
     pieces: dict[str, list[np.ndarray]] = {
         key: [] for key in ("time", "rate", "torque", "momentum", "attitude")
     }
@@ -145,7 +154,7 @@ def _continuous(campaign: Campaign, rng: np.random.Generator) -> dict[str, np.nd
         }
         for key, values in channels.items():
             pieces[key].append(np.asarray(values))
-        if k + 1 < len(campaign.slews):
+        if rng is not None and k + 1 < len(campaign.slews):
             rest = _rest(channels, campaign.slews[k + 1].start, campaign, rng)
             for key, values in rest.items():
                 pieces[key].append(values)
