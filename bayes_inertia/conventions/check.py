@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -22,9 +22,9 @@ from bayes_inertia.conventions.companions import with_companions
 from bayes_inertia.conventions.dirt_at_rest import dirt_of
 from bayes_inertia.conventions.invisible import invisible
 from bayes_inertia.conventions.misfits import Misfits
-from bayes_inertia.conventions.reading import stated_reading
+from bayes_inertia.conventions.reading import Reading, stated_reading
 from bayes_inertia.conventions.sampled_slews import sampled
-from bayes_inertia.conventions.search import Remedy, misfit_of, remedies, worst
+from bayes_inertia.conventions.search import Remedy, judged, misfit_of, worst
 from bayes_inertia.conventions.stated import stated_columns
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import description_path, read_bytes, text_of
@@ -217,34 +217,43 @@ def _checked(
         return ConventionsCheck(campaign.name, "consistent", nothing, {})
     misfits, stated = Misfits(campaign, slews), stated_reading(campaign)
     singles = mistakes(campaign, columns)
-    before = worst(misfits.of(stated))
-    impossible = before > limits.IMPOSSIBLE
-    mending = remedies(misfits, stated, singles) if impossible else []
-    clock = Clocks() if mending else clocks(misfits, stated, columns)
+    judgement = judged(misfits, stated, singles)
+    mending, clock = judgement.remedies, Clocks()
     if not mending:
-        mending = [
-            remedy
-            for remedy in clock.remedies
-            if shifted_misfit(misfits, stated, remedy, columns) < limits.ORDINARY
-        ]
+        clock = clocks(misfits, judgement.reading, columns)
+        mending = _of_clocks(misfits, judgement.reading, clock, columns)
+    before = worst(misfits.of(judgement.reading))
+    reading = judgement.mended(stated)
+    wrong = bool(mending) or before > limits.HOPELESS
+    verdict: Literal["consistent", "wrong"] = "wrong" if wrong else "consistent"
     if mending:
         written = tomllib.loads(text) if text else {}
         first = with_companions(mending[0].mistake, campaign, written)
-        mending = [replace(mending[0], mistake=first), *mending[1:]]
-    wrong = bool(mending) or before > limits.HOPELESS
-    verdict: Literal["consistent", "wrong"] = "wrong" if wrong else "consistent"
+        mending = (replace(mending[0], mistake=first), *mending[1:])
     edits = wording.edited_lines(text, mending[0].mistake) if mending else ()
-    by_law = misfit_of(misfits.of(stated))
+    by_law = misfit_of(misfits.of(stated if wrong else reading))
+    stale = not np.array_equal(reading.bias_B, stated.bias_B)
     return ConventionsCheck(
         campaign=campaign.name,
         verdict=verdict,
-        sentence=wording.verdict_in_words(by_law, mending, verdict, edits),
+        sentence=wording.verdict_in_words(by_law, mending, verdict, edits, stale),
         misfits=by_law,
         changes=_changes(mending),
         edits=tuple(edits),
-        cannot_show=() if quick else invisible(misfits, stated, () if wrong else singles),
+        cannot_show=() if quick else invisible(misfits, reading, () if wrong else singles),
         remarks=clock.remarks,
-        dirt=() if quick else dirt_of(misfits, stated),
+        dirt=() if quick else dirt_of(misfits, stated, reading),
+    )
+
+
+def _of_clocks(
+    misfits: Misfits, reading: Reading, clock: Clocks, columns: Mapping[str, Mapping[str, Any]]
+) -> tuple[Remedy, ...]:
+    """Wrong clocks whose mending makes all laws hold."""
+    return tuple(
+        remedy
+        for remedy in clock.remedies
+        if shifted_misfit(misfits, reading, remedy, columns) < limits.ORDINARY
     )
 
 

@@ -25,15 +25,17 @@ _STALE_SDS = 5.0
 _AT_REST = 0.03
 
 
-def dirt_of(misfits: Misfits, reading: Reading) -> tuple[dict[str, Any], ...]:
+def dirt_of(misfits: Misfits, stated: Reading, reading: Reading) -> tuple[dict[str, Any], ...]:
     """Everything that was found: by the reader, in the noise, and in the rests.
 
     Parameters
     ----------
     misfits : Misfits
         The telemetry.
+    stated : Reading
+        Conventions as stated.
     reading : Reading
-        Conventions that agree with it.
+        Conventions that agree with it, perhaps with another rate bias.
 
     Returns
     -------
@@ -42,7 +44,7 @@ def dirt_of(misfits: Misfits, reading: Reading) -> tuple[dict[str, Any], ...]:
     """
     by_reader = [dirt.json() for dirt in misfits.campaign.dirt]
     levels = [dirt.json() for c in CHANNELS if (dirt := _level(misfits.campaign, c)) is not None]
-    return (*by_reader, *levels, *_stale_bias(misfits, reading))
+    return (*by_reader, *levels, *_stale_bias(misfits, stated, reading))
 
 
 def _level(campaign: Campaign, channel: str) -> Dirt | None:
@@ -59,23 +61,30 @@ def _level(campaign: Campaign, channel: str) -> Dirt | None:
     return Dirt("noise_level", channel, "", (), "ignored", note)
 
 
-def _stale_bias(misfits: Misfits, reading: Reading) -> list[dict[str, Any]]:
-    """A rate bias that star-tracker fixes at rest show to be far from the stated one."""
+def _stale_bias(misfits: Misfits, stated: Reading, reading: Reading) -> list[dict[str, Any]]:
+    """A rate bias far from the stated one, as the laws tell it, or star-tracker fixes at rest."""
+    off = reading.bias_B - stated.bias_B
+    if not off.any():
+        off = _bias_at_rest(misfits, reading)
+    if not off.any():
+        return []
+    axes = ", ".join(f"{off[k]:.2g} rad/s about {'xyz'[k]}" for k in np.flatnonzero(off))
+    note = f"the rate bias is off the stated one by {axes} (body axes)"
+    entry = {"kind": "stale_bias", "channel": "rate", "slew": "", "rows": []}
+    return [{**entry, "treated": "ignored", "note": note}]
+
+
+def _bias_at_rest(misfits: Misfits, reading: Reading) -> np.ndarray:
+    """The rate bias (3,) that fixes at rest tell, 0 where it is not far from the stated one."""
     told = _rest_rates(misfits, reading)
     if not len(told):
-        return []
+        return np.zeros(3)
     bias = np.median(told, axis=0)
     spread = _MEDIAN_DEVIATION * np.median(np.abs(told - bias), axis=0) / np.sqrt(len(told))
     sensor = misfits.campaign.rate_sensor
     noise = np.asarray(sensor.sigma) / np.sqrt(_FEW_ROWS * len(told))
     sd = np.sqrt(np.square(sensor.bias_sigma) + spread**2 + noise**2)
-    stale = np.abs(bias) > _STALE_SDS * sd
-    if not stale.any():
-        return []
-    axes = ", ".join(f"{bias[k]:.2g} rad/s about {'xyz'[k]}" for k in np.flatnonzero(stale))
-    note = f"the rate bias at rest is off the stated one by {axes}"
-    entry = {"kind": "stale_bias", "channel": "rate", "slew": "", "rows": []}
-    return [{**entry, "treated": "ignored", "note": note}]
+    return np.where(np.abs(bias) > _STALE_SDS * sd, bias, 0.0)
 
 
 def _rest_rates(misfits: Misfits, reading: Reading) -> np.ndarray:

@@ -43,6 +43,8 @@ class Told:
         What the rates then tell of the motion.
     noise : mapping of str to array
         Sd of the readings of "rate" (3,) and "momentum" (wheels,), in the units stated.
+    bias_sd : (3,) array, optional
+        Sd of the rate bias [rad/s] where it is supposed to be stale; None for the stated one.
     """
 
     campaign: Campaign
@@ -50,6 +52,7 @@ class Told:
     reading: Reading
     motion: Motion
     noise: Mapping[str, np.ndarray]
+    bias_sd: np.ndarray | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +77,8 @@ class LawData:
         Sd of the norm of a moment's error that the sensors' stated noise makes.
     factors : float
         Sd of the logarithms of the moments of inertia, which are regressors 0, 4 and 8; 0 for none.
+    bias_from : int
+        Which regressor is the first of three of the rate bias; -1 for none.
     """
 
     data: np.ndarray
@@ -84,6 +89,7 @@ class LawData:
     early: np.ndarray
     noise: float
     factors: float = 0.0
+    bias_from: int = -1
 
     def fit(self) -> LinearFit:
         """The fit of all that is uncertain.
@@ -136,7 +142,8 @@ def closure(told: Told) -> LawData | None:
     free = np.broadcast_to(np.eye(3), (*error.shape, 3))
     turning = np.einsum("snij,snj->sni", moving.to_start[some], moving.rate_B[some])
     early = -turning * fixes[..., None]
-    return LawData(error, regressors, free, _sigma(size, noise), fixes, early, noise)
+    sigma = _sigma(size, noise)
+    return LawData(error, regressors, free, sigma, fixes, early, noise, bias_from=sds.size)
 
 
 def _at(quaternions: np.ndarray, first: np.ndarray) -> np.ndarray:
@@ -149,6 +156,8 @@ def _scale_sd(told: Told) -> np.ndarray:
 
 def _bias_sd(told: Told) -> np.ndarray:
     """Sd of the rate bias (3,): what is stated, or more where it may be stale [rad/s]."""
+    if told.bias_sd is not None:
+        return told.bias_sd
     valid = told.slews.valid
     rms = np.sqrt(np.mean(np.sum(told.motion.rate_B[valid] ** 2, axis=-1)))
     # A reading in a smaller unit must not drown in a bias that is stated in the larger one.
@@ -211,6 +220,7 @@ def conservation(told: Told) -> LawData | None:
         early=np.einsum("snij,snj->sni", to_start, _slope(wheels_B, told)),
         noise=noise,
         factors=max(limits.INERTIA_SD, told.campaign.inertia.relative_sigma),
+        bias_from=12,
     )
 
 

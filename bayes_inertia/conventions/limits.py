@@ -77,6 +77,16 @@ EQUAL_FACTOR, EQUAL_MISFIT = 2.0, 0.15
 0.15 sd is 1.5 % of the motion, less than what undisclosed physics may hide.
 """
 
+SUSPICIOUS, SURE_IMPROVEMENT = 1.0, 6.0
+"""Between a misfit of one sd and `IMPOSSIBLE` data are possible as stated, but a change is proposed
+that brings the misfit down by six.
+
+Hidden effects leave as much as that; but no change of convention imitates an effect so well.
+"""
+
+CLEAR = 0.5
+"""Misfit [sd] below which a change explains so well that no stale bias is tried beside it."""
+
 LATE_SHARE = 1.0 / 1000.0
 """Prior sd of a sensor's lateness in the library, as a share of the slew's duration."""
 
@@ -123,3 +133,12 @@ GRID_INTERVALS = 64
 
 FIXES_PER_SLEW = 32
 """Star-tracker fixes of a slew that are looked at."""
+
+STALE_SHARE, STALEST_SHARE = 0.3, 1.0
+"""Sd and largest size of a stale rate bias, as shares of the campaign's rms rate.
+
+MEMS gyros are switched on with biases of the size of a slew's rate; one that is larger than the
+motion would be seen by anybody."""
+
+STALE_IMPROVEMENT = 2.0
+"""A stale bias must bring the misfit down by this factor at least to be reported."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,11 +23,14 @@ class LinearFit:
         Distance of the parameters from their priors [sd], root mean square over three of them.
     values : (P,) array
         Parameters, in prior standard deviations.
+    sds : (P,) array
+        What is left of those standard deviations.
     """
 
     misfit: np.ndarray
     departure: float
     values: np.ndarray
+    sds: np.ndarray
 
     def with_factors(self, which: slice, sds: np.ndarray) -> LinearFit:
         """The same fit, some of whose parameters are factors, judged by their logarithms.
@@ -49,7 +52,8 @@ class LinearFit:
         """
         values = np.array(self.values)
         values[which] = np.log(np.maximum(1.0 - sds * values[which], 1e-3)) / sds
-        return LinearFit(self.misfit, float(np.sqrt(np.sum(values**2) / 3.0)), self.values)
+        departure = float(np.sqrt(np.sum(values**2) / 3.0))
+        return replace(self, departure=departure)
 
     @property
     def worst(self) -> float:
@@ -118,9 +122,11 @@ def _weighted(
     x, y = x / sigma[:, None, None], y / sigma[:, None, None]
     # A slew tells at most one number a component, however often it is sampled.
     normal = width * np.einsum("srp,srq->pq", x, x, optimize=True) + np.eye(x.shape[-1])
-    values = np.linalg.solve(normal, width * np.einsum("srp,sro->p", x, y, optimize=True))
+    covariance = np.linalg.inv(normal)
+    values = covariance @ (width * np.einsum("srp,sro->p", x, y, optimize=True))
     residual = (y - (x @ values)[..., None])[..., 0]
     misfit = np.sqrt(np.einsum("sr,sr->s", residual, residual))
     departure = float(np.sqrt(np.sum(values**2) / 3.0))
     norm = np.sqrt((residual.reshape(data.shape) ** 2).sum(-1)) / np.maximum(weight, 1e-12)
-    return LinearFit(misfit, departure, values), norm * sigma[:, None]
+    sds = np.sqrt(np.diag(covariance))
+    return LinearFit(misfit, departure, values, sds), norm * sigma[:, None]

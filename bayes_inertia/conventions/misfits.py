@@ -5,7 +5,9 @@ Misfits are in standard deviations of what noise and undisclosed physics may lea
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+
+import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE, LAWS, LawData, Told
@@ -81,12 +83,12 @@ class Misfits:
         Motion
             Of all slews.
         """
-        key = ("motion", reading.rate.tobytes(), reading.time)
+        key = ("motion", reading.rate.tobytes(), reading.time, reading.bias_B.tobytes())
         if key not in self.kept:
-            self.kept[key] = motion_of(self.campaign, self.slews, reading)
+            self.kept[key] = motion_of(self.slews, reading)
         return self.kept[key]
 
-    def law(self, law: str, reading: Reading) -> LawData | None:
+    def law(self, law: str, reading: Reading, bias_sd: np.ndarray | None = None) -> LawData | None:
         """One law as a linear problem.
 
         Parameters
@@ -95,13 +97,15 @@ class Misfits:
             Its name.
         reading : Reading
             Conventions, stated or supposed.
+        bias_sd : (3,) array, optional
+            Sd of the rate bias [rad/s] where it is supposed to be stale.
 
         Returns
         -------
         LawData or None
             None if the telemetry says nothing about it.
         """
-        return LAWS[law](self.told(reading))
+        return LAWS[law](replace(self.told(reading), bias_sd=bias_sd))
 
     def told(self, reading: Reading) -> Told:
         """What the telemetry tells under a reading.
@@ -136,17 +140,32 @@ class Misfits:
         LinearFit or None
             None if the telemetry says nothing about it.
         """
-        parts: dict[str, tuple[str, ...]] = {
-            CLOSURE: ("rate", "attitude"),
-            CONSERVATION: ("rate", "axes_B", "inertia", self.wheel_channel),
-            DRIVE: ("torque", "momentum"),
-        }
-        arrays = (getattr(reading, part).tobytes() for part in parts[law])
+        arrays = (getattr(reading, part).tobytes() for part in self.parts_of(law))
         key = (law, reading.time, *arrays)
         if key not in self.kept:
             data = self.law(law, reading)
             self.kept[key] = None if data is None else data.fit()
         return self.kept[key]
+
+    def parts_of(self, law: str) -> tuple[str, ...]:
+        """Which fields of a reading, besides time, a law depends on.
+
+        Parameters
+        ----------
+        law : str
+            Its name.
+
+        Returns
+        -------
+        tuple of str
+            Names of arrays.
+        """
+        parts: dict[str, tuple[str, ...]] = {
+            CLOSURE: ("rate", "bias_B", "attitude"),
+            CONSERVATION: ("rate", "bias_B", "axes_B", "inertia", self.wheel_channel),
+            DRIVE: ("torque", "momentum"),
+        }
+        return parts[law]
 
     @property
     def wheel_channel(self) -> str:

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.conventions.reading import Reading
 from bayes_inertia.conventions.rotations import accumulated, matrix_to_start, of_angle
 from bayes_inertia.conventions.sampled_slews import SampledSlews
@@ -41,13 +40,11 @@ class Motion:
     duration: np.ndarray
 
 
-def motion_of(campaign: Campaign, slews: SampledSlews, reading: Reading) -> Motion:
+def motion_of(slews: SampledSlews, reading: Reading) -> Motion:
     """The motion that the rates of a reading tell.
 
     Parameters
     ----------
-    campaign : Campaign
-        Its rate sensor.
     slews : SampledSlews
         The telemetry.
     reading : Reading
@@ -58,8 +55,7 @@ def motion_of(campaign: Campaign, slews: SampledSlews, reading: Reading) -> Moti
     Motion
         Of all slews.
     """
-    sensor = campaign.rate_sensor
-    shift = np.linalg.inv(sensor.axes) @ np.asarray(sensor.bias)
+    shift = reading.bias_B
     steps = reading.time * np.diff(slews.time, axis=1)[..., None]
     turns = reading.time * np.diff(slews.turn, axis=1) @ reading.rate.T - shift * steps
     path = accumulated(of_angle(turns))

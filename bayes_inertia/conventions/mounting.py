@@ -18,6 +18,7 @@ from bayes_inertia.conventions.laws import wheel_momentum_B
 from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.reading import Reading
 from bayes_inertia.conventions.rotations import angle_of, composed, turned_back
+from bayes_inertia.conventions.stale_bias import with_own_bias
 
 # Two directions of rotation are told apart if the smaller holds this share of the larger's.
 _SECOND_DIRECTION = 0.15
@@ -52,6 +53,37 @@ def turned_sensor(misfits: Misfits, reading: Reading) -> list[Mistake]:
         for rotation in rotations
         if rotation is not None and not _whole(rotation) and not _whole(axes @ rotation.T)
     ]
+
+
+def turned_beside_bias(misfits: Misfits, reading: Reading) -> list[Mistake]:
+    """The rotation that the data propose where the rate bias is stale as well.
+
+    Rotation and bias are estimated by turns.
+
+    Parameters
+    ----------
+    misfits : Misfits
+        The telemetry and its laws.
+    reading : Reading
+        Conventions as stated.
+
+    Returns
+    -------
+    list of Mistake
+        One at most.
+    """
+    best: list[Mistake] = []
+    for _ in range(_ROUNDS):
+        proposed = turned_sensor(misfits, reading)
+        if not proposed:
+            break
+        mended = [with_own_bias(misfits, mistake.mend(reading)) for mistake in proposed]
+        left = [max(fit.worst for fit in misfits.of(m).values()) for m in mended]
+        k = int(np.argmin(left))
+        best = [proposed[k]]
+        back = reading.rate @ np.linalg.inv(mended[k].rate)
+        reading = replace(reading, bias_B=back @ mended[k].bias_B)
+    return best
 
 
 def _whole(rotation: np.ndarray) -> bool:

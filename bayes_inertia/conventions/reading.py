@@ -31,6 +31,8 @@ class Reading:
         Spin axes of the wheels, as columns.
     inertia : (3, 3) array
         Inertia with locked wheels [kg m^2].
+    bias_B : (3,) array
+        What the rate still shows of a body at rest, along body axes [rad/s].
     """
 
     rate: np.ndarray
@@ -40,6 +42,7 @@ class Reading:
     momentum: np.ndarray
     axes_B: np.ndarray
     inertia: np.ndarray
+    bias_B: np.ndarray
 
 
 def stated_reading(campaign: Campaign) -> Reading:
@@ -67,4 +70,5 @@ def stated_reading(campaign: Campaign) -> Reading:
         momentum=same,
         axes_B=axes_B,
         inertia=prior.tensor + (0.0 if prior.includes_wheel_spin else 1.0) * spin,
+        bias_B=np.linalg.inv(sensor.axes) @ np.asarray(sensor.bias),
     )

@@ -11,8 +11,9 @@ from bayes_inertia.conventions import limits
 from bayes_inertia.conventions.hypothesis import Mistake, both
 from bayes_inertia.conventions.linear_fit import LinearFit
 from bayes_inertia.conventions.misfits import Misfits
-from bayes_inertia.conventions.mounting import turned_sensor
+from bayes_inertia.conventions.mounting import turned_beside_bias, turned_sensor
 from bayes_inertia.conventions.reading import Reading
+from bayes_inertia.conventions.stale_bias import beside_stale_bias, with_own_bias
 
 # Two mistakes that are together rarer than this are not tried.
 _RAREST_PAIR = 4
@@ -51,8 +52,39 @@ def worst(fits: dict[str, LinearFit]) -> float:
     return max((fit.worst for fit in fits.values()), default=0.0)
 
 
-def remedies(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> list[Remedy]:
-    """What makes inconsistent data consistent, the best first, with what the data hold equal to it.
+@dataclass(frozen=True)
+class Judgement:
+    """What is wrong with a campaign's conventions.
+
+    Parameters
+    ----------
+    remedies : tuple of Remedy
+        What makes inconsistent data consistent, the best first, with what the data hold equal.
+    reading : Reading
+        Conventions as stated, with the bias that the telemetry tells where the stated one is stale.
+    """
+
+    remedies: tuple[Remedy, ...]
+    reading: Reading
+
+    def mended(self, stated: Reading) -> Reading:
+        """The conventions that agree best with the data.
+
+        Parameters
+        ----------
+        stated : Reading
+            Conventions as stated.
+
+        Returns
+        -------
+        Reading
+            With the first remedy, if there is one.
+        """
+        return self.remedies[0].mistake.mend(stated) if self.remedies else self.reading
+
+
+def judged(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> Judgement:
+    """What makes inconsistent data consistent: nothing, a stale bias, mistakes, or both.
 
     Parameters
     ----------
@@ -65,16 +97,75 @@ def remedies(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> l
 
     Returns
     -------
-    list of Remedy
-        None if nothing helps; pairs only where no single mistake explains the data.
+    Judgement
+        Pairs only where no single mistake explains the data.
     """
     before = worst(misfits.of(stated))
-    tried = [*singles, *turned_sensor(misfits, stated)]
-    alone = _ranked(misfits, stated, before, tried, limits.ORDINARY)
-    if alone or before < limits.PAIR_IMPOSSIBLE:
+    if before <= limits.SUSPICIOUS:
+        return Judgement((), stated)
+    own = with_own_bias(misfits, stated)
+    biased = worst(misfits.of(own))
+    reading = own if biased < before / limits.STALE_IMPROVEMENT else stated
+    search = _Search(misfits, stated, before)
+    if before <= limits.IMPOSSIBLE:
+        return Judgement(_surely(search, singles, reading, biased), reading)
+    return Judgement(_impossible(search, singles, biased), reading)
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """What mistakes are judged by: the laws, the stated conventions, and their misfit."""
+
+    misfits: Misfits
+    stated: Reading
+    before: float
+
+    def alone(self, singles: Sequence[Mistake]) -> list[Mistake]:
+        return [*singles, *turned_sensor(self.misfits, self.stated)]
+
+    def beside_bias(self, singles: Sequence[Mistake]) -> list[Mistake]:
+        turned = turned_beside_bias(self.misfits, self.stated)
+        return [beside_stale_bias(self.misfits, mistake) for mistake in (*singles, *turned)]
+
+    def ranked(self, tried: Sequence[Mistake], limit: float) -> tuple[Remedy, ...]:
+        return _ranked(self.misfits, self.stated, self.before, tried, limit)
+
+
+def _surely(
+    search: _Search, singles: Sequence[Mistake], reading: Reading, biased: float
+) -> tuple[Remedy, ...]:
+    """Mistakes that explain data that are possible as stated, but much better."""
+    tried, left = search.alone(singles), search.before
+    if reading is not search.stated:
+        tried, left = search.beside_bias(singles), biased
+    return search.ranked(tried, left / limits.SURE_IMPROVEMENT) if left > limits.SUSPICIOUS else ()
+
+
+def _impossible(search: _Search, singles: Sequence[Mistake], biased: float) -> tuple[Remedy, ...]:
+    """Mistakes that explain impossible data; none where a stale bias explains them as well."""
+    alone = search.ranked(search.alone(singles), limits.ORDINARY)
+    if alone and alone[0].after < limits.CLEAR:
         return alone
-    pairs = _pairs(misfits, stated, singles)
-    return _ranked(misfits, stated, before, pairs, limits.PAIR_ORDINARY)
+    explained = biased < min(limits.ORDINARY, search.before / limits.IMPROVEMENT)
+    if explained and not _as_good(alone, biased):
+        return ()
+    beside = search.ranked(search.beside_bias(singles), limits.PAIR_ORDINARY)
+    if alone and (not beside or _as_good(alone, beside[0].after)):
+        return alone
+    if search.before < limits.PAIR_IMPOSSIBLE or (beside and beside[0].after < limits.CLEAR):
+        return beside
+    pairs = search.ranked(_pairs(search.misfits, search.stated, singles), limits.PAIR_ORDINARY)
+    return beside if beside and not _as_good(pairs, beside[0].after) else pairs
+
+
+def _as_good(remedies: Sequence[Remedy], other: float) -> bool:
+    """Whether a remedy mends as well as another explanation does, or better."""
+    return bool(remedies) and min(remedy.after for remedy in remedies) <= _alike(other)
+
+
+def _alike(misfit: float) -> float:
+    """The misfit below which the data hold two explanations equal."""
+    return limits.EQUAL_FACTOR * misfit + limits.EQUAL_MISFIT
 
 
 def _ranked(
@@ -83,7 +174,7 @@ def _ranked(
     before: float,
     tried: Sequence[Mistake],
     ordinary: float,
-) -> list[Remedy]:
+) -> tuple[Remedy, ...]:
     """Those that mend, cut to the best and its equals, the most common mistake first."""
     mending = []
     limit = min(ordinary, before / limits.IMPROVEMENT)
@@ -92,12 +183,11 @@ def _ranked(
         if misfits.mends(mended, limit):
             mending.append(Remedy(mistake, before, worst(misfits.of(mended))))
     if not mending:
-        return []
+        return ()
     best = min(remedy.after for remedy in mending)
-    alike = limits.EQUAL_FACTOR * best + limits.EQUAL_MISFIT
-    equals = [remedy for remedy in mending if remedy.after <= alike]
+    equals = [remedy for remedy in mending if remedy.after <= _alike(best)]
     equals.sort(key=lambda remedy: (remedy.mistake.rarity, remedy.after))
-    return list({_proposed(remedy.mistake): remedy for remedy in reversed(equals)}.values())[::-1]
+    return tuple({_proposed(remedy.mistake): remedy for remedy in reversed(equals)}.values())[::-1]
 
 
 def _proposed(mistake: Mistake) -> str:

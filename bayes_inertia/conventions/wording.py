@@ -6,6 +6,7 @@ import difflib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from bayes_inertia.conventions import limits
 from bayes_inertia.conventions.hypothesis import Mistake
 from bayes_inertia.conventions.search import Remedy
 
@@ -21,6 +22,7 @@ def verdict_in_words(
     remedies: Sequence[Remedy],
     verdict: str,
     edits: Sequence[str],
+    stale: bool = False,
 ) -> str:
     """The verdict in a few short sentences.
 
@@ -34,6 +36,8 @@ def verdict_in_words(
         "consistent" or "wrong".
     edits : sequence of str
         The lines that the proposal changes.
+    stale : bool, optional
+        Whether the misfits are those of another rate bias than the stated one.
 
     Returns
     -------
@@ -44,7 +48,8 @@ def verdict_in_words(
         return "The telemetry holds nothing that the conventions could be checked against."
     if verdict == "consistent":
         largest = max(misfits.values())
-        return f"The conventions agree with the data (largest misfit {largest:.2g} sd, {_SD})."
+        agree = f"The conventions agree with the data (largest misfit {largest:.2g} sd, {_SD})."
+        return f"{agree} But the stated rate bias is stale." if stale else agree
     if not remedies:
         return (
             f"{_impossible(misfits)}\nNo single change of a unit, sign, order, frame or clock "
@@ -71,6 +76,11 @@ _SD = "in sds of what noise, a wrong J of 30 % and physical effects can make"
 
 def _impossible(misfits: Mapping[str, float]) -> str:
     broken = max(misfits, key=lambda law: misfits[law])
+    if misfits[broken] <= limits.IMPOSSIBLE:
+        return (
+            f"The data hardly agree with the stated conventions: {_LAWS[broken]} is off by "
+            f"{misfits[broken]:.3g} sd ({_SD})."
+        )
     return (
         f"The data are impossible under the stated conventions: {_LAWS[broken]} fails by "
         f"{misfits[broken]:.3g} sd ({_SD})."
