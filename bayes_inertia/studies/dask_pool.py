@@ -5,6 +5,8 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from concurrent.futures import CancelledError, Future
+from contextlib import suppress
+from time import monotonic
 from typing import Any
 
 from bayes_inertia.errors import SettingsError, StudyError
@@ -24,6 +26,9 @@ _FIRST_WORKER_SECONDS = 300.0
 # How long workers may take to end [s].
 _CLOSE_SECONDS = 2.0
 _BATCHES_A_THREAD = 2
+# How often workers are counted [s], and how long the scheduler may take to answer [s].
+_COUNT_EVERY = 2.0
+_ANSWER_SECONDS = 10.0
 
 
 class DaskWorkers:
@@ -63,6 +68,7 @@ class DaskWorkers:
                 advice="start one with `dask scheduler`, and give the address that it prints",
             ) from error
         self._executor = self._client.get_executor(pure=False)
+        self._threads, self._counted_at = 0, -_COUNT_EVERY
         self._wait_for_workers()
 
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future:
@@ -71,7 +77,16 @@ class DaskWorkers:
 
     def window(self) -> int:
         """Two calls a thread of the workers that are there now."""
-        return max(1, _BATCHES_A_THREAD * sum(self._client.nthreads().values()))
+        if monotonic() - self._counted_at > _COUNT_EVERY:
+            self.check()
+            try:
+                threads = self._client.sync(
+                    self._client.scheduler.ncores, callback_timeout=_ANSWER_SECONDS
+                )
+            except (OSError, AttributeError) as error:
+                raise self.lost() from error
+            self._threads, self._counted_at = sum(threads.values()), monotonic()
+        return max(1, _BATCHES_A_THREAD * self._threads)
 
     def worker_died(self, error: BaseException) -> bool:
         """As `Pool.worker_died`; dask has tried such a call on several workers already."""
@@ -98,9 +113,11 @@ class DaskWorkers:
 
     def close(self, *, at_once: bool) -> None:
         """Leave the scheduler; a cluster that was started here ends."""
-        self._client.close(timeout=_CLOSE_SECONDS)
+        with suppress(OSError, RuntimeError, AssertionError):
+            self._client.close(timeout=_CLOSE_SECONDS)
         if self._cluster is not None:
-            self._cluster.close(timeout=_CLOSE_SECONDS)
+            with suppress(OSError, RuntimeError):
+                self._cluster.close(timeout=_CLOSE_SECONDS)
 
     def _wait_for_workers(self) -> None:
         try:

@@ -188,7 +188,12 @@ def _result(future: Future, batch: _Batch, pool: Pool, queue: deque) -> list[Out
         ) from error
     except Exception as error:
         if not pool.worker_died(error):
-            raise
+            # What a task raises stands in its outcome: this came from the way there or back.
+            raise StudyError(
+                f"a worker cannot do the tasks ({type(error).__name__}: {error})",
+                where=batch.ids[0],
+                advice="install the same versions of bayes-inertia and Python for all workers",
+            ) from error
     deaths = batch.deaths + 1
     if deaths < _MOST_DEATHS:
         queue.extendleft(_Batch((task,), deaths) for task in reversed(batch.ids))

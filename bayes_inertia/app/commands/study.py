@@ -9,14 +9,15 @@ import typer
 from rich.box import SIMPLE
 from rich.table import Table
 
+from bayes_inertia.app.commands.calibration import calibrate
 from bayes_inertia.app.commands.options import (
     PAPER_HELP,
-    CampaignFolder,
     EngineName,
     Jobs,
     OutputFolder,
     SchedulerAddress,
     Seed,
+    names_in,
 )
 from bayes_inertia.app.terminal import plain_console, progress_bar, say
 
@@ -24,11 +25,20 @@ if TYPE_CHECKING:
     from bayes_inertia.app.study_folder import Study
 
 
+_CALIBRATION = "calibration"
+
+
 def study_command(
-    campaign: CampaignFolder,
+    what: Annotated[
+        Path, typer.Argument(metavar="CAMPAIGN|calibration", help="Campaign folder, or a word.")
+    ],
     out: OutputFolder,
     plan: Annotated[str, typer.Option(help=f"Plan file, {PAPER_HELP}.")] = "paper",
     campaigns: Annotated[int, typer.Option(help="Campaigns to simulate and fit.", min=2)] = 200,
+    fits: Annotated[int, typer.Option(help="Fits of a calibration, of all cases.", min=1)] = 1000,
+    cases: Annotated[
+        str, typer.Option(help="Cases of a calibration, separated by commas; all without it.")
+    ] = "",
     engine: EngineName = None,
     scheduler: SchedulerAddress = None,
     jobs: Jobs = 1,
@@ -36,15 +46,32 @@ def study_command(
 ) -> None:
     """Do stated uncertainties hold in simulated campaigns?
 
-    Flies a plan many times, each time with another J, K and bias, and fits each flight. Writes
-    study.json and study.png. A study that was killed goes on with the same command.
+    `study CAMPAIGN` flies a plan many times, each time with another J, K and bias, and fits each
+    flight. Writes study.json and study.png.
+
+    `study calibration` draws the truth from the prior, flies and fits it, with and without weak
+    data, sensors and effects, and looks where the truth lies among the draws of each posterior.
+    Writes calibration.json and calibration.png.
+
+    A study that was killed goes on with the same command. Exit code 3 if uncertainties do not hold.
     """
+    if what == Path(_CALIBRATION) and not (what / "campaign.toml").is_file():
+        calibrate(
+            out,
+            fits=fits,
+            cases=names_in(cases),
+            seed=seed,
+            engine=engine,
+            jobs=jobs,
+            scheduler=scheduler,
+        )
+        return
     from bayes_inertia.app.study_folder import run_study
     from bayes_inertia.studies.engine import Execution
 
     with progress_bar() as progress:
         study = run_study(
-            campaign,
+            what,
             out,
             plan,
             campaigns=campaigns,

@@ -1,0 +1,98 @@
+"""`study calibration`: are posteriors right over campaigns drawn from the prior?"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+from rich.box import SIMPLE
+from rich.table import Table
+
+from bayes_inertia.app.terminal import plain_console, progress_bar, say
+
+if TYPE_CHECKING:
+    from bayes_inertia.studies.calibration_result import Calibration
+    from bayes_inertia.studies.pools import Engine
+
+
+def calibrate(
+    out: Path,
+    *,
+    fits: int,
+    cases: list[str],
+    seed: int,
+    engine: Engine | None,
+    jobs: int,
+    scheduler: str | None,
+) -> None:
+    """Run a calibration, print it, and exit with 3 if it is rejected or fits failed.
+
+    Parameters
+    ----------
+    out : Path
+        Where to write.
+    fits : int
+        How many in all.
+    cases : list of str
+        Names of cases; none for all.
+    seed : int
+        Fixes everything.
+    engine : str or None
+        Where fits run.
+    jobs : int
+        Processes.
+    scheduler : str or None
+        Address of a dask scheduler.
+
+    Raises
+    ------
+    typer.Exit
+        With code 3.
+    """
+    from bayes_inertia.app.calibration_folder import run_calibration
+    from bayes_inertia.studies.engine import Execution
+
+    with progress_bar() as progress:
+        execution = Execution(engine, jobs, scheduler, progress, say)
+        calibration = run_calibration(out, fits=fits, cases=cases, seed=seed, execution=execution)
+    show_calibration(calibration, out)
+    if calibration.rejected or calibration.failures:
+        raise typer.Exit(3)
+
+
+def show_calibration(calibration: Calibration, folder: Path) -> None:
+    """Print coverage and p-values of every case and quantity.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        The study.
+    folder : Path
+        Where its files are.
+    """
+    from bayes_inertia.studies.calibration import QUANTITIES
+
+    console = plain_console()
+    for case in calibration.cases:
+        console.print(f"{case.name} ({case.says}): {len(case.ranks)} fits")
+        table = Table(box=SIMPLE)
+        table.add_column("", no_wrap=True)
+        for heading in ("in 50 %", "in 90 %", "in 95 %", "mean z", "mean z²", "p of ranks"):
+            table.add_column(heading, justify="right", no_wrap=True)
+        for k, name in enumerate(QUANTITIES):
+            shares = [f"{100.0 * coverage.share:.1f} %" for coverage in case.coverage(k)]
+            z, p = case.z[:, k], case.p_values[k]
+            mark = " !" if p < calibration.limit else ""
+            cells = [f"{z.mean():+.3f}", f"{(z**2).mean():.3f}", f"{p:.2g}{mark}"]
+            table.add_row(name, *shares, *cells)
+        console.print(table)
+    names = ", ".join(f"{name} ({case})" for case, name in calibration.rejected)
+    verdict = f"Posteriors are WRONG in {names}." if names else "Posteriors are right."
+    console.print(
+        f"{calibration.fits} fits, p below {calibration.limit:.1g} would reject. {verdict}"
+    )
+    if calibration.failures:
+        first = calibration.failures[0]
+        console.print(f"{len(calibration.failures)} more failed; {first.task}: {first.reason}")
+    console.print(f"wrote calibration.json and calibration.png in {folder}")

@@ -1,0 +1,98 @@
+"""Uniform ranks stay inside their band as often as it says; others leave it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bayes_inertia.studies.calibration import QUANTITIES, RANKED
+from bayes_inertia.studies.calibration_cases import cases_named
+from bayes_inertia.studies.calibration_result import Calibration, calibration_of
+from bayes_inertia.studies.rank_statistics import (
+    coverage_of,
+    ecdf_band,
+    ecdf_departure,
+    probability_inside,
+    rank_p_value,
+)
+from bayes_inertia.studies.work import WorkResult
+
+
+def normal_ranks(n: int, seed: int, sd: float = 1.0, shift: float = 0.0) -> np.ndarray:
+    """Ranks of n standard normal truths among draws of a normal posterior of this sd."""
+    rng = np.random.default_rng(seed)
+    truth = rng.standard_normal((n, 1))
+    draws = shift + sd * rng.standard_normal((n, RANKED))
+    # Truth and draws come from one posterior: both around the same mean.
+    return (draws < truth).sum(1)
+
+
+@pytest.mark.parametrize(("n", "ranked", "width"), [(40, 19, 2.0), (40, 99, 2.5), (300, 9, 1.5)])
+def test_the_probability_of_the_band_is_exact(n, ranked, width):
+    trials = 3000
+    ranks = np.random.default_rng(3).integers(0, ranked + 1, (trials, n))
+    inside = np.mean([np.abs(ecdf_departure(r, ranked)).max() <= width + 1e-9 for r in ranks])
+    exact = probability_inside(n, ranked, width)
+    assert abs(inside - exact) < 4.0 * np.sqrt(exact * (1.0 - exact) / trials)
+    assert abs(inside - probability_inside(n, ranked, 0.8 * width)) > 0.05
+
+
+def test_the_band_holds_what_it_says():
+    # Counts are whole numbers: the probability jumps.
+    for level in (0.9, 0.99):
+        width = ecdf_band(100, RANKED, level)
+        assert probability_inside(100, RANKED, width + 0.01) >= level
+        assert probability_inside(100, RANKED, width - 0.01) <= level
+
+
+def test_uniform_ranks_are_rejected_as_rarely_as_the_p_value_says():
+    trials = 200
+    p = np.array([rank_p_value(normal_ranks(60, seed), RANKED) for seed in range(trials)])
+    for level in (0.05, 0.3):
+        assert np.sum(p < level) <= stats.binom.ppf(0.999, trials, level)
+    assert np.median(p) < 0.7
+
+
+def test_wrong_sds_and_shifts_are_rejected():
+    for seed in range(5):
+        assert rank_p_value(normal_ranks(1000, seed, sd=0.75), RANKED) < 1e-6
+        assert rank_p_value(normal_ranks(400, seed, shift=0.5), RANKED) < 1e-6
+    # Uniform ranks of as many fits, five times.
+    assert min(rank_p_value(normal_ranks(1000, seed), RANKED) for seed in range(5)) > 1e-4
+
+
+def test_coverage_counts_ranks():
+    ranks = normal_ranks(2000, 5)
+    for level in (0.5, 0.9, 0.95):
+        coverage = coverage_of(ranks, RANKED, level)
+        assert coverage.low < coverage.share < coverage.high
+        error = np.sqrt(level * (1.0 - level) / 2000)
+        assert abs(coverage.share - level) < 4.0 * error
+    small = coverage_of(normal_ranks(2000, 5, sd=0.75), RANKED, 0.9)
+    assert small.high < 0.9
+
+
+def made(n: int, seed: int, sd: float = 1.0) -> Calibration:
+    """A calibration whose posteriors are normal, of sds that are right or not."""
+    ranks = np.stack([normal_ranks(n, 100 * seed + k, sd) for k in range(len(QUANTITIES))], 1)
+    rows = [
+        {
+            "task": f"five-slews/{i}",
+            "rank": r.tolist(),
+            "truth": [0.0] * len(QUANTITIES),
+            "mean": [0.1] * len(QUANTITIES),
+            "sd": [1.0] * len(QUANTITIES),
+            "explained": True,
+            "nested_rhat": 1.0,
+        }
+        for i, r in enumerate(ranks)
+    ]
+    return calibration_of(cases_named(["five-slews"]), WorkResult(tuple(rows)))
+
+
+def test_a_right_pipeline_is_rarely_rejected_and_a_wrong_one_always():
+    trials = 40
+    alarms = sum(bool(made(100, seed).rejected) for seed in range(trials))
+    assert alarms <= stats.binom.ppf(0.999, trials, 0.01)
+    assert all(made(300, seed, sd=0.75).rejected for seed in range(3))
