@@ -79,11 +79,12 @@ class DaskWorkers:
         """Two calls a thread of the workers that are there now."""
         if monotonic() - self._counted_at > _COUNT_EVERY:
             self.check()
+            scheduler = self._client.scheduler
+            if scheduler is None:
+                raise self.lost()
             try:
-                threads = self._client.sync(
-                    self._client.scheduler.ncores, callback_timeout=_ANSWER_SECONDS
-                )
-            except (OSError, AttributeError) as error:
+                threads = self._client.sync(scheduler.ncores, callback_timeout=_ANSWER_SECONDS)
+            except OSError as error:
                 raise self.lost() from error
             self._threads, self._counted_at = sum(threads.values()), monotonic()
         return max(1, _BATCHES_A_THREAD * self._threads)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from time import monotonic
@@ -166,7 +165,7 @@ class Store:
         self._ledger_unsaved = len(self._failures) < len(failures)
 
 
-def _natural(task: str) -> Sequence[Any]:
+def _natural(task: str) -> tuple[str, int, str]:
     """Sorts numbered tasks by their numbers, whatever other tasks were asked for with them."""
     group, _, number = task.rpartition("/")
     return (group, len(number), number) if number.isdecimal() else (task, 0, "")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.box import SIMPLE
@@ -55,29 +55,16 @@ def study_command(
 
     A study that was killed goes on with the same command. Exit code 3 if uncertainties do not hold.
     """
+    place: dict[str, Any] = {"engine": engine, "jobs": jobs, "scheduler": scheduler}
     if what == Path(_CALIBRATION) and not (what / "campaign.toml").is_file():
-        calibrate(
-            out,
-            fits=fits,
-            cases=names_in(cases),
-            seed=seed,
-            engine=engine,
-            jobs=jobs,
-            scheduler=scheduler,
-        )
+        calibrate(out, fits=fits, cases=names_in(cases), seed=seed, **place)
         return
     from bayes_inertia.app.study_folder import run_study
     from bayes_inertia.studies.engine import Execution
 
     with progress_bar() as progress:
-        study = run_study(
-            what,
-            out,
-            plan,
-            campaigns=campaigns,
-            seed=seed,
-            execution=Execution(engine, jobs, scheduler, progress, say),
-        )
+        execution = Execution(**place, progress=progress, notice=say)
+        study = run_study(what, out, plan, campaigns=campaigns, seed=seed, execution=execution)
     show_study(study, out)
     if study.too_small or study.failures:
         raise typer.Exit(3)
