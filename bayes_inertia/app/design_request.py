@@ -152,7 +152,7 @@ def _cones_in(path: Path) -> list[KeepOut]:
             x, y, z = (float(component) for component in table["direction_N"])
             cones.append(KeepOut(table["name"], (x, y, z), math.radians(table["half_angle_deg"])))
         return cones
-    except (tomllib.TOMLDecodeError, KeyError, TypeError, ValueError, UnicodeDecodeError) as error:
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise CampaignError(
             f"no keep-out cones ({error!r})",
             where=str(path),

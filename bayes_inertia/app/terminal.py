@@ -20,6 +20,9 @@ from rich.progress import (
 )
 from rich.text import Text
 
+# Characters of a message, and how many of them are its end, which says what to do.
+_LONGEST, _END = 1600, 400
+
 
 def plain_console(*, stderr: bool = False) -> Console:
     """A console that prints every text as it is: brackets and colons mean nothing to it.
@@ -35,6 +38,30 @@ def plain_console(*, stderr: bool = False) -> Console:
         The console.
     """
     return Console(stderr=stderr, markup=False, emoji=False, highlight=False)
+
+
+def one_line(text: str) -> str:
+    """A message as one line of bearable length, whatever a file wrote into it.
+
+    Parameters
+    ----------
+    text : str
+        The message.
+
+    Returns
+    -------
+    str
+        Without control characters, and its middle left out where it is long.
+
+    Examples
+    --------
+    >>> one_line("no column 'a\\nb'")
+    "no column 'a\\\\nb'"
+    """
+    shown = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+    if len(shown) <= _LONGEST:
+        return shown
+    return f"{shown[: _LONGEST - _END]} [...] {shown[-_END:]}"
 
 
 def headed(head: str, rest: str = "", *, style: str = "bold") -> Text:

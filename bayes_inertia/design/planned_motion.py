@@ -29,7 +29,8 @@ from bayes_inertia.design.plan_arrays import (
     plan_times,
     slew_arrays,
 )
-from bayes_inertia.flight.plan import Plan, angle_and_rate
+from bayes_inertia.flight.plan import Plan
+from bayes_inertia.flight.slew_profile import angle_and_rate
 from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.values import AnyArray
 

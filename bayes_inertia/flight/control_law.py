@@ -12,7 +12,7 @@ from typing import NamedTuple
 import jax.numpy as jnp
 from jax import Array
 
-from bayes_inertia.flight.plan import angle_and_rate
+from bayes_inertia.flight.slew_profile import angle_and_rate
 from bayes_inertia.maths import quaternion
 
 

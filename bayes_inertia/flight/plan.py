@@ -1,8 +1,7 @@
 """What to fly: slews about given axes, and the rests around them with star-tracker fixes.
 
 A slew turns about an axis fixed in the body: a rest with fixes, a ramp up, a coast, a ramp down,
-time to settle, and a rest with fixes again. `angle_and_rate` is written in `jax.numpy`, so that a
-slew's consequences can be differentiated with respect to its axis, angle and rate.
+time to settle, and a rest with fixes again.
 """
 
 from __future__ import annotations
@@ -11,18 +10,18 @@ import math
 import operator
 from dataclasses import dataclass, field
 from itertools import accumulate
-from typing import Literal, get_args
+from typing import get_args
 
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.checks import require
 from bayes_inertia.flight.orbit import Orbit
+from bayes_inertia.flight.slew_profile import Profile, ramp_factor
 from bayes_inertia.maths.values import Vector
 
-Profile = Literal["trapezoid", "smooth"]
+# Rows of telemetry of a slew; more is a plan with a slip of units.
+_MOST_ROWS = 5_000_000
 
 
 def _require_positive(value: float, key: str) -> None:
@@ -89,9 +88,11 @@ class PlannedSlew:
     @property
     def motion_time(self) -> float:
         """Time from the beginning of the first ramp to the end of the last [s]."""
-        ramp_factor = _ramp_factor(self.profile)
-        peak = min(self.rate, math.sqrt(self.acceleration * self.angle / ramp_factor))
-        return self.angle / peak + ramp_factor * peak / self.acceleration
+        factor = ramp_factor(self.profile)
+        peak = min(self.rate, math.sqrt(self.acceleration * self.angle / factor))
+        if peak == 0.0:  # Too small for a number.
+            return math.inf
+        return self.angle / peak + factor * peak / self.acceleration
 
 
 def _unit_axis(axis_B: Vector) -> tuple[float, ...]:
@@ -118,60 +119,6 @@ def _normalised(vector: np.ndarray) -> tuple[float, ...]:
     norm = float(np.linalg.norm(vector))
     unit = vector if abs(norm - 1.0) < 1e-15 else vector / norm
     return tuple(unit.tolist())
-
-
-def _ramp_factor(profile: Profile) -> float:
-    """Ramp time times acceleration limit over peak rate."""
-    return math.pi / 2.0 if profile == "smooth" else 1.0
-
-
-def angle_and_rate(
-    angle: Array, rate: Array, acceleration: Array, smooth: Array, t: Array
-) -> tuple[Array, Array]:
-    """Angle turned and rate of a slew; all arguments broadcast.
-
-    A slew too short for `rate` has a lower peak and no coast.
-
-    Parameters
-    ----------
-    angle : array
-        Angle of the slew [rad].
-    rate : array
-        Largest rate [rad/s].
-    acceleration : array
-        Limit of the angular acceleration [rad/s^2].
-    smooth : array of bool
-        Whether the ramps are versines.
-    t : array
-        Time after the beginning of the motion [s].
-
-    Returns
-    -------
-    angle : array
-        Angle turned [rad].
-    rate : array
-        Rate [rad/s].
-
-    Examples
-    --------
-    >>> t = jnp.array([-1.0, 16.0, 99.0])
-    >>> [x.tolist() for x in angle_and_rate(2.0, 2.0**-5, 2.0**-10, False, t)]
-    [[0.0, 0.125, 2.0], [0.0, 0.015625, 0.0]]
-    """
-    factor = jnp.where(smooth, math.pi / 2.0, 1.0)
-    peak = jnp.minimum(rate, jnp.sqrt(acceleration * angle / factor))
-    ramp = factor * peak / acceleration
-    down = angle / peak  # the ramp down begins when ramp and coast have passed, which is this long
-
-    def risen(t):
-        """The ramp from 0 to 1 beginning at t = 0, and its integral over time."""
-        x = jnp.clip(t / ramp, 0.0, 1.0)
-        value = jnp.where(smooth, 0.5 * (1.0 - jnp.cos(math.pi * x)), x)
-        integral = jnp.where(smooth, 0.5 * x - jnp.sin(math.pi * x) / (2.0 * math.pi), 0.5 * x**2)
-        return value, ramp * integral + jnp.maximum(t - ramp, 0.0)
-
-    (up, turned), (fallen, missing) = risen(t), risen(t - down)
-    return peak * (turned - missing), peak * (up - fallen)
 
 
 @dataclass(frozen=True)
@@ -275,12 +222,15 @@ class Plan:
 
     def _duration(self, slew: PlannedSlew) -> float:
         """Duration of a slew's telemetry [s], whole telemetry periods."""
-        rows = math.ceil(
-            (self.rest_before + slew.motion_time + self.settle + self.rest_after)
-            / self.telemetry_period
-            - 1e-6
+        least = self.rest_before + slew.motion_time + self.settle + self.rest_after
+        longest = max(least, slew.duration or 0.0) / self.telemetry_period
+        require(
+            longest <= _MOST_ROWS,
+            "slews",
+            f"a slew has {longest:.3g} rows of telemetry, more than {_MOST_ROWS:,}",
+            "look at the units of rate_deg_per_s, acceleration_deg_per_s2 and telemetry_period_s",
         )
-        needed = rows * self.telemetry_period
+        needed = math.ceil(least / self.telemetry_period - 1e-6) * self.telemetry_period
         if slew.duration is None:
             return needed
         asked = round(slew.duration / self.telemetry_period) * self.telemetry_period

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import difflib
 import math
-import re
-import tomllib
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from bayes_inertia.campaign.checked_toml import toml_document
 from bayes_inertia.campaign.units import DEGREE
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import read_bytes, text_of, write_atomically
@@ -133,16 +133,7 @@ def read_plan(path: str | Path) -> Plan:
     """
     label = str(path)
     text = text_of(read_bytes(Path(path)), label)
-    try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        line = re.search(r"line (\d+)", str(error))
-        where = f"{label}, line {line[1]}" if line else label
-        raise CampaignError(
-            f"not valid TOML ({error})",
-            where=where,
-            advice="text needs quotes, keys no repetition, lists commas",
-        ) from error
+    document = toml_document(text, label)
     try:
         return _plan(document)
     except CampaignError as error:
@@ -209,7 +200,10 @@ def _unknown_key(key: str, place: str, known: list[str]) -> CampaignError:
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return False
+    # A whole number may be too large for a float.
+    return -sys.float_info.max <= value <= sys.float_info.max
 
 
 def _value(value: Any, name: str, factor: float | None, where: str) -> Any:

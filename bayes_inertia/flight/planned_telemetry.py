@@ -9,7 +9,8 @@ from scipy.spatial.transform import Rotation
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.flight.mission import Mission
-from bayes_inertia.flight.plan import Plan, angle_and_rate
+from bayes_inertia.flight.plan import Plan
+from bayes_inertia.flight.slew_profile import angle_and_rate
 from bayes_inertia.flight.spacecraft import Spacecraft
 
 # Rows are padded to multiples of this, so that few shapes are compiled.

@@ -45,6 +45,11 @@ def test_plan_file_round_trip(tmp_path):
         ("settle_s = 33.0", "settle_s = 33.0.0", r"line \d+: not valid TOML"),
         ("rest_before_s = 20.0", "rest_before_s = 20.1", "multiple of telemetry_period"),
         ("bayes-inertia-plan/1", "bayes-inertia-plan/2", "write format"),
+        ("[1.0, 0.0, 0.0]", "[" * 3000, "nested too deeply"),
+        ("angle_deg = 30.0", f"angle_deg = {'9' * 400}", "is not a finite number"),
+        ("angle_deg = 30.0", f"angle_deg = {'9' * 5000}", "too many digits"),
+        ("rate_deg_per_s = 1.0", "rate_deg_per_s = 1e-9", "rows of telemetry"),
+        ("acceleration_deg_per_s2 = 0.05", "acceleration_deg_per_s2 = 1e-320", "rows of tel"),
     ],
 )
 def test_plan_file_errors_say_where(tmp_path, old, new, message):
