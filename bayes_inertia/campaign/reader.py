@@ -72,13 +72,15 @@ def read_campaign(path: str | Path) -> Campaign:
     return with_known_momentum(with_dirt_masked(read_unmasked(path)))
 
 
-def read_unmasked(path: str | Path) -> Campaign:
+def read_unmasked(path: str | Path, *, keep_commands: bool = False) -> Campaign:
     """The campaign in a folder with every reading as it was written, believable or not.
 
     Parameters
     ----------
     path : str or Path
         As for `read_campaign`.
+    keep_commands : bool, optional
+        Whether commands with gaps are kept although tachometers make them unnecessary.
 
     Returns
     -------
@@ -103,7 +105,7 @@ def read_unmasked(path: str | Path) -> Campaign:
     for part, of_slew in zip(parsed.slews, streams, strict=True):
         channels, records = _channels(part, of_slew, parsed, hardware["wheels"])
         try:
-            parts, unknown = _slews(part, channels, hardware)
+            parts, unknown = _slews(part, channels, hardware, keep_commands)
         except CampaignError as error:
             raise error.inside(str(description)) from None
         slews += parts
@@ -288,7 +290,10 @@ def _channels(
 
 
 def _slews(
-    part: SlewPart, channels: dict[str, np.ndarray], hardware: dict[str, Any]
+    part: SlewPart,
+    channels: dict[str, np.ndarray],
+    hardware: dict[str, Any],
+    keep_commands: bool,
 ) -> tuple[list[Slew], list[_TimedDirt]]:
     """The slew, or its parts where it must be cut."""
     momentum = channels.get("wheel_momentum")
@@ -296,7 +301,7 @@ def _slews(
     is_read = is_read and all(w.momentum_sigma is not None for w in hardware["wheels"])
     channels, dirt = without_impossible_torques(channels, hardware["wheels"])
     limit = _negligible_impulse(channels["time"], hardware)
-    pieces, unknown = with_known_torques(channels, is_read, limit)
+    pieces, unknown = with_known_torques(channels, is_read and not keep_commands, limit)
     angle = None if part.angle_deg is None else math.radians(part.angle_deg)
     axis: Any = None if part.axis is None else tuple(part.axis)
     whole = Slew(part.name, part.start, channels["time"], axis_B=axis, angle=angle)

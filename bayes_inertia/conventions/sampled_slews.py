@@ -125,7 +125,7 @@ def _pieces(campaign: Campaign, slew: Slew, shifts: Mapping[str, float]) -> list
     first = max(channel.time[0] for channel in every)
     last = min(channel.time[-1] for channel in every)
     spans = [(first, last)] if last > first else []
-    for channel in every:
+    for channel in [*every, *_commands(slew, shifts)]:
         spans = [part for span in spans for part in channel.without_gaps(*span)]
     return [
         _piece(slew, channels, wheels, (begin, end), shifts)
@@ -133,6 +133,15 @@ def _pieces(campaign: Campaign, slew: Slew, shifts: Mapping[str, float]) -> list
         if end - begin > _SHORT_SHARE * slew.duration
         and min(c.count(begin, end) for c in every) >= _FEW_ROWS
     ]
+
+
+def _commands(slew: Slew, shifts: Mapping[str, float]) -> list[_Channel]:
+    """The torque commands that are known, where some were lost."""
+    if slew.lost_command is None or slew.wheel_torque is None:
+        return []
+    time = slew.time + shifts.get("wheel_torque", 0.0)
+    known = np.where(slew.lost_command == 0, 0.0, np.nan)
+    return [_Channel(time, known)]
 
 
 def _piece(
