@@ -1,53 +1,154 @@
-"""The page of `conventions_study.py`."""
+"""The page of `conventions_study.py`, from its rows.
+
+    python analyses/conventions_page.py [ROWS.jsonl ...]
+
+adds rows of pieces of the study to `results/conventions_study.json`, in the place of the same
+cases, and writes `results/conventions_study.md` from all of them.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import argparse
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from conventions_cases import KINDS
 from scipy import stats
 
+from bayes_inertia.files import write_atomically
+
 Row = Mapping[str, Any]
+RESULTS = Path(__file__).parent / "results"
+ROWS, PAGE = RESULTS / "conventions_study.json", RESULTS / "conventions_study.md"
+# Telemetry of others, and how the names of its campaigns begin.
+_OTHERS = {"thrown bodies": "real", "the other simulator": "Basilisk"}
+_DIRTY = "dirty, "
 
 
-def page(rows: Sequence[Row], missing: Sequence[str]) -> str:
+def page(rows: Sequence[Row]) -> str:
     """The result as Markdown.
 
     Parameters
     ----------
     rows : sequence of dict
         Of all parts of the study.
-    missing : sequence of str
-        Folders of others' telemetry that were absent.
     """
-    wrong = [row for row in rows if row["part"] == "wrong"]
+    spoilt = [row for row in rows if row["part"] == "wrong"]
+    dirty = [row for row in spoilt if row["campaign"].startswith(_DIRTY)]
+    wrong = [row for row in spoilt if not row["campaign"].startswith(_DIRTY)]
     right = [row for row in rows if row["part"] == "right"]
     timed = [row for row in rows if row["part"] == "time"]
     seconds = sum(row["seconds"] for row in rows if row["part"] == "cost")
     parts = [
         "# Conventions: named where wrong, silent where right",
-        "`python analyses/conventions_study.py` writes this page. A wrong convention counts as "
+        "`python analyses/conventions_study.py` measures and `analyses/conventions_page.py` writes "
+        "this page. A wrong convention counts as "
         "named if the first change that `doctor` proposes mends it, key and value. Which campaigns "
         "can show it was reasoned beforehand; the reasons and the exact equivalences stand in "
         "`conventions_wrong.py`.",
-    ]
-    if missing:
-        parts.append(f"Left out, because the telemetry is not at hand: {', '.join(missing)}.")
-    parts += [
+        _missing(rows),
         "## Wrong conventions that the data can show",
         _shown(wrong),
         _failures(wrong),
+        "## Wrong conventions beside dirt",
+        _beside_dirt(dirty),
         "## Wrong conventions that the data cannot show",
         "All these campaigns are consistent, and none may be accused.",
         _hidden(wrong),
         "## Right campaigns",
         _right(right),
         "## Processor time",
-        _seconds(wrong + right, timed, seconds),
+        _seconds(spoilt + right, timed, seconds),
+        _versions(spoilt, right, timed),
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _missing(rows: Sequence[Row]) -> str:
+    names = [row.get("campaign", "") for row in rows]
+    absent = [
+        what for what, begin in _OTHERS.items() if not any(name.startswith(begin) for name in names)
+    ]
+    return f"Left out, because the telemetry is not at hand: {', '.join(absent)}." if absent else ""
+
+
+def _beside_dirt(dirty: Sequence[Row]) -> str:
+    """One line a dirt: how many of the wrong conventions are named although it is there."""
+    if not dirty:
+        return "Not measured."
+    lines = []
+    for campaign in dict.fromkeys(row["campaign"] for row in dirty):
+        lines.append([campaign.removeprefix(_DIRTY), *_counts(dirty, campaign)])
+    lines.append(["**all**", *_counts(dirty, "")])
+    header = ["dirt", "named", "not accused, of those that the data cannot show"]
+    text = "Spacecraft drawn at random; `conventions_dirt.py` says what each dirt is."
+    failures = _failures(dirty)
+    return "\n\n".join([text, _table(header, lines), *([failures] if failures else [])])
+
+
+def _counts(dirty: Sequence[Row], campaign: str) -> list[str]:
+    rows = [row for row in dirty if campaign in ("", row["campaign"])]
+    shown = [row for row in rows if row["shown"]]
+    hidden = [row for row in rows if not row["shown"]]
+    quiet = sum(row["verdict"] == "consistent" for row in hidden)
+    named = sum(row["named"] for row in shown)
+    said = f"{named} / {len(shown)}" if campaign else f"**{_interval(named, len(shown))}**"
+    return [said, f"{quiet} / {len(hidden)}"]
+
+
+def _versions(spoilt: Sequence[Row], right: Sequence[Row], timed: Sequence[Row]) -> str:
+    """With which version of the package each part was measured."""
+    dirty = [row for row in spoilt if row["campaign"].startswith(_DIRTY)]
+    groups = {
+        "wrong conventions": [row for row in spoilt if row not in dirty],
+        "beside dirt": dirty,
+        "right campaigns": right,
+        "processes": timed,
+    }
+    lines = []
+    for name, rows in groups.items():
+        versions = dict.fromkeys(row.get("version", "unknown") for row in rows)
+        counts = {v: sum(row.get("version", "unknown") == v for row in rows) for v in versions}
+        lines.append([name, ", ".join(f"{v} ({n})" for v, n in counts.items())])
+    return _table(["part", "measured with version (rows)"], lines)
+
+
+def short(row: Row) -> dict[str, Any]:
+    """The row without what is empty, and without proposed values that are right."""
+    kept = {key: value for key, value in row.items() if value not in ("", [])}
+    if kept.get("named"):
+        kept["changes"] = [{"key": change["key"]} for change in kept["changes"]]
+    return kept
+
+
+def merged(old: Iterable[Row], new: Iterable[Row]) -> list[Row]:
+    """All rows; of two of the same case the newer one."""
+    rows: dict[tuple, Row] = {}
+    for row in (*old, *new):
+        rows[_case(row)] = row
+    return list(rows.values())
+
+
+def _case(row: Row) -> tuple:
+    """What a row is about; calls of one command are told apart by their number."""
+    names = ("part", "convention", "group", "kind", "campaign", "command", "number", "piece")
+    return tuple(row.get(name, "") for name in names)
+
+
+def write_page(rows: Sequence[Row]) -> None:
+    """Store the rows and write the page from them.
+
+    Parameters
+    ----------
+    rows : sequence of dict
+        Of all parts of the study.
+    """
+    content = ",\n".join(json.dumps(short(row)) for row in rows)
+    write_atomically(ROWS, f"[{content}]\n")
+    write_atomically(PAGE, page(rows))
 
 
 def _table(header: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
@@ -139,4 +240,19 @@ def _seconds(judged: Sequence[Row], timed: Sequence[Row], seconds: float) -> str
         name = f"`bayes-inertia {command}` as a process, five slews"
         lines.append([name, str(len(rows)), of(rows, np.median), of(rows, np.max)])
     table = _table(["", "calls", "median [s]", "largest [s]"], lines)
-    return f"{table}\n\nThe whole study took {seconds / 60.0:.0f} minutes of processor time."
+    return f"{table}\n\nThe study took {seconds / 60.0:.0f} minutes of processor time."
+
+
+def main() -> None:
+    """Add rows to the stored ones, and write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("rows", nargs="*", type=Path, help="rows of pieces of the study")
+    rows: list[Row] = json.loads(ROWS.read_text(encoding="utf-8")) if ROWS.exists() else []
+    for path in parser.parse_args().rows:
+        lines = path.read_text(encoding="utf-8").splitlines()
+        rows = merged(rows, [json.loads(line) for line in lines])
+    write_page(rows)
+
+
+if __name__ == "__main__":
+    main()

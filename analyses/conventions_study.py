@@ -3,7 +3,8 @@
     python analyses/conventions_study.py [--delft ../shared/data/delft]
         [--basilisk ../shared/data/basilisk] [--part wrong|right|time] [--only TEXT]
 
-writes `analyses/results/conventions_study.md` and `conventions_study.json`. Each wrong convention
+writes `analyses/results/conventions_study.md` and `conventions_study.json`. Pieces of it, with
+`--rows FILE`, are added to those by `conventions_page.py FILE`. Each wrong convention
 of `conventions_wrong.py` is put into campaigns of four kinds, flown and thrown by the package's own
 simulator, by another one and by hand; then `doctor` judges campaigns of `conventions_right.py`.
 All seeds are fixed. Folders that are absent are left out, and the page says so.
@@ -30,7 +31,7 @@ import numpy as np
 from conventions_cases import THROWS, Base, Wrong
 from conventions_dirt import DIRT
 from conventions_folder import RawCampaign, raw_of, read_raw, write_raw
-from conventions_page import page
+from conventions_page import write_page
 from conventions_random import random_craft
 from conventions_right import (
     BASILISK_FOLDERS,
@@ -45,7 +46,6 @@ from conventions_wrong import wrong_conventions
 import bayes_inertia
 from bayes_inertia.conventions.check import check_conventions
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.files import write_atomically
 
 HERE = Path(__file__).parent
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
@@ -218,7 +218,7 @@ def right_rows(options: Options) -> Iterator[dict[str, Any]]:
 def time_rows(options: Options) -> Iterator[dict[str, Any]]:
     """Processor time of the commands as processes, on the example campaign of five slews."""
     for command in ("check", "doctor"):
-        for _ in range(TIMED):
+        for number in range(TIMED):
             before = resource.getrusage(resource.RUSAGE_CHILDREN)
             call = f"from bayes_inertia.app.cli import main; main(['{command}', {str(EXAMPLE)!r}])"
             done = subprocess.run([sys.executable, "-c", call], capture_output=True, check=False)
@@ -227,6 +227,7 @@ def time_rows(options: Options) -> Iterator[dict[str, Any]]:
             yield {
                 "part": "time",
                 "command": command,
+                "number": number,
                 "exit": done.returncode,
                 "seconds": seconds,
             }
@@ -267,19 +268,7 @@ def main() -> None:
     if given.rows and piece:
         given.rows.write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
     if not piece:
-        missing = [n for n, p in (("delft", delft), ("basilisk", basilisk)) if p is None]
-        content = ",\n".join(json.dumps(_short(row)) for row in rows)
-        results = HERE / "results"
-        write_atomically(results / "conventions_study.json", f"[{content}]\n")
-        write_atomically(results / "conventions_study.md", page(rows, missing))
-
-
-def _short(row: dict[str, Any]) -> dict[str, Any]:
-    """The row without what is empty, and without proposed values that are right."""
-    row = {key: value for key, value in row.items() if value not in ("", [])}
-    if row.get("named"):
-        row["changes"] = [{"key": change["key"]} for change in row["changes"]]
-    return row
+        write_page(rows)
 
 
 def _new_rows(
@@ -294,8 +283,16 @@ def _new_rows(
             for row in PARTS[part](options):
                 rows.append(row)
                 _say(row)
-    rows.append({"part": "cost", "seconds": time.process_time()})
-    return rows
+    pieces = (given.part, given.only, given.campaign, given.group)
+    cost = {"part": "cost", "piece": " ".join(p for p in pieces if p)}
+    rows.append(cost | {"seconds": time.process_time()})
+    return [row | {"version": _version()} for row in rows]
+
+
+def _version() -> str:
+    """The commit that is measured; empty where there is none."""
+    call = ["git", "-C", str(HERE), "rev-parse", "--short", "HEAD"]
+    return subprocess.run(call, capture_output=True, text=True, check=False).stdout.strip()
 
 
 def _say(row: dict[str, Any]) -> None:
