@@ -188,8 +188,8 @@ def information(task: NoiseTask, point: Point, free: np.ndarray) -> tuple[Inform
     numbers = n_data(task.stated)
     place = {int(index): i for i, index in enumerate(free)}
     for c, rule in enumerate(rules):
-        at = [place.get(i) if i is not None else None for i in (rule.scale_at, rule.degrees_at)]
-        kept = [i for i, column in enumerate(at) if column is not None]
+        indices = (rule.scale_at, rule.degrees_at)
+        kept = [i for i, index in enumerate(indices) if index is not None and index in place]
         if not kept:
             continue
         slope, fisher = _of_noise(
@@ -201,9 +201,9 @@ def information(task: NoiseTask, point: Point, free: np.ndarray) -> tuple[Inform
             squares[:, c],
             along[:, c],
         )
-        columns = [at[i] for i in kept]
+        columns = np.array([place[indices[i] or 0] for i in kept])
         gradient[:, c, columns] += slope[:, kept]
-        matrix[:, c, np.array(columns)[:, None], columns] += fisher[:, kept][:, :, kept]
+        matrix[:, c, columns[:, None], columns] += fisher[:, kept][:, :, kept]
     factor = curvature / scales**2
     chi2 = factor * squares * scales**2
     return Information(matrix, gradient, chi2, numbers, np.asarray(free)), factor

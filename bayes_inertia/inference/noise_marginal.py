@@ -97,10 +97,8 @@ def noise_marginal(estimate: Estimate) -> NoiseMarginal:
     """
     base, rules = marginal(estimate), channel_rules(estimate.model)
     root = np.sqrt(estimate.discount)
-    columns = Residuals(
-        *(a / root[:, c, None, None] for c, a in enumerate(map(np.asarray, base.columns)))
-    )
-    upper = np.triu_indices(columns.rate.shape[-1])
+    columns = [np.asarray(a) / root[:, c, None, None] for c, a in enumerate(base.columns)]
+    upper = np.triu_indices(columns[0].shape[-1])
     products = tuple(
         jnp.asarray(a[..., upper[0]] * a[..., upper[1]]) if rule.heavy else jnp.zeros((0,))
         for rule, a in zip(rules, columns, strict=True)

@@ -16,6 +16,7 @@ from scipy import stats
 from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.inference.noise_parameters import channel_rules, noise_values
 from bayes_inertia.inference.residual_tests import ChannelTest, chi2_test, whiteness
+from bayes_inertia.inference.rounding import has_one_error, rounding_steps
 from bayes_inertia.inference.student_t import (
     normal_scores,
     squares_per_parameter,
@@ -54,13 +55,12 @@ def noise_tests(
     dict of ChannelTest
         By channel, and "total".
     """
-    tests, total = {}, np.zeros(2)
+    tests, total, unordered = {}, np.zeros(2), _without_test_of_whiteness(model)
     rules = channel_rules(model)
     for c, (rule, scale, nu) in enumerate(zip(rules, *noise_values(rules, theta), strict=True)):
         channel, degrees = CHANNELS[c], float(nu)
         y = [slew / scale for slew in series[channel]]
-        # Star-tracker fixes come in a few bursts: no series to correlate.
-        p_white = None if channel == "attitude" else _whiteness(y, degrees)
+        p_white = None if channel in unordered else _whiteness(y, degrees)
         squares = sum(weighted_squares(slew, degrees) for slew in y)
         worth = squares_worth(degrees)
         dof = numbers[c] - squares_per_parameter(degrees) * parameters[c]
@@ -98,6 +98,20 @@ def weighted_squares(y: np.ndarray, degrees: float) -> float:
     if not np.isfinite(degrees):
         return float(squares.sum())
     return float(np.sum((degrees + 1.0) * squares / (degrees + squares)))
+
+
+def _without_test_of_whiteness(model: Model) -> set[str]:
+    """Channels whose residuals are no series of independent numbers by right.
+
+    Star-tracker fixes come in a few bursts, and errors of coarse rounding are not white. Where the
+    noise of a rounded channel is not as stated, whiteness is the last test left: it is kept.
+    """
+    rounded = {
+        channel
+        for channel, steps in rounding_steps(model.campaign).items()
+        if has_one_error(steps) and model.noise.of(channel).is_stated
+    }
+    return {"attitude"} | rounded
 
 
 def _whiteness(y: list[np.ndarray], degrees: float) -> float | None:
