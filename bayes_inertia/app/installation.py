@@ -19,7 +19,7 @@ def show_installation() -> None:
     import jax
     import jax.numpy as jnp
 
-    from bayes_inertia.physics.effects import LIBRARY
+    from bayes_inertia.physics.effects import LIBRARY, STOCHASTIC
 
     console = plain_console()
     table = Table("package", "version")
@@ -32,6 +32,7 @@ def show_installation() -> None:
     passed = "passed" if drift < _ENERGY_DRIFT_ALLOWED else "FAILED"
     console.print(f"self-test: energy of a free tumble is constant to {drift:.1e} ({passed})")
     console.print(f"effects: {', '.join(effect.name for effect in LIBRARY)}")
+    console.print(f"without a fixed shape: {', '.join(effect.name for effect in STOCHASTIC)}")
 
 
 def _energy_drift() -> float:

@@ -30,6 +30,7 @@ from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.prediction import NuisanceScale, Sensors, Structure
 from bayes_inertia.physics.slew_context import SlewContext, State, Trajectory
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
 class PlannedTrajectory(NamedTuple):
@@ -129,7 +130,7 @@ def telemetry_sensitivity(
     Raises
     ------
     EffectError
-        If an effect has states of its own (a flexible mode, slosh).
+        If an effect has states of its own (a flexible mode, slosh), or no fixed shape.
     """
     for effect in structure.effects:
         if effect.acts("state_rate"):
@@ -138,6 +139,13 @@ def telemetry_sensitivity(
                 where=effect.name,
                 advice="leave it out of the design",
             )
+    stochastic = [e.name for e in structure.effects if isinstance(e, StochasticEffect)]
+    if structure.hyperparameters:
+        raise EffectError(
+            "has no fixed shape, which plans are not designed for",
+            where=stochastic[0],
+            advice="leave it out of the design",
+        )
     quantities = partial(_quantities, structure, context=context, planned=planned, sensors=sensors)
     nominal, by_theta = quantities(theta), jax.jacfwd(quantities)(theta)
     d, p = len(theta), len(theta) + N_BIAS + structure.n_local

@@ -21,7 +21,7 @@ from bayes_inertia.inference.likelihood import Residuals
 from bayes_inertia.inference.noise_memory import Memory, innovations
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.prediction import Data, Structure, start_of
+from bayes_inertia.physics.prediction import Data, Structure, acting_in, start_of
 from bayes_inertia.physics.simulator import simulate_slew
 
 
@@ -197,10 +197,10 @@ def tangents(
     turn, change : (slews, n, 3, 6) arrays
         Change of attitude [rad, body axes] and rate [rad/s] per change of the start state.
     """
-    active = structure.active_effects(theta)
     J = inertia_tensor.tensor(theta[:6])
 
     def of_slew(x, slew, telemetry, reference):
+        active, x = acting_in(structure, theta, x, slew.context)
         J_of = (
             inertia_tensor.without_wheel_spin(
                 J, slew.context.wheel_axes_B, slew.context.spin_inertia

@@ -17,6 +17,7 @@ from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.values import Vector, array_dataclass
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
 @array_dataclass
@@ -77,6 +78,13 @@ class Spacecraft:
                 where=missing[0],
                 advice="give values = {effect name: {parameter: value}}",
             )
+        for effect in self.effects:
+            if isinstance(effect, StochasticEffect):
+                raise EffectError(
+                    "has no fixed shape, which simulated flights do not draw",
+                    where=effect.name,
+                    advice="fly without it",
+                )
 
     @property
     def active_effects(self) -> ActiveEffects:

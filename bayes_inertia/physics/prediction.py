@@ -21,7 +21,7 @@ from bayes_inertia.physics.packing import Arrays, Reference, Telemetry
 from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.physics.random_inputs import hyperparameters, with_coefficients
 from bayes_inertia.physics.simulator import simulate_slew
-from bayes_inertia.physics.slew_context import Trajectory
+from bayes_inertia.physics.slew_context import SlewContext, Trajectory
 from bayes_inertia.physics.slew_input import Drive, SlewInput, Start
 
 
@@ -191,6 +191,37 @@ def start_of(
     return Start(reference.rate_B + physical[:3], attitude, momentum)
 
 
+def acting_in(
+    structure: Structure, theta: Array, local: Array, slew: SlewContext
+) -> tuple[ActiveEffects, Array]:
+    """What acts in one slew, and the nuisances that are left.
+
+    Parameters
+    ----------
+    structure : Structure
+        Of the model.
+    theta : (d,) array
+        Sampled parameters in physical units.
+    local : (n_local,) array
+        Whitened nuisances of the slew.
+    slew : SlewContext
+        The slew.
+
+    Returns
+    -------
+    active : ActiveEffects
+        With the coefficients of effects that have no fixed shape.
+    local : (n_start,) array
+        Without them.
+    """
+    active = structure.active_effects(theta)
+    if not structure.coefficients:
+        return active, local
+    whitened = local[structure.n_start :]
+    active = with_coefficients(active, structure.coefficients, whitened, slew)
+    return active, local[: structure.n_start]
+
+
 def predict(
     structure: Structure,
     theta: Array,
@@ -227,11 +258,7 @@ def predict(
     Prediction
         What the sensors would report without noise.
     """
-    active = structure.active_effects(theta)
-    if structure.coefficients:
-        whitened = local[structure.n_start :]
-        active = with_coefficients(active, structure.coefficients, whitened, slew.context)
-        local = local[: structure.n_start]
+    active, local = acting_in(structure, theta, local, slew.context)
     J = inertia_tensor.tensor(theta[:6])
     if structure.includes_wheel_spin:
         J = inertia_tensor.without_wheel_spin(
