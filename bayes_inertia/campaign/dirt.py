@@ -35,8 +35,10 @@ times are taken | clock, modelled |
 together are less than what rates and star tracker tell | gap of torque, modelled |
 | gap in commands, every wheel with tachometer | the slew's commands are left out: measured \
 momentum drives the model | gap of torque, masked |
-| gap in commands, no tachometers | the slew is cut there, each part has its own start | gap of \
-torque, masked |
+| gap in commands, no tachometers | what the wheels did there is integrated out, the slew stays \
+whole | gap of torque, modelled |
+| more than 48 gaps in the commands of a slew, no tachometers | the slew is cut there, each part has \
+its own start | gap of torque, masked |
 | gap in the tachometers that drive the model while the torque turns | the slew is cut there | gap \
 of momentum, masked |
 | rows before the first command | left out if they are few; else as a gap in commands | gap of \
@@ -48,7 +50,7 @@ three simulated slews whose commands are smooth):
 | Commands | Tachometers | Slews become | sd of J and K grows by | Shift, in quoted sd |
 |---|---|---|---|---|
 | noisy | yes | 5 -> 6 | 1.02 to 1.5 | 0.1 to 1.3 |
-| noisy | no | 5 -> 49 | 7 to 100 | 0.2 to 1.7 |
+| noisy | no | 5 -> 5 | J 1.4 to 1.9, K 1.05 to 1.10 (cut into 49: 7 to 100) | 0.0 to 2.6 |
 | smooth | yes or no | 3 -> 3, filled (20 parts if cut) | 1.01 | 0.0 to 0.32 |
 """
 

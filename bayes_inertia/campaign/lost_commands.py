@@ -3,7 +3,8 @@
 In a gap the commands are guessed to lie on a straight line, and the model gives every piece of it
 an unknown constant torque of each wheel beside that. How large, is measured: by the same lines
 across rows of the slew that were not lost and whose ends differ no more than usual. Where the ends
-of a gap differ more, half of that is added: a step inside the gap.
+of a gap differ more, half of that is added: a step inside the gap. In gaps of more than three rows
+commands can have done anything: the largest command is the sd there.
 
 Short gaps have a piece for each lost row. Where that makes too many, pieces grow longer, at least
 two a gap: enough for any change of rate and of attitude across it. What was measured inside such a
@@ -22,6 +23,7 @@ Channels = dict[str, np.ndarray]
 _MOST_OF_GAP, _MOST_OF_SLEW = 8, 48
 _LEFT_OUT = {"rate", "attitude", "wheel_momentum"}  # where a piece is longer than a row
 _FEWEST_TRIALS = 30
+_MOST_ON_A_LINE = 3  # lost rows of a gap; errors of longer lines add up
 _SAFETY = 1.25  # times the rms error of the lines
 # A change beyond twice that of nine in ten rows is a step: half of it may be missed.
 _STEP, _MOST = 2.0, 0.9
@@ -127,7 +129,7 @@ def _usual_errors(
         trials = np.zeros(0, dtype=int)
         if len(even) > lost:
             trials = np.flatnonzero(np.convolve(even, np.ones(lost + 1), "valid") > lost + 0.5)
-        if len(trials) < _FEWEST_TRIALS:
+        if len(trials) < _FEWEST_TRIALS or lost > _MOST_ON_A_LINE:
             unknown = np.full(commands.shape[1], largest)
             usual[lost] = unknown, unknown
             continue
