@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.campaign import Campaign
@@ -21,6 +22,7 @@ from bayes_inertia.campaign.campaign import Campaign
 FIRST_UTC = np.datetime64("2026-03-01T12:00:00", "ns")
 FIRST_GPS = 1456401618.0  # The same moment [s]; GPS is ahead of UTC by 18 s.
 RPM = 2.0 * np.pi / 60.0  # [rad/s]
+_REST_ROWS = 60  # At an end of a slew, by which attitude and rate are known there.
 # True time minus stamp of each clock [s].
 GYRO_OFFSET, WHEEL_OFFSET, TRACKER_OFFSET = -0.125, 1.5, -0.75
 
@@ -68,7 +70,8 @@ def write_foreign_logs(
     seed : int, optional
         For the readings at rest between the slews.
     between_slews : bool, optional
-        Write readings between the slews too: noise about the last values, which no dynamics made.
+        Write readings between the slews too: a slow drift from where one slew ended to where the
+        next begins.
 
     Returns
     -------
@@ -141,64 +144,113 @@ def thinned(campaign: Campaign) -> Campaign:
 
 def _continuous(campaign: Campaign, rng: np.random.Generator | None) -> dict[str, np.ndarray]:
     """All channels from the first slew to the last, with rest between the slews if drawn."""
-    pieces: dict[str, list[np.ndarray]] = {
-        key: [] for key in ("time", "rate", "torque", "momentum", "attitude")
-    }
-    for k, slew in enumerate(campaign.slews):
-        channels = {
+    slews = [
+        {
             "time": slew.start + slew.time,
             "rate": slew.rate,
             "torque": slew.wheel_torque,
             "momentum": slew.wheel_momentum,
             "attitude": slew.attitude,
         }
-        for key, values in channels.items():
-            pieces[key].append(np.asarray(values))
-        if rng is not None and k + 1 < len(campaign.slews):
-            rest = _rest(channels, campaign.slews[k + 1].start, campaign, rng)
-            for key, values in rest.items():
-                pieces[key].append(values)
+        for slew in campaign.slews
+    ]
+    pieces: dict[str, list[np.ndarray]] = {key: [] for key in slews[0]}
+    for k, channels in enumerate(slews):
+        parts = [channels]
+        if rng is not None and k + 1 < len(slews):
+            parts.append(_rest(channels, slews[k + 1], campaign, rng))
+        for key in pieces:
+            pieces[key] += [np.asarray(part[key]) for part in parts]
     return {key: np.concatenate(values) for key, values in pieces.items()}
 
 
 def _rest(
-    before: Mapping[str, np.ndarray], until: float, campaign: Campaign, rng: np.random.Generator
+    before: Mapping[str, np.ndarray],
+    after: Mapping[str, np.ndarray],
+    campaign: Campaign,
+    rng: np.random.Generator,
 ) -> dict[str, np.ndarray]:
-    """Readings of a body that rests as it came to rest, with the noise of its sensors."""
+    """Readings of a body that drifts from where one slew ended to where the next begins.
+
+    Momentum is conserved but for what the environment did meanwhile, so that no reading contradicts
+    those of the slews: angles and rates are cubic in time, the wheels take what the body has not.
+    """
     step = float(np.median(np.diff(before["time"])))
-    time = np.arange(before["time"][-1] + step, until - 0.5 * step, step)
-    n, wheels = len(time), len(campaign.wheels)
+    first, last = before["time"][-1] + step, after["time"][0]
+    time = np.arange(first, last - 0.5 * step, step)
+    start, rate_0 = _resting(before, slice(-_REST_ROWS, None), before["time"][-1])
+    end, rate_1 = _resting(after, slice(0, _REST_ROWS), last)
+    spline = CubicHermiteSpline(
+        [before["time"][-1], last],
+        [np.zeros(3), (start.inv() * end).as_rotvec()],
+        [rate_0, rate_1],
+    )
+    turned, rate = start * Rotation.from_rotvec(spline(time)), spline(time, 1)
+    wheels = np.array([wheel.axis_B for wheel in campaign.wheels]).T
+    locked = campaign.inertia.tensor + (wheels * campaign.spin_inertias) @ wheels.T
+    ends = [
+        attitude.apply(locked @ spin + wheels @ np.nanmean(channels["momentum"][rows], axis=0))
+        for channels, rows, attitude, spin in (
+            (before, slice(-_REST_ROWS, None), start, rate_0),
+            (after, slice(0, _REST_ROWS), end, rate_1),
+        )
+    ]
+    share = ((time - first) / (last - first))[:, None]
+    body = turned.inv().apply((1.0 - share) * ends[0] + share * ends[1]) - rate @ locked
+    momentum = body @ np.linalg.pinv(wheels).T
+    spun = momentum + campaign.spin_inertias * (rate @ wheels)
+    return _read(time, turned, rate, momentum, np.gradient(spun, step, axis=0), campaign, rng)
+
+
+def _resting(
+    channels: Mapping[str, np.ndarray], rows: slice, at: float
+) -> tuple[Rotation, np.ndarray]:
+    """Attitude at a time, and rate [rad/s], of a body that rests but for a slow drift."""
+    rate = channels["rate"][rows].mean(axis=0)
+    time, fixes = channels["time"][rows], channels["attitude"][rows]
+    fixed = np.isfinite(fixes).all(axis=1)
+    turns = Rotation.from_rotvec((at - time[fixed])[:, None] * rate)
+    return (Rotation.from_quat(fixes[fixed]) * turns).mean(), rate
+
+
+def _read(
+    time: np.ndarray,
+    attitude: Rotation,
+    rate: np.ndarray,
+    momentum: np.ndarray,
+    torque: np.ndarray,
+    campaign: Campaign,
+    rng: np.random.Generator,
+) -> dict[str, np.ndarray]:
+    """What the sensors read of a motion, with their noise."""
+    n, step = len(time), float(np.median(np.diff(time)))
     sigma = [wheel.momentum_sigma or 0.0 for wheel in campaign.wheels]
-    momentum = before["momentum"]
-    last = momentum[np.isfinite(momentum).all(axis=1)][-1]
-    momentum = last + rng.normal(size=(n, wheels)) * sigma
+    momentum = momentum + rng.normal(size=momentum.shape) * sigma
     momentum[1::2] = np.nan
-    fixes = before["attitude"]
-    attitude = np.full((n, 4), np.nan)
+    fixes = np.full((n, 4), np.nan)
     rows = np.arange(0, n, max(1, round(1.0 / step)))
-    attitude[rows] = _noisy(fixes[np.isfinite(fixes).all(axis=1)][-1], len(rows), campaign, rng)
+    fixes[rows] = _noisy(attitude[rows].as_quat(), campaign, rng)
     return {
         "time": time,
-        "rate": rng.normal(size=(n, 3)) * campaign.rate_sensor.sigma,
-        "torque": np.zeros((n, wheels)),
+        "rate": rate + rng.normal(size=(n, 3)) * campaign.rate_sensor.sigma,
+        "torque": torque,
         "momentum": momentum,
-        "attitude": attitude,
+        "attitude": fixes,
     }
 
 
-def _noisy(
-    quaternion: np.ndarray, rows: int, campaign: Campaign, rng: np.random.Generator
-) -> np.ndarray:
-    """Fixes (rows, 4) of a body at rest, with the star tracker's noise in body axes."""
+def _noisy(quaternions: np.ndarray, campaign: Campaign, rng: np.random.Generator) -> np.ndarray:
+    """Fixes (rows, 4) of attitudes, with the star tracker's noise in body axes."""
     star = campaign.star_tracker
     assert star is not None
     boresight = np.array(star.boresight_B)
+    rows = len(quaternions)
     errors = rng.normal(size=(rows, 3)) * star.sigma_cross
     about = rng.normal(size=rows) * star.sigma_roll
     errors += np.outer(about - errors @ boresight, boresight)
-    turned = Rotation.from_quat(quaternion) * Rotation.from_rotvec(errors)
+    turned = Rotation.from_quat(quaternions) * Rotation.from_rotvec(errors)
     fixes = turned.as_quat()
-    return np.where((fixes @ quaternion)[:, None] < 0.0, -fixes, fixes)
+    return np.where(np.sum(fixes * quaternions, axis=1)[:, None] < 0.0, -fixes, fixes)
 
 
 def _utc(seconds: np.ndarray) -> np.ndarray:
