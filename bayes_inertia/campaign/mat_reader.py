@@ -9,6 +9,7 @@ import numpy as np
 
 from bayes_inertia.campaign.array_contents import MAX_DEPTH, ChildError, Contents
 from bayes_inertia.campaign.array_readers import read_hdf5
+from bayes_inertia.campaign.mat_objects import read_objects
 
 
 def read_mat(path: str, into: Contents) -> None:
@@ -40,6 +41,7 @@ def read_mat(path: str, into: Contents) -> None:
         warnings.filterwarnings("error", message="Duplicate variable name")
         content = scipy.io.loadmat(path, appendmat=False, simplify_cells=True)
     _add_struct(content, "", into, 0)
+    read_objects(path, into)
 
 
 def _add_struct(struct: dict[str, Any], place: str, into: Contents, depth: int) -> None:
