@@ -128,7 +128,7 @@ def _from_fixes(misfits: Misfits, reading: Reading) -> np.ndarray | None:
         return None
     products = np.concatenate(seen).T @ np.concatenate(told)
     sizes = np.linalg.svd(products, compute_uv=False)
-    if sizes[1] < _SECOND_DIRECTION**2 * sizes[0]:
+    if sizes[1] <= _SECOND_DIRECTION**2 * sizes[0]:
         return None
     return nearest_rotation(products)
 
@@ -151,6 +151,8 @@ def _from_momentum(misfits: Misfits, reading: Reading) -> np.ndarray | None:
         columns = _without_mean(columns, weight[..., None]).reshape(-1, 9)
         target = _without_mean(target, weight).reshape(-1)
         normal = columns.T @ columns
+        if not normal.any():
+            return None
         ridge = 1e-6 * np.trace(normal) / 9.0 * np.eye(9)
         prior = reading.inertia.ravel()
         free = prior + np.linalg.solve(normal + ridge, columns.T @ (target - columns @ prior))

@@ -52,14 +52,17 @@ def show_check(check: ConventionsCheck) -> None:
     check : ConventionsCheck
         What was found.
     """
+    from bayes_inertia.conventions.invisible import invisible_in_brief
+
     console = plain_console()
+    hidden = invisible_in_brief(check.cannot_show)
     style = "bold red" if check.verdict == "wrong" else "bold"
     console.print(headed(f"{check.campaign}: {check.verdict}", style=style))
     console.print(check.sentence)
     for title, lines in (
         ("telemetry:", [_dirt_in_words(dirt) for dirt in check.dirt]),
         ("physical, no wrong convention:", check.remarks),
-        ("this campaign cannot show:", check.cannot_show),
+        ("this campaign cannot show (all of it with --json):", hidden),
     ):
         if lines:
             console.print(title)
