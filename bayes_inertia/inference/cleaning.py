@@ -41,7 +41,7 @@ from bayes_inertia.physics.forward_model import Model
 # Outliers hide each other; so often they are looked for again.
 _ROUNDS_OF_MASKS = 3
 # Readings that noise may remember. Slower residuals look like a constant torque, and are none.
-_LONGEST_COLOUR = 12.0
+_LONGEST_COLOUR = 25.0
 # Noise beyond what is stated and rounded by this factor has another cause.
 _MORE_THAN_ROUNDING = 1.15
 

@@ -22,8 +22,10 @@ NEIGHBOURS = 5
 FALSE_ALARM = 1e-3
 # More outliers than this share of a channel's readings are no outliers but its noise.
 MOST_OUTLIERS = 0.03
-# The scale around a reading is taken from so many readings on either side.
+# The scale around a reading is taken from so many readings on either side, of which some must lie
+# beyond their neighbours at all.
 READINGS_AROUND = 12
+_FEWEST_AROUND = 5
 SD_OVER_MAD = 1.4826
 # MAD times 1.4826 of those distances in white unit noise that are not zero; their tail is normal.
 _SCALE_OF_WHITE = 0.94
@@ -138,7 +140,7 @@ def _scale_around(distance: np.ndarray) -> np.ndarray:
     beyond = np.where(distance != 0.0, np.abs(distance), np.nan)
     padded = np.pad(beyond, READINGS_AROUND, mode="reflect")
     windows = sliding_window_view(padded, width)
-    some = ~np.isnan(windows).all(axis=1)
+    some = np.isfinite(windows).sum(axis=1) >= _FEWEST_AROUND
     around = np.zeros(len(distance))
     around[some] = np.nanquantile(windows[some], 0.5, axis=1)
     return around * SD_OVER_MAD / _SCALE_OF_WHITE

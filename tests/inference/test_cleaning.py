@@ -120,6 +120,17 @@ def test_rounding_of_readings_is_modelled_as_such(flown):
     assert not too_large(result.estimate)
 
 
+def test_coarse_rounding_is_counted_once(flown):
+    """Errors last while readings stay the same: chi^2 stays near 1, and the sds grow."""
+    step = 6.0 * 2e-5
+    rounded = changed(flown.campaign, lambda i, s: replace(s, rate=np.round(s.rate / step) * step))
+    result = clean_fit(fitted(rounded))
+    assert [(d.kind, d.channel) for d in result.treatment.dirt] == [("quantised", "rate")]
+    # The power of about a hundred independent errors an axis and slew.
+    assert result.estimate.tests["rate"].reduced_chi2 == pytest.approx(1.0, abs=0.15)
+    assert all(1.5 < axis.sd < 2.5 for axis in result.treatment.colour.axes)  # sqrt(1 + 36 / 12)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["hidden_lag", "hidden_dipole"])
 def test_a_missing_effect_is_neither_masked_nor_taken_for_noise(name):
@@ -173,6 +184,9 @@ def test_white_noise_has_no_colour_and_what_is_tied_to_the_motion_neither():
         lambda t: 0.2 * t,  # a drift
         lambda t: 20.0 * np.sin(0.5 * t),  # a ringing
         lambda t: 40.0 * ((t > 100) & (t < 140)),  # a lag while torque acts
+        lambda t: np.where(t > 200, 30.0 * np.exp(-(t - 200) / 40) * np.sin(0.9 * (t - 200)), 0.0),
+        lambda t: np.where(t > 200, 30.0 * np.exp(-(t - 200) / 15) * np.sin(2.4 * (t - 200)), 0.0),
+        lambda t: 3.0 * np.maximum(0.0, t - 200.0),  # friction that changes its sign
     ],
 )
 def test_no_shape_of_a_missing_effect_is_an_outlier(misfit):
@@ -181,6 +195,17 @@ def test_no_shape_of_a_missing_effect_is_an_outlier(misfit):
     assert not outlying_readings([series])[0].any()
     series[[60, 300]] += 400.0
     assert set(np.flatnonzero(outlying_readings([series])[0].any(axis=1))) == {60, 300}
+
+
+def test_a_step_of_rounded_readings_is_no_outlier_and_three_are():
+    # Noise of a sixth of the step: a reading leaps by a whole step now and then.
+    truth = 0.9 + 0.3 * np.sin(0.7 * np.arange(400.0))[:, None]
+    noisy = truth + np.random.default_rng(9).normal(size=(400, 3))
+    rounded, steps = 6.0 * np.round(noisy / 6.0) - truth, np.full(3, 6.0)
+    assert outlying_readings([rounded])[0].any()
+    assert not outlying_readings([rounded], steps)[0].any()
+    rounded[200, 1] += 18.0
+    assert np.argwhere(outlying_readings([rounded], steps)[0]).tolist() == [[200, 1]]
 
 
 def test_too_many_outliers_are_the_noise():

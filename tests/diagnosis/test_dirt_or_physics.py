@@ -1,0 +1,129 @@
+"""Dirt is seen for what it is before physics is tried, and no effect is swallowed by it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from time import process_time
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from bayes_inertia.diagnosis.candidates import candidate_effects
+from bayes_inertia.diagnosis.clean_start import clean_start, measured_again
+from bayes_inertia.diagnosis.search import diagnose
+from bayes_inertia.physics.effects import (
+    LIBRARY,
+    ConstantTorque,
+    RateSensorDelay,
+    WheelCommandLag,
+)
+from bayes_inertia.physics.forward_model import Model
+
+RIGID = tuple(e for e in LIBRARY if e.name != "flexible_mode")
+WEAK = 1e-7 * np.array([1.0, -1.0, 1.0])  # [N m], clear to an ideal test, and slow
+HIDDEN = {
+    "constant_torque": ((ConstantTorque(),), {"constant_torque": {"torque": WEAK}}),
+    "strong_torque": ((ConstantTorque(),), {"constant_torque": {"torque": 30.0 * WEAK}}),
+    "lag": ((WheelCommandLag(),), {"wheel_command_lag": {"tau": np.array(0.02)}}),
+    "delay": ((RateSensorDelay(),), {"rate_sensor_delay": {"tau": np.array(0.02)}}),
+}
+
+
+def changed(campaign, change):
+    return replace(campaign, slews=tuple(change(s) for s in campaign.slews))
+
+
+def coloured(campaign, phi, seed=5):
+    """The campaign with Gauss-Markov noise of one sigma in the rates."""
+    rng, sigma = np.random.default_rng(seed), np.array(campaign.rate_sensor.sigma)
+
+    def change(slew):
+        white = rng.normal(size=(len(slew.time) + 1000, 3))
+        noise = lfilter([np.sqrt(1.0 - phi**2)], [1.0, -phi], white, axis=0)[1000:]
+        return replace(slew, rate=slew.rate + sigma * noise)
+
+    return changed(campaign, change)
+
+
+def spiked(campaign, seed=6):
+    """The campaign with 0.5 % outliers of the rates, and how many rows they hit."""
+    rng, hit = np.random.default_rng(seed), []
+
+    def change(slew):
+        where = rng.random(slew.rate.shape) < 0.005
+        hit.append(int(where.any(axis=1).sum()))
+        return replace(slew, rate=slew.rate + where * rng.choice([-1.0, 1.0]) * 1e-3)
+
+    return changed(campaign, change), hit
+
+
+def rounded(campaign, sigmas):
+    step = sigmas * campaign.rate_sensor.sigma[0]
+    return changed(campaign, lambda s: replace(s, rate=np.round(s.rate / step) * step))
+
+
+def begun(campaign, **options):
+    return clean_start(Model(campaign, candidate_effects(campaign, RIGID).linear), **options)
+
+
+def kinds(diagnosis):
+    return {(d.kind, d.channel, d.treated) for d in diagnosis.dirt}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hidden", HIDDEN)
+def test_no_effect_is_taken_for_dirt(flight, hidden):
+    start = begun(flight(*HIDDEN[hidden]))
+    assert not start.treatment.masked
+    assert start.treatment.colour is None
+    assert not start.treatment.rounded
+    assert set(start.noise.values()) == {1.0}
+
+
+@pytest.mark.slow
+def test_dirt_alone_is_consistent_and_takes_no_longer_than_a_clean_campaign(clean):
+    diagnose(clean, library=RIGID)  # Compiles.
+    began = process_time()
+    assert diagnose(clean, library=RIGID).verdict == "consistent"
+    unit = process_time() - began
+    outlying, hit = spiked(clean)
+    for campaign, expected in (
+        (outlying, ("outliers", "rate", "masked")),
+        (coloured(clean, 0.9), ("coloured", "rate", "modelled")),
+        (rounded(clean, 6.0), ("quantised", "rate", "modelled")),
+    ):
+        began = process_time()
+        diagnosis = diagnose(campaign, library=RIGID)
+        # Small functions are compiled once for other shapes of noise.
+        assert process_time() - began < 4.0 * unit + 5.0
+        assert (diagnosis.verdict, diagnosis.steps) == ("consistent", ())
+        assert kinds(diagnosis) == {expected}
+    assert sum(len(d.rows) for d in diagnose(outlying, library=RIGID).dirt) == sum(hit)
+
+
+@pytest.mark.slow
+def test_a_lag_beside_correlated_noise_is_named_and_the_noise_listed(flight):
+    campaign = coloured(flight(*HIDDEN["lag"]), 0.7)
+    diagnosis = diagnose(campaign, library=RIGID)
+    assert (diagnosis.verdict, diagnosis.named) == ("named", ("wheel_command_lag",))
+    assert kinds(diagnosis) == {("coloured", "rate", "modelled")}
+    # Taken as white, the noise is not explained.
+    begin = begun(campaign, coloured=False)
+    assert begin.treatment.colour is None
+    assert begin.base.tests["rate"].p_white < 1e-6
+
+
+@pytest.mark.slow
+def test_a_torque_beside_outliers_is_named_and_the_outliers_listed(flight):
+    campaign, hit = spiked(flight(*HIDDEN["strong_torque"]))
+    diagnosis = diagnose(campaign, library=RIGID)
+    assert "constant_torque" in diagnosis.named
+    assert kinds(diagnosis) == {("outliers", "rate", "masked")}
+    assert sum(len(d.rows) for d in diagnosis.dirt) == sum(hit)
+
+
+@pytest.mark.slow
+def test_nothing_is_measured_again_where_nothing_was_named(clean):
+    start = begun(clean)
+    assert measured_again(start, start.estimate) is None
