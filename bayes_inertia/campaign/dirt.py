@@ -37,8 +37,8 @@ together are less than what rates and star tracker tell | gap of torque, modelle
 momentum drives the model | gap of torque, masked |
 | gap in commands, no tachometers | what the wheels did there is integrated out, the slew stays \
 whole | gap of torque, modelled |
-| more than 48 gaps in the commands of a slew, no tachometers | the slew is cut there, each part has \
-its own start | gap of torque, masked |
+| more than 48 gaps in the commands of a slew, no tachometers | the slew is cut there, each part \
+has its own start | gap of torque, masked |
 | gap in the tachometers that drive the model while the torque turns | the slew is cut there | gap \
 of momentum, masked |
 | rows before the first command | left out if they are few; else as a gap in commands | gap of \
