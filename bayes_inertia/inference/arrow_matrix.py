@@ -8,7 +8,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import jax.numpy as jnp
-from jax import Array, lax
+from jax import Array
+from jax.scipy.linalg import solve_triangular
 
 
 class ArrowFactor(NamedTuple):
@@ -17,11 +18,11 @@ class ArrowFactor(NamedTuple):
     Parameters
     ----------
     inner : (slews, m, m) array
-        Inverses of the lower triangular factors of each slew's own blocks.
+        Lower triangular factors of each slew's own blocks.
     across : (slews, m, b) array
-        Each slew's coupling to what is shared, from the left multiplied by `inner`.
+        Each slew's coupling to what is shared, solved by `inner`.
     shared : (b, b) array
-        Inverse of the lower triangular factor of the Schur complement.
+        Lower triangular factor of the Schur complement.
     log_determinant : () array
         Of the whole matrix; NaN where it is not positive definite.
     """
@@ -52,21 +53,24 @@ def factored(blocks: Array, shared: int) -> ArrowFactor:
     1.098612
     """
     own = blocks[:, shared:, shared:] + jnp.eye(blocks.shape[-1] - shared)
-    inner, log_own = _inverse_factor(own)
-    across = jnp.einsum("sij,sjb->sib", inner, blocks[:, shared:, :shared])
+    inner = jnp.linalg.cholesky(own)
+    across = _forward(inner, blocks[:, shared:, :shared])
     complement = jnp.eye(shared) + blocks[:, :shared, :shared].sum(0)
-    complement = complement - jnp.einsum("sia,sib->ab", across, across)
-    outer, log_shared = _inverse_factor(complement)
-    return ArrowFactor(inner, across, outer, jnp.sum(log_own) + log_shared)
+    outer = jnp.linalg.cholesky(complement - jnp.einsum("sia,sib->ab", across, across))
+    diagonals = (jnp.diagonal(inner, axis1=-2, axis2=-1), jnp.diagonal(outer))
+    log_determinant = 2.0 * sum(jnp.sum(jnp.log(d)) for d in diagonals)
+    return ArrowFactor(inner, across, outer, log_determinant)
 
 
-def _inverse_factor(matrix: Array) -> tuple[Array, Array]:
-    """Inverse of the lower triangular factor, and log determinant, of matrices (..., n, n)."""
-    factor = jnp.linalg.cholesky(matrix)
-    unit = jnp.broadcast_to(jnp.eye(matrix.shape[-1]), matrix.shape)
-    root = lax.linalg.triangular_solve(factor, unit, left_side=True, lower=True)
-    diagonal = jnp.diagonal(factor, axis1=-2, axis2=-1)
-    return root, 2.0 * jnp.sum(jnp.log(diagonal), -1)
+# Only with a few right-hand sides: with many the compiled solver is hundreds of times slower.
+def _forward(factor: Array, right: Array) -> Array:
+    """factor^-1 right: lower triangular (..., n, n), right-hand sides (..., n, k)."""
+    return solve_triangular(factor, right, lower=True)
+
+
+def _backward(factor: Array, right: Array) -> Array:
+    """factor^-T right, likewise."""
+    return solve_triangular(factor, right, lower=True, trans="T")
 
 
 def solved(factor: ArrowFactor, shared: Array, own: Array) -> tuple[Array, Array]:
@@ -83,11 +87,11 @@ def solved(factor: ArrowFactor, shared: Array, own: Array) -> tuple[Array, Array
     shared : (b,) array
     own : (slews, m) array
     """
-    inside = jnp.einsum("sij,sj->si", factor.inner, own)
+    inside = _forward(factor.inner, own[..., None])[..., 0]
     left = shared - jnp.einsum("sib,si->b", factor.across, inside)
-    x = factor.shared.T @ (factor.shared @ left)
+    x = _backward(factor.shared, _forward(factor.shared, left[:, None]))[:, 0]
     rest = inside - jnp.einsum("sib,b->si", factor.across, x)
-    return x, jnp.einsum("sij,si->sj", factor.inner, rest)
+    return x, _backward(factor.inner, rest[..., None])[..., 0]
 
 
 def drawn(factor: ArrowFactor, shared: Array, own: Array) -> tuple[Array, Array]:
@@ -105,6 +109,6 @@ def drawn(factor: ArrowFactor, shared: Array, own: Array) -> tuple[Array, Array]
     shared : (b,) array
     own : (slews, m) array
     """
-    x = factor.shared.T @ shared
+    x = _backward(factor.shared, shared[:, None])[:, 0]
     rest = own - jnp.einsum("sib,b->si", factor.across, x)
-    return x, jnp.einsum("sij,si->sj", factor.inner, rest)
+    return x, _backward(factor.inner, rest[..., None])[..., 0]
