@@ -123,8 +123,9 @@ def _judged(code, said: str, printed: str, given: Path) -> tuple[str, str]:
         return "stray file", ", ".join(strangers)
     if code == 0 or (code == 2 and '"verdict": "wrong"' in printed):
         return ("accepted", "") if not said else ("bad message", said[:2000])
-    one_line = said.startswith("error: ") and said.count("\n") == 1
-    if code == 2 and one_line and str(folder) in said and len(said) < 2000:
+    # What contradicts physics is told in a few lines: the change that would mend it.
+    one_line = said.count("\n") == 1 or "data are impossible" in said
+    if code == 2 and said.startswith("error: ") and one_line and str(folder) in said:
         return "refused", ""
     return "bad message", f"exit {code}: {said[:2000]}"
 

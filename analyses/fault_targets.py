@@ -57,13 +57,18 @@ class Case:
     content: bytes
 
 
+def make_campaign(folder: Path) -> None:
+    """Write the sound campaign, once."""
+    if not (folder / "campaign").exists():
+        flown = read_unmasked(EXAMPLE)
+        slews = tuple(_first_rows(slew) for slew in flown.slews[:SLEWS])
+        write_campaign(replace(flown, slews=slews, dirt=()), folder / "campaign")
+
+
 def make_corpus(folder: Path) -> None:
     """Write the sound campaign and its run, once; the run takes a minute or two."""
     campaign = folder / "campaign"
-    if not campaign.exists():
-        flown = read_unmasked(EXAMPLE)
-        slews = tuple(_first_rows(slew) for slew in flown.slews[:SLEWS])
-        write_campaign(replace(flown, slews=slews, dirt=()), campaign)
+    make_campaign(folder)
     if not (folder / "run" / "report.html").exists():
         with contextlib.suppress(SystemExit), contextlib.redirect_stdout(io.StringIO()):
             main(["diagnose", str(campaign), "-o", str(folder / "run"), "--anyway"])

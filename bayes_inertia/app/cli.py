@@ -29,7 +29,7 @@ from bayes_inertia.app.commands.simulate import simulate_command
 from bayes_inertia.app.commands.study import study_command
 from bayes_inertia.app.failures import failure_message, is_closed_output
 from bayes_inertia.app.interruption import ending_soon_on_signals, how_to_go_on
-from bayes_inertia.app.terminal import one_line
+from bayes_inertia.app.terminal import safe_message
 from bayes_inertia.errors import BayesInertiaError
 from bayes_inertia.version import __version__
 
@@ -120,7 +120,7 @@ def _exit_code(words: list[str]) -> int:
         sys.stdout.flush()
         return code or 0
     except BayesInertiaError as error:
-        typer.echo(f"error: {one_line(str(error))}", err=True)
+        typer.echo(f"error: {safe_message(str(error))}", err=True)
     except typer.TyperException as error:
         error.show()  # type: ignore[attr-defined]
         return error.exit_code
@@ -132,5 +132,5 @@ def _exit_code(words: list[str]) -> int:
         message = failure_message(error)
         if message is None:
             raise
-        typer.echo(f"error: {one_line(message)}; {how_to_go_on(words)}", err=True)
+        typer.echo(f"error: {safe_message(message)}; {how_to_go_on(words)}", err=True)
     return 2

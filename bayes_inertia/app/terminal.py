@@ -21,7 +21,7 @@ from rich.progress import (
 from rich.text import Text
 
 # Characters of a message, and how many of them are its end, which says what to do.
-_LONGEST, _END = 1600, 400
+_LONGEST, _END = 4000, 1000
 
 
 def plain_console(*, stderr: bool = False) -> Console:
@@ -40,8 +40,8 @@ def plain_console(*, stderr: bool = False) -> Console:
     return Console(stderr=stderr, markup=False, emoji=False, highlight=False)
 
 
-def one_line(text: str) -> str:
-    """A message as one line of bearable length, whatever a file wrote into it.
+def safe_message(text: str) -> str:
+    """A message of bearable length without control characters, whatever a file wrote into it.
 
     Parameters
     ----------
@@ -51,14 +51,14 @@ def one_line(text: str) -> str:
     Returns
     -------
     str
-        Without control characters, and its middle left out where it is long.
+        Its lines, and its middle left out where it is long.
 
     Examples
     --------
-    >>> one_line("no column 'a\\nb'")
-    "no column 'a\\\\nb'"
+    >>> safe_message("no column '\\x1b[31m'")
+    "no column '\\\\x1b[31m'"
     """
-    shown = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+    shown = "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
     if len(shown) <= _LONGEST:
         return shown
     return f"{shown[: _LONGEST - _END]} [...] {shown[-_END:]}"

@@ -24,7 +24,7 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths.values import array_dataclass
 
 _SECONDS = 3.0  # Processor time for any file, once its library is loaded; more for a large one.
-_PATIENCE = 30.0  # [s] on the clock, and as many times more: other programs want the processor too.
+_PATIENCE = 60.0  # [s] on the clock, and as many times more: other programs want the processor too.
 _BYTES_PER_SECOND = 5e6
 _LEAST_CONTENT = 10**8  # [bytes] that even a small, compressed file may hold.
 _COMPRESSION = 300  # Bytes of arrays a byte of file.

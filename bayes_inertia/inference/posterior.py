@@ -104,7 +104,8 @@ class Posterior:
             )
         posterior = cls(tree)
         if not intact:
-            with blaming(path, intact=False, advice=_ADVICE):
+            errors: Any = {"over": "raise", "invalid": "raise"}
+            with blaming(path, intact=False, advice=_ADVICE), np.errstate(**errors):
                 posterior.summary()
         return posterior
 

@@ -1,0 +1,90 @@
+"""The study of damaged files sees what it looks for."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ANALYSES = Path(__file__).resolve().parents[2] / "analyses"
+
+
+@pytest.fixture
+def study(monkeypatch, tmp_path):
+    """The study's modules, and a corpus of a campaign alone."""
+    monkeypatch.syspath_prepend(str(ANALYSES))
+    import fault_study
+    import fault_targets
+
+    fault_targets.make_campaign(tmp_path / "corpus")
+    (tmp_path / "empty").mkdir()
+    monkeypatch.chdir(tmp_path / "empty")
+    yield fault_study, fault_targets, tmp_path / "corpus"
+    for name in ("fault_study", "fault_targets", "fault_formats", "fault_mutations"):
+        sys.modules.pop(name, None)
+
+
+def test_a_case_is_drawn_from_its_number_and_judged(study):
+    fault_study, fault_targets, corpus = study
+    draws = [
+        fault_targets.draw_case(corpus, ("csv", "toml"), np.random.default_rng([5, k]))
+        for k in (1, 1, 2)
+    ]
+    assert draws[0] == draws[1] != draws[2]
+    outcomes = set()
+    for number in range(12):
+        random = np.random.default_rng([5, number])
+        case = fault_targets.draw_case(corpus, ("csv", "toml"), random)
+        outcomes.add(judged(fault_study, fault_targets, case, corpus, random))
+    assert outcomes <= {"accepted", "refused"}
+    assert "refused" in outcomes
+
+
+def judged(fault_study, fault_targets, case, corpus, random) -> str:
+    folder = corpus.parent / "case"
+    folder.mkdir(exist_ok=True)
+    given = fault_targets.place_case(case, corpus, folder)
+    return fault_study._outcome(case, given, corpus, random)[0]
+
+
+def raises(error: BaseException):
+    def command(*_):
+        raise error
+
+    return command
+
+
+def loops(*_):
+    while True:
+        pass
+
+
+def writes(*_):
+    Path("stray").write_text("x")
+    raise SystemExit(0)
+
+
+@pytest.mark.parametrize(
+    ("command", "outcome"),
+    [
+        (raises(KeyError("x")), "traceback"),
+        (loops, "hang"),
+        (writes, "stray file"),
+        (raises(SystemExit(2)), "bad message"),
+        (raises(SystemExit(0)), "accepted"),
+    ],
+    ids=["traceback", "hang", "stray", "silent", "accepted"],
+)
+def test_what_is_wrong_is_counted(study, monkeypatch, command, outcome):
+    fault_study, fault_targets, corpus = study
+    monkeypatch.setattr(fault_targets, "main", command)
+    monkeypatch.setattr(fault_study, "_SECONDS", 0.2)
+    import signal
+
+    before = signal.signal(signal.SIGPROF, fault_study._too_long)
+    random = np.random.default_rng(0)
+    case = fault_targets.draw_case(corpus, ("csv",), random)
+    assert judged(fault_study, fault_targets, case, corpus, random) == outcome
+    signal.signal(signal.SIGPROF, before)
