@@ -172,8 +172,9 @@ def _rest(
 ) -> dict[str, np.ndarray]:
     """Readings of a body that drifts from where one slew ended to where the next begins.
 
-    Momentum is conserved but for what the environment did meanwhile, so that no reading contradicts
-    those of the slews: angles and rates are cubic in time, the wheels take what the body has not.
+    Momentum is conserved but for what the environment did meanwhile: angles and rates are cubic in
+    time, the wheels take what the body has not. The rate where it begins is known to 3e-6 rad/s
+    only, so that a minute of it contradicts the slew's dynamics by several sds of the star tracker.
     """
     step = float(np.median(np.diff(before["time"])))
     first, last = before["time"][-1] + step, after["time"][0]

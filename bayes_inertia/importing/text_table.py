@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from pathlib import Path
@@ -304,6 +305,10 @@ def _table(
     return RawTable(label, columns, np.array([row.line for row in rows], dtype=int))
 
 
+def _is_text(cell: str, decimal: str) -> bool:
+    return math.isnan(number_of(cell, decimal)) and cell.lower() not in EMPTY_CELLS
+
+
 def text_column(cells: Sequence[str], decimal: str, unit: str = "") -> RawColumn:
     """A column of text cells: numbers where every cell is one or empty, else texts.
 
@@ -332,10 +337,10 @@ def text_column(cells: Sequence[str], decimal: str, unit: str = "") -> RawColumn
         if any("_" in cell for cell in cells):
             raise ValueError
     except ValueError:
-        values = np.array([number_of(cell, decimal) for cell in cells])
-        texts = [cell for cell, value in zip(cells, values, strict=True) if np.isnan(value)]
-        if any(cell.lower() not in EMPTY_CELLS for cell in texts):
+        # Lazily: of a column of dates the first cell tells.
+        if any(_is_text(cell, decimal) for cell in cells):
             return RawColumn(np.array(cells, dtype=np.dtypes.StringDType()), unit)
+        values = np.array([number_of(cell, decimal) for cell in cells])
     finite = np.abs(values[np.isfinite(values)])
     if finite.size and finite.max() >= _LOSSY_SIZE:
         digits = max(sum(c.isdigit() for c in cell) for cell in points)
