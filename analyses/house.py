@@ -29,7 +29,7 @@ BEFORE = "2beddaa"
 # Rows of the picture from top to bottom; within a row wings do not know each other.
 FLOORS = (
     ("app",),
-    ("report",),
+    ("report", "studies"),
     ("observability", "diagnosis", "design"),
     ("inference", "flight"),
     ("physics", "importing", "conventions"),
@@ -39,6 +39,7 @@ FLOORS = (
 SAYS = {
     "app": "commands, pipelines, run folders",
     "report": "the page and its pictures",
+    "studies": "many tasks, one engine",
     "observability": "what is determined, and why not",
     "diagnosis": "which effect is missing",
     "design": "which slews to fly next",
