@@ -218,7 +218,9 @@ def tangents(
                 attitude=quaternion.multiply(begin.attitude, quaternion.exp(y[:3])),
                 rate_B=begin.rate_B + y[3:],
             )
-            trajectory, _ = simulate_slew(slew, start, J_of, active, structure.drive)
+            trajectory, _ = simulate_slew(
+                slew, start, J_of, active, structure.drive, structure.rows_per_step
+            )
             return trajectory.attitude, trajectory.rate_B, trajectory.wheel_momentum
 
         (q, w, h), (dq, dw, _) = jax.vmap(

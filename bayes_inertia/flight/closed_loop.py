@@ -36,11 +36,10 @@ from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.equations_of_motion import (
     SlewState,
-    advance,
-    grid_rows,
     prepare,
     rate_and_wheel_momentum,
 )
+from bayes_inertia.physics.motion_step import advance, grid_rows
 from bayes_inertia.physics.slew_context import Trajectory
 from bayes_inertia.physics.slew_input import SlewInput
 

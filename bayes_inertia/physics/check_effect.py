@@ -16,8 +16,10 @@ from bayes_inertia.physics.check_stochastic import check_coefficients, coefficie
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effect_declaration import check_declaration, guarded, require_of_effect
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.integration_plan import LOOKING_BACK
 from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.physics.prediction import Data, Prediction, Structure, predict_all
+from bayes_inertia.physics.simulator import MOVING_HOOKS
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.small_campaign import small_campaign
 
@@ -108,9 +110,13 @@ class _Inert(Effect):
 
     name = "inert"
     step: float | None = None
+    hooks: tuple[str, ...] = ()
 
     def max_step(self, campaign):
         return self.step
+
+    def acts(self, hook):
+        return hook in self.hooks
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,9 +142,14 @@ def _prediction(structure: Structure, theta: Array, local: Array, data: Data) ->
     return predict_all(structure, theta, local, jnp.zeros(3), data)
 
 
-def _undisturbed(campaign: Campaign, drive: Drive, step: float | None) -> Prediction:
+def _undisturbed(
+    effect: Effect, campaign: Campaign, drive: Drive, step: float | None
+) -> Prediction:
     """Telemetry without the effect, on its grid; compiled once for all effects with that grid."""
-    model = Model(campaign, (_Inert(step),), drive)
+    # One hook of each kind that decides the grid stands for all.
+    kinds = (MOVING_HOOKS, LOOKING_BACK)
+    hooks = tuple(kind[0] for kind in kinds if any(effect.acts(hook) for hook in kind))
+    model = Model(campaign, (_Inert(step, hooks),), drive)
     local = jnp.zeros((model.n_slews, model.structure.n_local))
     return _prediction(model.structure, jnp.asarray(model.space.mean), local, model.data)
 
@@ -177,7 +188,7 @@ def _in_drive(effect: Effect, campaign: Campaign, drive: Drive, thorough: bool) 
     step = guarded(effect, "max_step(campaign)", lambda: effect.max_step(campaign))
     model = guarded(effect, "building the model", lambda: Model(campaign, (effect,), drive))
     check_coefficients(effect, model, _points(model))
-    undisturbed = _undisturbed(campaign, drive, step)
+    undisturbed = _undisturbed(effect, campaign, drive, step)
     bench = _Bench(model, _noise_sigma(model, undisturbed))
     points = _points(model)[:, N_BASE:]
     pushed = _compiled(lambda x, v: jax.jvp(bench, (x,), (v,)))

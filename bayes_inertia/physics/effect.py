@@ -62,6 +62,8 @@ class Effect:
     def max_step(self, campaign: Campaign) -> float | None:
         """The longest integration step that resolves the effect.
 
+        Integration steps span several rows of telemetry where the motion allows it.
+
         Parameters
         ----------
         campaign : Campaign
@@ -70,7 +72,9 @@ class Effect:
         Returns
         -------
         float or None
-            The step [s]; None if the telemetry's own step is short enough.
+            The step [s]; None if the telemetry's own step is short enough; infinity if the step
+            that resolves the motion resolves the effect, because it changes no faster than
+            attitude and rate do.
         """
         return None
 

@@ -1,4 +1,4 @@
-"""The equations of motion of one slew, and one Runge-Kutta step of them.
+"""The equations of motion of one slew: its state, its constants, and the rate that follows.
 
 The state is the attitude and the TOTAL momentum in inertial axes M_N, not the body rate: without
 external torque M_N is constant to rounding, and the rate follows from
@@ -19,14 +19,9 @@ from bayes_inertia.maths.inertia_tensor import with_wheel_spin
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.components import (
     Components,
-    between,
-    columns,
-    following,
-    runge_kutta_4,
     stacked,
-    unit,
 )
-from bayes_inertia.physics.slew_context import SlewContext, State
+from bayes_inertia.physics.slew_context import SlewContext
 from bayes_inertia.physics.slew_input import Drive, SlewInput, Start
 
 
@@ -129,87 +124,6 @@ def prepare(
     momentum_N = quaternion.to_inertial(start.attitude, momentum_B)
     state = SlewState(tuple(start.attitude), tuple(momentum_N), tuple(wheel), effect_states)
     return MassProperties(inverse, locked, axes, context.spin_inertia), state, torque
-
-
-def grid_rows(slew: SlewInput, torque: Array) -> dict:
-    """What `advance` reads at each grid point.
-
-    Parameters
-    ----------
-    slew : SlewInput
-        What was commanded or measured.
-    torque : (n, wheels) array
-        Torque delivered to the wheels and held over each step [N m].
-
-    Returns
-    -------
-    dict
-        `time` and `step` (n,) [s]; `torque`, `wheel`, `field` and `position` as components at
-        the two ends of each step.
-
-    Examples
-    --------
-    >>> from bayes_inertia.physics.slew_input import idle_slew
-    >>> sorted(grid_rows(idle_slew([0.0, 1.0]), jnp.zeros((2, 0))))
-    ['field', 'position', 'step', 'time', 'torque', 'wheel']
-    """
-    inputs = {
-        "torque": torque,
-        "wheel": slew.momentum,
-        "field": slew.magnetic_field_N,
-        "position": slew.position_N,
-    }
-    rows: dict = {key: (columns(x), columns(following(x))) for key, x in inputs.items()}
-    return rows | {"time": slew.context.time, "step": slew.context.step}
-
-
-def advance(
-    state: SlewState,
-    row: dict,
-    mass: MassProperties,
-    context: SlewContext,
-    active: ActiveEffects,
-    drive: Drive = "commanded",
-) -> SlewState:
-    """Integrate over one grid step. A step of zero length changes nothing.
-
-    Parameters
-    ----------
-    state : SlewState
-        The state at the step's beginning.
-    row : dict
-        One point of `grid_rows`.
-    mass : MassProperties
-        The constants of this slew.
-    context : SlewContext
-        What effects may know of this slew.
-    active : ActiveEffects
-        What else acts.
-    drive : "commanded" or "measured", optional
-        What drives the model.
-
-    Returns
-    -------
-    SlewState
-        The state at the step's end, its quaternion of unit length.
-
-    Examples
-    --------
-    >>> from bayes_inertia.physics.slew_input import idle_slew
-    >>> q = jnp.array([0.0, 0.0, 0.0, 1.0])
-    >>> start = Start(jnp.array([0.1, 0.0, 0.0]), q, jnp.zeros(0))
-    >>> slew, nothing = idle_slew([0.0, 1.0]), ActiveEffects()
-    >>> mass, state, torque = prepare(slew, start, jnp.eye(3), nothing)
-    >>> row = jax.tree.map(lambda rows: rows[0], grid_rows(slew, torque))
-    >>> advance(state, row, mass, slew.context, nothing).attitude[0].round(4).item()
-    0.05
-    """
-
-    def slope(fraction: float, x: SlewState) -> SlewState:
-        return _slope(fraction, x, row, mass, context, active, drive)
-
-    later = runge_kutta_4(slope, state, row["step"])
-    return later._replace(attitude=unit(later.attitude))
 
 
 def rate_and_wheel_momentum(
@@ -333,67 +247,3 @@ def internal_momentum(
                 else jax.vmap(lambda x, h=hook, p=p: h(p, context, x))(states)
             )
     return total
-
-
-def _slope(
-    fraction: float,
-    x: SlewState,
-    row: dict,
-    mass: MassProperties,
-    context: SlewContext,
-    active: ActiveEffects,
-    drive: Drive,
-) -> SlewState:
-    """Time derivative of the state, a `fraction` of the step after its beginning."""
-    wheel = x.wheel if drive == "commanded" else between(fraction, row["wheel"])
-    attitude = unit(x.attitude)
-    internal = None
-    if active.act("internal_momentum"):
-        internal = internal_momentum(active, context, x.effect_states)
-    rate = rate_components(mass, attitude, x.momentum_N, wheel, internal)
-    attitude_rate = quaternion.rate_of_components(x.attitude, rate)
-    if not active:
-        return SlewState(attitude_rate, _zeros(x.momentum_N), row["torque"][0], ())
-    external, wheel_torque, own_rates = _effect_slopes(
-        fraction, x._replace(attitude=attitude), row, mass, context, active, drive, rate, wheel
-    )
-    momentum_rate = _zeros(x.momentum_N)
-    if active.act("body_torque"):
-        momentum_rate = quaternion.to_inertial_components(attitude, tuple(external))
-    total = tuple(u + wheel_torque[k] for k, u in enumerate(row["torque"][0]))
-    return SlewState(attitude_rate, momentum_rate, total, own_rates)
-
-
-def _effect_slopes(
-    fraction: float,
-    x: SlewState,
-    row: dict,
-    mass: MassProperties,
-    context: SlewContext,
-    active: ActiveEffects,
-    drive: Drive,
-    rate: Components,
-    wheel: Components,
-) -> tuple[Array, Array, Components]:
-    """External torque (3,), further torque on the wheels (wheels,), rates of all own states."""
-    rate_B, momentum = jnp.stack(rate), stacked(wheel)
-    relative = (
-        momentum - mass.spin_inertia * (rate_B @ mass.axes_B) if drive == "commanded" else momentum
-    )
-    field, position = (jnp.stack(between(fraction, row[key])) for key in ("field", "position"))
-    t = row["time"] + fraction * row["step"]
-    external, wheel_torque, own_rates = jnp.zeros(3), jnp.zeros_like(relative), []
-    for (effect, p), effect_states in zip(active, x.effect_states, strict=True):
-        state = State(
-            jnp.stack(x.attitude), rate_B, relative, effect_states, mass.locked, field, position
-        )
-        if effect.acts("body_torque"):
-            external = external + effect.body_torque(p, context, t, state)
-        if effect.acts("wheel_torque"):
-            wheel_torque = wheel_torque + effect.wheel_torque(p, context, t, state)
-        own_rates.append(effect.state_rate(p, context, t, state))
-    return external, wheel_torque, tuple(own_rates)
-
-
-def _zeros(components: Components) -> Components:
-    return tuple(jnp.zeros_like(c) for c in components)

@@ -15,6 +15,7 @@ from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.channel_noise import NOISE_OWNER, NoiseModel
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects.lost_commands import LostCommands
+from bayes_inertia.physics.integration_plan import integration_plan
 from bayes_inertia.physics.packing import Arrays, pack
 from bayes_inertia.physics.parameters import (
     BASE_NAMES,
@@ -78,9 +79,16 @@ class Model:
         space = _space(campaign, effects, self.noise)
         structure = _structure(campaign, _acting(campaign, effects, drive), drive, space)
         _check_combination(structure, self.noise)
-        steps = [step for step in (e.max_step(campaign) for e in effects) if step is not None]
-        arrays = pack(campaign, max_step=min(steps) if steps else None, modes=structure.modes)
-        structure = replace(structure, refined=_is_refined(arrays))
+        plan = integration_plan(campaign, structure.effects, drive)
+        arrays = pack(
+            campaign,
+            max_step=plan.spacing,
+            modes=structure.modes,
+            rows_per_step=plan.rows_per_step,
+        )
+        structure = replace(
+            structure, refined=_is_refined(arrays), rows_per_step=plan.rows_per_step
+        )
         sensor = campaign.rate_sensor
         sensors = Sensors(jnp.asarray(sensor.axes), jnp.asarray(sensor.bias))
         data = Data(arrays, sensors, _nuisance_scale(campaign, structure))

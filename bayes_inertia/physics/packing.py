@@ -145,11 +145,11 @@ def refined_grid(time: np.ndarray, max_step: float | None) -> tuple[np.ndarray, 
 
 
 def longest_step(campaign: Campaign) -> float:
-    """Integration step that resolves the campaign's fastest rotation to far below its noise.
+    """Grid step on which straight lines between the rows follow the campaign's fastest rotation.
 
-    Measured: with 0.05 rad a step, 100 steps of a tumble at 1 rad/s are right to 3e-7 rad/s. The
-    fastest rotation is twice the 95th percentile of the readings, so that a few glitches do not
-    refine the whole campaign.
+    That is 0.05 rad of it: for sensors that look back between rows, and for integration by
+    Runge-Kutta's fourth order. The fastest rotation is twice the 95th percentile of the readings,
+    so that a few glitches do not refine the whole campaign.
 
     Parameters
     ----------
@@ -174,7 +174,13 @@ def longest_step(campaign: Campaign) -> float:
     return float(2.0 ** np.floor(np.log2(0.05 / max(fastest, 1e-9))))
 
 
-def pack(campaign: Campaign, *, max_step: float | None = None, modes: int = 0) -> Arrays:
+def pack(
+    campaign: Campaign,
+    *,
+    max_step: float | None = None,
+    modes: int = 0,
+    rows_per_step: int = 1,
+) -> Arrays:
     """The campaign as stacked, padded arrays.
 
     Parameters
@@ -182,9 +188,11 @@ def pack(campaign: Campaign, *, max_step: float | None = None, modes: int = 0) -
     campaign : Campaign
         What was flown.
     max_step : float, optional
-        Longest integration step [s]; the telemetry's own by default.
+        Longest step of the grid [s]; by default what resolves the fastest rotation.
     modes : int, optional
         Number of slow tachometer-noise shapes a wheel (measured drive).
+    rows_per_step : int, optional
+        Grid points that one integration step spans; the grid is padded to a multiple of it.
 
     Returns
     -------
@@ -202,10 +210,11 @@ def pack(campaign: Campaign, *, max_step: float | None = None, modes: int = 0) -
     >>> pack(small_campaign()).telemetry.rate.shape
     (3, 64, 3)
     """
-    step = longest_step(campaign) if max_step is None else min(max_step, longest_step(campaign))
+    step = longest_step(campaign) if max_step is None else max_step
     grids = [refined_grid(s.time - s.time[0], step) for s in campaign.slews]
-    n_grid = _padded(max(len(g) for g, _ in grids))
-    n_rows = _padded(max(len(s.time) for s in campaign.slews))
+    multiple = rows_per_step * -(-_ROW_MULTIPLE // rows_per_step)
+    n_grid = _padded(max(len(g) for g, _ in grids), multiple)
+    n_rows = _padded(max(len(s.time) for s in campaign.slews), multiple)
     n_fixes = max(int(s.fixes.sum()) for s in campaign.slews)
     packed = [
         _pack_slew(campaign, i, *grids[i], n_grid, n_rows, n_fixes, modes)
@@ -214,8 +223,8 @@ def pack(campaign: Campaign, *, max_step: float | None = None, modes: int = 0) -
     return Arrays(*(_stack_tuples(parts) for parts in zip(*packed, strict=True)))
 
 
-def _padded(n: int) -> int:
-    return -(-n // _ROW_MULTIPLE) * _ROW_MULTIPLE
+def _padded(n: int, multiple: int) -> int:
+    return -(-n // multiple) * multiple
 
 
 def _stack_tuples(parts):
@@ -239,11 +248,31 @@ def _on_grid(slew: Slew, key: str, grid: np.ndarray, width: int) -> np.ndarray:
     if not width:
         return np.zeros((len(grid), 0))
     time = slew.time - slew.time[0]
-    return np.stack([_bridged(grid, time, column) for column in values.T], -1)
+    return np.stack([bridged(grid, time, column) for column in values.T], -1)
 
 
-def _bridged(grid: np.ndarray, time: np.ndarray, column: np.ndarray) -> np.ndarray:
-    """One column on the grid, straight across its gaps; zero where nothing was measured."""
+def bridged(grid: np.ndarray, time: np.ndarray, column: np.ndarray) -> np.ndarray:
+    """One column on the grid, straight across its gaps; zero where nothing was measured.
+
+    Parameters
+    ----------
+    grid : (m,) array
+        Where it is wanted [s].
+    time : (n,) array
+        Times of the readings [s].
+    column : (n,) array
+        Readings; NaN where there is none.
+
+    Returns
+    -------
+    (m,) array
+        Linear in between, constant beyond the ends.
+
+    Examples
+    --------
+    >>> bridged(np.array([1.0]), np.array([0.0, 1.0, 2.0]), np.array([3.0, np.nan, 5.0])).tolist()
+    [4.0]
+    """
     given = np.isfinite(column)
     return np.interp(grid, time[given], column[given]) if given.any() else np.zeros(len(grid))
 

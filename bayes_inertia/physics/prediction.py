@@ -47,6 +47,8 @@ class Structure:
         Whether the integration grid is finer than the telemetry's rows.
     coefficients : tuple of int, optional
         How many coefficients each effect has in one slew; empty if all effects have a fixed shape.
+    rows_per_step : int
+        Grid points that one integration step spans.
     """
 
     effects: tuple[Effect, ...]
@@ -57,6 +59,7 @@ class Structure:
     modes: int
     refined: bool
     coefficients: tuple[int, ...] = ()
+    rows_per_step: int = 1
 
     @property
     def n_start(self) -> int:
@@ -268,7 +271,9 @@ def predict(
         noise = (local[6:] * data.scale.local[6:]).reshape(structure.wheels, structure.modes)
         slew = slew._replace(momentum=slew.momentum - telemetry.tachometer_modes @ noise.T)
     start = start_of(structure, data.scale, reference, local)
-    trajectory, effect_states = simulate_slew(slew, start, J, active, structure.drive)
+    trajectory, effect_states = simulate_slew(
+        slew, start, J, active, structure.drive, structure.rows_per_step
+    )
     bias_S = data.sensors.bias + bias * data.scale.bias
     C = data.sensors.axes
     rate_S = jnp.stack(

@@ -3,41 +3,27 @@
 The state is the attitude and the TOTAL momentum in inertial axes M_N, not the body rate: without
 external torque M_N is constant to rounding, and the rate follows from
 `J w = C(q) M_N - G H` (commanded drive, H' = u) or `J_locked w = C(q) M_N - G h` (measured drive,
-h the tachometer momentum). This is the integral of Ferguson's eq 6. Classical Runge-Kutta of
-fourth order on the grid of telemetry times, refined where an effect asks for it.
+h the tachometer momentum). This is the integral of Ferguson's eq 6. Butcher's Runge-Kutta method of
+sixth order takes steps of as many telemetry rows as the motion allows; what the wheels do within a
+step is told by its moments (`step_drive`), and rows within a step come from dense output, all at
+once.
 """
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 from jax import Array
 
-from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.active_effects import ActiveEffects
-from bayes_inertia.physics.components import (
-    Components,
-    between,
-    columns,
-    following,
-    runge_kutta_4,
-    stacked,
-    unit,
-)
-from bayes_inertia.physics.equations_of_motion import (
-    MassProperties,
-    SlewState,
-    advance,
-    grid_rows,
-    internal_momentum,
-    prepare,
-    rate_components,
-)
+from bayes_inertia.physics.components import Components, stacked
+from bayes_inertia.physics.equations_of_motion import internal_momentum, prepare
+from bayes_inertia.physics.integrated_paths import attitude_path, full_path
 from bayes_inertia.physics.slew_context import Trajectory
 from bayes_inertia.physics.slew_input import Drive, SlewInput, Start
+from bayes_inertia.physics.step_drive import known_momentum
 
 # Hooks that make more than the attitude change during a slew.
-_MOVING_HOOKS = ("wheel_torque", "body_torque", "initial_state", "internal_momentum")
+MOVING_HOOKS = ("wheel_torque", "body_torque", "initial_state", "internal_momentum")
 
 
 def simulate_slew(
@@ -46,6 +32,7 @@ def simulate_slew(
     inertia_B: Array,
     active: ActiveEffects | None = None,
     drive: Drive = "commanded",
+    rows_per_step: int = 1,
 ) -> tuple[Trajectory, Components]:
     """Simulate one slew; a pure function that JAX can batch and differentiate.
 
@@ -62,6 +49,9 @@ def simulate_slew(
     drive : "commanded" or "measured", optional
         Commanded: torques are the input, wheel momentum is an output. Measured: wheel momentum
         is the input.
+    rows_per_step : int, optional
+        Grid points that one integration step spans; the grid's length is a multiple of it
+        (`integration_plan` finds how many the motion allows).
 
     Returns
     -------
@@ -81,74 +71,16 @@ def simulate_slew(
     active = ActiveEffects() if active is None else active
     context = slew.context
     mass, state, torque = prepare(slew, start, inertia_B, active, drive)
-    integrate = _full_path if active.act(*_MOVING_HOOKS) else _attitude_path
-    path = integrate(slew, mass, state, torque, active, drive)
-    wheel = stacked(path.wheel, len(context.time)) if drive == "commanded" else slew.momentum
-    attitude, effect_states = jnp.stack(path.attitude, -1), path.effect_states
-    internal = internal_momentum(active, context, effect_states)
-    momentum_B = (
-        quaternion.to_body(attitude, jnp.stack(path.momentum_N, -1))
-        - wheel @ mass.axes_B.T
-        - internal
-    )
+    known = known_momentum(context, torque, slew.momentum, drive, rows_per_step)
+    integrate = full_path if active.act(*MOVING_HOOKS) else attitude_path
+    path = integrate(slew, mass, state, known, active, drive)
+    wheel = known.at_rows
+    if drive == "commanded":
+        wheel = wheel + stacked(path.wheel)
+    internal = internal_momentum(active, context, path.effect_states)
+    momentum_B = path.momentum_B - wheel @ mass.axes_B.T - internal
     rate = momentum_B @ mass.inverse.T
     momentum = wheel if drive == "measured" else wheel - mass.spin_inertia * (rate @ mass.axes_B)
     no_states = jnp.zeros((len(context.time), 0))
-    return Trajectory(context.time, attitude, rate, momentum, no_states), effect_states
-
-
-def _full_path(
-    slew: SlewInput,
-    mass: MassProperties,
-    first: SlewState,
-    torque: Array,
-    active: ActiveEffects,
-    drive: Drive,
-) -> SlewState:
-    """The state at every grid point where momentum, wheels or own states change on the way."""
-
-    def step(state: SlewState, row: dict) -> tuple[SlewState, SlewState]:
-        return advance(state, row, mass, slew.context, active, drive), state
-
-    return jax.lax.scan(step, first, grid_rows(slew, torque))[1]
-
-
-def _attitude_path(
-    slew: SlewInput,
-    mass: MassProperties,
-    first: SlewState,
-    torque: Array,
-    active: ActiveEffects,
-    drive: Drive,
-) -> SlewState:
-    """The same where M_N is constant and the wheels are known beforehand.
-
-    Only the attitude is integrated, in 0.6 of the time of `_full_path`; no effect acts on it.
-    """
-    n = len(slew.context.time)
-    if drive == "commanded":
-        # Kept apart from the start value, so that draws of one slew share these rows.
-        gained = jnp.cumsum(torque * slew.context.step[:, None], axis=0)
-        wheel = jnp.concatenate([jnp.zeros((1, torque.shape[1])), gained[:-1]])
-        offset = first.wheel
-    else:
-        wheel, offset = slew.momentum, tuple(jnp.zeros_like(h) for h in first.wheel)
-
-    def step(attitude: Components, row: tuple) -> tuple[Components, Components]:
-        step_ends, length = row
-
-        def slope(fraction: float, q: Components) -> Components:
-            wheel_now = tuple(
-                h + gain for h, gain in zip(offset, between(fraction, step_ends), strict=True)
-            )
-            rate = rate_components(mass, unit(q), first.momentum_N, wheel_now)
-            return quaternion.rate_of_components(q, rate)
-
-        return unit(runge_kutta_4(slope, attitude, length)), attitude
-
-    rows = ((columns(wheel), columns(following(wheel))), slew.context.step)
-    _, attitude = jax.lax.scan(step, first.attitude, rows)
-    effect_states = jax.tree.map(lambda x: jnp.broadcast_to(x, (n, *x.shape)), first.effect_states)
-    momentum_N = tuple(jnp.broadcast_to(m, n) for m in first.momentum_N)
-    absolute = tuple(h + column for h, column in zip(offset, columns(wheel), strict=True))
-    return SlewState(attitude, momentum_N, absolute, effect_states)
+    trajectory = Trajectory(context.time, path.attitude, rate, momentum, no_states)
+    return trajectory, path.effect_states

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -34,6 +35,9 @@ class ConstantTorque(Effect):
     def parameters(self, campaign):
         sigma = self.sigma if self.sigma is not None else 0.03 * torque_scale(campaign)
         return (vector("torque", "xyz", unit="N m", prior=Normal(0.0, sigma)),)
+
+    def max_step(self, campaign):
+        return math.inf
 
     def body_torque(self, p, slew, t, state):
         return p["torque"]

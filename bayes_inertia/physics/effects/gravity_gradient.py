@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -43,6 +44,9 @@ class GravityGradient(Effect):
 
     def parameters(self, campaign):
         return (scalar("factor", unit="", prior=Normal(0.0, self.sigma)),)
+
+    def max_step(self, campaign):
+        return math.inf
 
     def body_torque(self, p, slew, t, state):
         position_B = quaternion.to_body(state.attitude, state.position_N)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -47,6 +48,9 @@ class MagneticDipole(Effect):
             mean = float(np.nanmean(np.concatenate(fields))) if fields else 3e-5
             sigma = 0.03 * torque_scale(campaign) / max(mean, 1e-9)
         return (vector("dipole", "xyz", unit="A m^2", prior=Normal(0.0, sigma)),)
+
+    def max_step(self, campaign):
+        return math.inf
 
     def body_torque(self, p, slew, t, state):
         return jnp.cross(p["dipole"], quaternion.to_body(state.attitude, state.magnetic_field_N))

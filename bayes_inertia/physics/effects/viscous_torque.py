@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -38,6 +39,9 @@ class ViscousTorque(Effect):
             _, duration, inertia = campaign.scale_of_motion()
             sigma = 0.03 * inertia / duration
         return (vector("drag", "xyz", unit="N m s", prior=Normal(0.0, sigma)),)
+
+    def max_step(self, campaign):
+        return math.inf
 
     def body_torque(self, p, slew, t, state):
         return -p["drag"] * state.rate_B

@@ -1,0 +1,279 @@
+"""One slew integrated: attitude, total momentum and own states, at every row of the grid."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from bayes_inertia.maths import quaternion
+from bayes_inertia.physics.active_effects import ActiveEffects
+from bayes_inertia.physics.components import Components, runge_kutta_6, unit
+from bayes_inertia.physics.dense_output import attitude_derivatives, cubic, quintic, turned
+from bayes_inertia.physics.equations_of_motion import (
+    MassProperties,
+    SlewState,
+    internal_momentum,
+    rate_components,
+)
+from bayes_inertia.physics.motion_step import StepInputs, state_slope, wheel_momentum_at
+from bayes_inertia.physics.slew_input import Drive, SlewInput
+from bayes_inertia.physics.step_drive import KnownMomentum, polynomials, slope, step_ends, value
+
+
+class Path(NamedTuple):
+    """What was integrated, at the n rows of the grid.
+
+    Parameters
+    ----------
+    attitude : (n, 4) array
+        Quaternions, body from inertial, scalar last.
+    momentum_B : (n, 3) array
+        Total momentum in the body frame [N m s].
+    wheel : tuple of (n,) or () arrays
+        Absolute momentum of each wheel beyond what commands gave it [N m s].
+    effect_states : tuple of (n, k) arrays
+        Each effect's own states.
+    """
+
+    attitude: Array
+    momentum_B: Array
+    wheel: Components
+    effect_states: Components
+
+
+def attitude_path(
+    slew: SlewInput,
+    mass: MassProperties,
+    first: SlewState,
+    known: KnownMomentum,
+    active: ActiveEffects,
+    drive: Drive,
+) -> Path:
+    """The slew where M_N is constant and the wheels are known beforehand.
+
+    Only the attitude is integrated; no effect acts on it. Body-frame momentum between the ends of
+    a step is a polynomial of its own, so that rates need no attitude.
+
+    Parameters
+    ----------
+    slew : SlewInput
+        What was commanded or measured.
+    mass : MassProperties
+        The constants of this slew.
+    first : SlewState
+        The state at the first row.
+    known : KnownMomentum
+        Of the wheels.
+    active : ActiveEffects
+        What else acts.
+    drive : "commanded" or "measured"
+        What drives the model.
+
+    Returns
+    -------
+    Path
+        At the rows of the grid.
+    """
+    n, length = len(slew.context.time), known.steps.length
+    momentum_N = first.momentum_N
+    of_wheels = jnp.einsum("iw,mlw->mli", mass.axes_B, known.cubic)
+    offset = mass.axes_B @ jnp.stack(first.wheel) if first.wheel else jnp.zeros(3)
+    offset = offset if drive == "commanded" else jnp.zeros(3)
+
+    def rate_at(momentum_B: Components, wheels_B: Any) -> Components:
+        free = [momentum_B[i] - wheels_B[i] - offset[i] for i in range(3)]
+        return _turned_into_rate(mass, free)
+
+    def step(attitude: Components, row: tuple) -> tuple[Components, Components]:
+        wheels, duration = row
+
+        def slope_of(fraction: float, q: Components) -> Components:
+            momentum_B = quaternion.to_body_components(unit(q), momentum_N)
+            rate = rate_at(momentum_B, value(tuple(wheels), fraction))
+            return quaternion.rate_of_components(q, rate)
+
+        return unit(runge_kutta_6(slope_of, attitude, duration, unrolled=True)), attitude
+
+    last, begin = jax.lax.scan(step, first.attitude, (of_wheels, length))
+    states = jax.tree.map(lambda x: jnp.broadcast_to(x, (n, *x.shape)), first.effect_states)
+    if known.left_out is None:
+        momentum_B = jnp.stack(quaternion.to_body_components(begin, momentum_N), -1)
+        return Path(jnp.stack(begin, -1), momentum_B, first.wheel, states)
+    wheels = [tuple(of_wheels[:, k, i] for k in range(4)) for i in range(3)]
+
+    def end(attitude: Components, s: float) -> tuple[list, list]:
+        momentum_B = quaternion.to_body_components(attitude, momentum_N)
+        rate = tuple(length * w for w in rate_at(momentum_B, [value(p, s) for p in wheels]))
+        turn = quaternion.cross_components(momentum_B, rate)
+        change = [t - slope(p, s) for t, p in zip(turn, wheels, strict=True)]
+        rate_change = tuple(length * w for w in _turned_into_rate(mass, change))
+        bend = [
+            a + b
+            for a, b in zip(
+                quaternion.cross_components(turn, rate),
+                quaternion.cross_components(momentum_B, rate_change),
+                strict=True,
+            )
+        ]
+        body = list(zip(momentum_B, turn, bend, strict=True))
+        return attitude_derivatives(attitude, rate, rate_change), body
+
+    (q0, body0), (q1, body1) = end(begin, 0.0), end(_followed(begin, last), 1.0)
+    angle = _within_step(mass, known)
+    attitude = turned(_at_rows(q0, q1, known), angle)
+    momentum_B = _at_rows(body0, body1, known)
+    carried = quaternion.cross_components(momentum_B, angle)
+    momentum_B = tuple(m + c for m, c in zip(momentum_B, carried, strict=True))
+    return Path(_rows(attitude), _rows(momentum_B), first.wheel, states)
+
+
+def full_path(
+    slew: SlewInput,
+    mass: MassProperties,
+    first: SlewState,
+    known: KnownMomentum,
+    active: ActiveEffects,
+    drive: Drive,
+) -> Path:
+    """The slew where momentum, wheels or own states change on the way.
+
+    Parameters
+    ----------
+    slew : SlewInput
+        What was commanded or measured.
+    mass : MassProperties
+        The constants of this slew.
+    first : SlewState
+        The state at the first row.
+    known : KnownMomentum
+        Of the wheels.
+    active : ActiveEffects
+        What else acts.
+    drive : "commanded" or "measured"
+        What drives the model.
+
+    Returns
+    -------
+    Path
+        At the rows of the grid.
+    """
+    context, inputs = slew.context, _inputs(slew, known)
+
+    def slope_of(fraction: Any, state: SlewState, step: StepInputs) -> SlewState:
+        return state_slope(fraction, state, step, mass, context, active, drive)
+
+    def step(state: SlewState, row: StepInputs) -> tuple[SlewState, SlewState]:
+        later = runge_kutta_6(lambda s, x: slope_of(s, x, row), state, row.length)
+        return later._replace(attitude=unit(later.attitude)), state
+
+    last, begin = jax.lax.scan(step, first, inputs)
+    if known.left_out is None:
+        momentum_B = quaternion.to_body_components(begin.attitude, begin.momentum_N)
+        rows = jnp.stack(begin.attitude, -1), jnp.stack(momentum_B, -1)
+        return Path(*rows, begin.wheel, begin.effect_states)
+
+    def end(state: SlewState, s: float) -> tuple[list, SlewState]:
+        def one(x: SlewState, row: StepInputs) -> tuple[Any, SlewState]:
+            change = slope_of(s, x, row)
+            change = jax.tree.map(lambda k: row.length * k, change)
+            return _spin(s, x, change, row, mass, context, active, drive), change
+
+        (rate, rate_change), change = jax.vmap(one)(state, inputs)
+        return attitude_derivatives(state.attitude, rate, rate_change), change
+
+    final = _followed(begin, last)
+    (q0, change0), (q1, change1) = end(begin, 0.0), end(final, 1.0)
+    attitude = turned(_at_rows(q0, q1, known), _within_step(mass, known))
+    s = known.steps.fraction
+
+    def between(x: Array, dx: Array, y: Array, dy: Array) -> Array:
+        fraction = s.reshape(*s.shape, *[1] * (x.ndim - 1))
+        pieces = value(tuple(c[:, None] for c in cubic((x, dx), (y, dy))), fraction)
+        return pieces.reshape(-1, *x.shape[1:])
+
+    rest = jax.tree.map(between, begin, change0, final, change1)
+    momentum_B = quaternion.to_body_components([q.reshape(-1) for q in attitude], rest.momentum_N)
+    return Path(_rows(attitude), jnp.stack(momentum_B, -1), rest.wheel, rest.effect_states)
+
+
+def _inputs(slew: SlewInput, known: KnownMomentum) -> StepInputs:
+    """Wheels and environment over each step; leading axis: steps."""
+    steps, rows = known.steps, known.steps.fraction.shape[1]
+
+    def of_step(values: Array) -> tuple[Array, ...]:
+        coefficients = polynomials(steps, step_ends(values, values[-1], rows))
+        return tuple(coefficients[:, k] for k in range(coefficients.shape[1]))
+
+    wheel = tuple(known.cubic[:, k] for k in range(known.cubic.shape[1]))
+    environment = of_step(slew.magnetic_field_N), of_step(slew.position_N)
+    return StepInputs(steps.time, steps.length, wheel, *environment)
+
+
+def _spin(
+    s: float,
+    x: SlewState,
+    change: SlewState,
+    row: StepInputs,
+    mass: MassProperties,
+    context: Any,
+    active: ActiveEffects,
+    drive: Drive,
+) -> tuple[Components, Components]:
+    """Body rate times a step's length, and its derivative over the step."""
+    acts = active.act("internal_momentum")
+    wheel = wheel_momentum_at(s, x, row, drive)
+    gained = slope(row.wheel, s)
+    if drive == "commanded":
+        gained = gained + jnp.stack(change.wheel) if change.wheel else gained
+
+    def internal_of(states: Components) -> Array:
+        return internal_momentum(active, context, states)
+
+    internal, bend = None, jnp.zeros(3)
+    if acts:
+        internal, bend = jax.jvp(internal_of, (x.effect_states,), (change.effect_states,))
+    rate = rate_components(mass, x.attitude, x.momentum_N, wheel, internal)
+    rate = tuple(row.length * w for w in rate)
+    momentum_B = quaternion.to_body_components(x.attitude, x.momentum_N)
+    turn = quaternion.cross_components(momentum_B, rate)
+    torque = quaternion.to_body_components(x.attitude, change.momentum_N)
+    moved = mass.axes_B @ gained + bend
+    free = [turn[i] + torque[i] - moved[i] for i in range(3)]
+    return rate, tuple(row.length * w for w in _turned_into_rate(mass, free))
+
+
+def _turned_into_rate(mass: MassProperties, momentum_B: Any) -> Components:
+    return tuple(sum(mass.inverse[i, j] * momentum_B[j] for j in range(3)) for i in range(3))  # type: ignore[misc]
+
+
+def _followed(begin: Any, last: Any) -> Any:
+    """The states at the steps' ends, from those at their beginnings and the last one."""
+    return jax.tree.map(lambda rows, end: jnp.concatenate([rows[1:], end[None]]), begin, last)
+
+
+def _within_step(mass: MassProperties, known: KnownMomentum) -> Components:
+    """How far the body turns within each step by what the cubics leave out, (m, r) each [rad]."""
+    through_wheels = mass.inverse @ mass.axes_B
+    assert known.left_out is not None
+    lacking = known.left_out
+    return tuple(
+        -sum(through_wheels[i, k] * lacking[..., k] for k in range(lacking.shape[-1]))
+        if lacking.shape[-1]
+        else jnp.zeros(lacking.shape[:-1])
+        for i in range(3)
+    )
+
+
+def _at_rows(first: list, last: list, known: KnownMomentum) -> Components:
+    """Quintics through both ends of each step, at its rows: (m, r) each."""
+    return tuple(
+        value(tuple(c[:, None] for c in quintic(a, b)), known.steps.fraction)
+        for a, b in zip(first, last, strict=True)
+    )
+
+
+def _rows(components: Components) -> Array:
+    return jnp.stack([c.reshape(-1) for c in components], -1)

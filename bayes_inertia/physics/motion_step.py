@@ -1,0 +1,269 @@
+"""How the state of a slew changes at one instant, and one step of a flight whose torques are held.
+
+Everything known beforehand comes as polynomials over the step (`StepInputs`).
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+from jax import Array
+
+from bayes_inertia.maths import quaternion
+from bayes_inertia.physics.active_effects import ActiveEffects
+from bayes_inertia.physics.components import (
+    Components,
+    columns,
+    following,
+    runge_kutta_4,
+    stacked,
+    unit,
+)
+from bayes_inertia.physics.equations_of_motion import (
+    MassProperties,
+    SlewState,
+    internal_momentum,
+    rate_components,
+)
+from bayes_inertia.physics.slew_context import SlewContext, State
+from bayes_inertia.physics.slew_input import Drive, SlewInput
+from bayes_inertia.physics.step_drive import value
+
+
+class StepInputs(NamedTuple):
+    """What is known beforehand of one step: polynomials in the part of it that has passed.
+
+    Parameters
+    ----------
+    time : () array
+        Its beginning [s].
+    length : () array
+        Its length [s].
+    wheel : tuple of (wheels,) arrays
+        Coefficients of the momentum that commands give the wheels (commanded drive), or of their
+        momentum relative to the body (measured drive) [N m s].
+    field : tuple of (3,) arrays
+        Of the magnetic field in inertial axes [T].
+    position : tuple of (3,) arrays
+        Of the position in inertial axes [m].
+    """
+
+    time: Array
+    length: Array
+    wheel: tuple[Array, ...]
+    field: tuple[Array, ...]
+    position: tuple[Array, ...]
+
+
+def wheel_momentum_at(
+    fraction: Any, state: SlewState, inputs: StepInputs, drive: Drive
+) -> Components:
+    """Wheel momentum within a step: absolute (commanded drive) or relative (measured drive).
+
+    Parameters
+    ----------
+    fraction : float or array
+        Part of the step that has passed.
+    state : SlewState
+        The state at that instant.
+    inputs : StepInputs
+        The step.
+    drive : "commanded" or "measured"
+        What drives the model.
+
+    Returns
+    -------
+    tuple of Array
+        One a wheel [N m s].
+    """
+    known = value(inputs.wheel, fraction)
+    if drive == "measured":
+        return tuple(known)
+    return tuple(h + known[k] for k, h in enumerate(state.wheel))
+
+
+def state_slope(
+    fraction: Any,
+    x: SlewState,
+    inputs: StepInputs,
+    mass: MassProperties,
+    context: SlewContext,
+    active: ActiveEffects,
+    drive: Drive,
+) -> SlewState:
+    """Time derivative of the state within a step.
+
+    Parameters
+    ----------
+    fraction : float or array
+        Part of the step that has passed.
+    x : SlewState
+        The state there; its wheels lack what the commands give them within the step.
+    inputs : StepInputs
+        The step.
+    mass : MassProperties
+        The constants of the slew.
+    context : SlewContext
+        What effects may know of the slew.
+    active : ActiveEffects
+        What else acts.
+    drive : "commanded" or "measured"
+        What drives the model.
+
+    Returns
+    -------
+    SlewState
+        Change per second; of the wheels, beyond the commands.
+    """
+    wheel = wheel_momentum_at(fraction, x, inputs, drive)
+    attitude = unit(x.attitude)
+    internal = None
+    if active.act("internal_momentum"):
+        internal = internal_momentum(active, context, x.effect_states)
+    rate = rate_components(mass, attitude, x.momentum_N, wheel, internal)
+    attitude_rate = quaternion.rate_of_components(x.attitude, rate)
+    if not active:
+        return SlewState(attitude_rate, _zeros(x.momentum_N), _zeros(x.wheel), ())
+    external, wheel_torque, own_rates = _effect_slopes(
+        fraction, x._replace(attitude=attitude), inputs, mass, context, active, drive, rate, wheel
+    )
+    momentum_rate = _zeros(x.momentum_N)
+    if active.act("body_torque"):
+        momentum_rate = quaternion.to_inertial_components(attitude, tuple(external))
+    further = tuple(wheel_torque[k] for k in range(len(x.wheel)))
+    return SlewState(attitude_rate, momentum_rate, further, own_rates)
+
+
+def _effect_slopes(
+    fraction: Any,
+    x: SlewState,
+    inputs: StepInputs,
+    mass: MassProperties,
+    context: SlewContext,
+    active: ActiveEffects,
+    drive: Drive,
+    rate: Components,
+    wheel: Components,
+) -> tuple[Array, Array, Components]:
+    """External torque (3,), further torque on the wheels (wheels,), rates of all own states."""
+    rate_B, momentum = jnp.stack(rate), stacked(wheel)
+    relative = (
+        momentum - mass.spin_inertia * (rate_B @ mass.axes_B) if drive == "commanded" else momentum
+    )
+    field, position = value(inputs.field, fraction), value(inputs.position, fraction)
+    t = inputs.time + fraction * inputs.length
+    external, wheel_torque, own_rates = jnp.zeros(3), jnp.zeros_like(relative), []
+    for (effect, p), effect_states in zip(active, x.effect_states, strict=True):
+        state = State(
+            jnp.stack(x.attitude), rate_B, relative, effect_states, mass.locked, field, position
+        )
+        if effect.acts("body_torque"):
+            external = external + effect.body_torque(p, context, t, state)
+        if effect.acts("wheel_torque"):
+            wheel_torque = wheel_torque + effect.wheel_torque(p, context, t, state)
+        own_rates.append(effect.state_rate(p, context, t, state))
+    return external, wheel_torque, tuple(own_rates)
+
+
+def _zeros(components: Components) -> Components:
+    return tuple(jnp.zeros_like(c) for c in components)
+
+
+def grid_rows(slew: SlewInput, torque: Array) -> dict:
+    """What `advance` reads at each grid point.
+
+    Parameters
+    ----------
+    slew : SlewInput
+        What was commanded or measured.
+    torque : (n, wheels) array
+        Torque delivered to the wheels and held over each step [N m].
+
+    Returns
+    -------
+    dict
+        `time` and `step` (n,) [s]; `torque`, `wheel`, `field` and `position` as components at
+        the two ends of each step.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.slew_input import idle_slew
+    >>> sorted(grid_rows(idle_slew([0.0, 1.0]), jnp.zeros((2, 0))))
+    ['field', 'position', 'step', 'time', 'torque', 'wheel']
+    """
+    inputs = {
+        "torque": torque,
+        "wheel": slew.momentum,
+        "field": slew.magnetic_field_N,
+        "position": slew.position_N,
+    }
+    rows: dict = {key: (columns(x), columns(following(x))) for key, x in inputs.items()}
+    return rows | {"time": slew.context.time, "step": slew.context.step}
+
+
+def advance(
+    state: SlewState,
+    row: dict,
+    mass: MassProperties,
+    context: SlewContext,
+    active: ActiveEffects,
+    drive: Drive = "commanded",
+) -> SlewState:
+    """Integrate over one grid step. A step of zero length changes nothing.
+
+    Parameters
+    ----------
+    state : SlewState
+        The state at the step's beginning.
+    row : dict
+        One point of `grid_rows`.
+    mass : MassProperties
+        The constants of this slew.
+    context : SlewContext
+        What effects may know of this slew.
+    active : ActiveEffects
+        What else acts.
+    drive : "commanded" or "measured", optional
+        What drives the model.
+
+    Returns
+    -------
+    SlewState
+        The state at the step's end, its quaternion of unit length.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.equations_of_motion import prepare
+    >>> from bayes_inertia.physics.slew_input import Start, idle_slew
+    >>> q = jnp.array([0.0, 0.0, 0.0, 1.0])
+    >>> start = Start(jnp.array([0.1, 0.0, 0.0]), q, jnp.zeros(0))
+    >>> slew, nothing = idle_slew([0.0, 1.0]), ActiveEffects()
+    >>> mass, state, torque = prepare(slew, start, jnp.eye(3), nothing)
+    >>> row = jax.tree.map(lambda rows: rows[0], grid_rows(slew, torque))
+    >>> advance(state, row, mass, slew.context, nothing).attitude[0].round(4).item()
+    0.05
+    """
+
+    torque = stacked(row["torque"][0])
+    given = jnp.zeros_like(torque), torque * row["step"]
+    inputs = StepInputs(
+        row["time"],
+        row["step"],
+        given if drive == "commanded" else _line(row["wheel"]),
+        _line(row["field"]),
+        _line(row["position"]),
+    )
+
+    def slope(fraction: float, x: SlewState) -> SlewState:
+        return state_slope(fraction, x, inputs, mass, context, active, drive)
+
+    later = runge_kutta_4(slope, state, row["step"])
+    wheel = tuple(h + given[1][k] for k, h in enumerate(later.wheel))
+    return later._replace(attitude=unit(later.attitude), wheel=wheel)
+
+
+def _line(ends: tuple[Components, Components]) -> tuple[Array, Array]:
+    """The straight line from one end of a step to the other."""
+    first, last = (stacked(components) for components in ends)
+    return first, last - first

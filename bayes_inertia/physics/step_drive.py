@@ -1,0 +1,313 @@
+"""What drives the wheels within integration steps that span several telemetry rows.
+
+Wheel momentum is known beforehand: the integral of held commands, or the tachometers' readings with
+straight lines between them. Both have a kink at every row. Over each step the integrator is given
+the cubic with the same first four moments, which moves the step's end as the kinked curve does but
+for products of small numbers (the argument of Magnus and averaging methods; Blanes et al 2009,
+section 5). What the cubic leaves out turns the body to and fro within the step, to first order by
+its own integral, which is known at every row.
+"""
+
+from __future__ import annotations
+
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from bayes_inertia.physics.slew_context import SlewContext
+from bayes_inertia.physics.slew_input import Drive
+
+DEGREE = 3
+# Shifted Legendre polynomials as rows of coefficients of 1, s, s^2, s^3; orthogonal on 0 to 1.
+_LEGENDRE = np.array(
+    [[1.0, 0.0, 0.0, 0.0], [-1.0, 2.0, 0.0, 0.0], [1.0, -6.0, 6.0, 0.0], [-1.0, 12.0, -30.0, 20.0]]
+)
+_NORM = np.array([1.0, 3.0, 5.0, 7.0])  # one over the mean square of each
+# Gauss points of an interval: exact for polynomials of degree five.
+_POINTS = 0.5 + 0.5 * np.sqrt(0.6) * np.array([-1.0, 0.0, 1.0])
+_WEIGHTS = np.array([5.0, 8.0, 5.0]) / 18.0
+
+
+class StepGrid(NamedTuple):
+    """How the m integration steps of r rows each lie on the grid.
+
+    Parameters
+    ----------
+    time : (m,) array
+        Beginnings of the steps [s].
+    length : (m,) array
+        Their lengths [s]; 0 in padding.
+    fraction : (m, r) array
+        Part of the step that has passed at each row.
+    width : (m, r) array
+        Part of the step from each row to the next.
+    """
+
+    time: Array
+    length: Array
+    fraction: Array
+    width: Array
+
+
+def step_grid(time: Any, step: Any, rows_per_step: int, xp: ModuleType = jnp) -> StepGrid:
+    """Integration steps of so many rows each.
+
+    Parameters
+    ----------
+    time : (n,) array
+        The grid [s]; n is a multiple of `rows_per_step`.
+    step : (n,) array
+        Time to the next grid point [s]; 0 in padding.
+    rows_per_step : int
+        Rows that one step spans.
+    xp : module, optional
+        `jax.numpy` or `numpy`.
+
+    Returns
+    -------
+    StepGrid
+        n / rows_per_step steps.
+
+    Examples
+    --------
+    >>> step_grid(np.arange(4.0), np.array([1.0, 1.0, 1.0, 0.0]), 2, np).fraction.tolist()
+    [[0.0, 0.5], [0.0, 1.0]]
+    """
+    pieces = step.reshape(-1, rows_per_step)
+    length = pieces.sum(axis=1)
+    safe = xp.where(length > 0.0, length, 1.0)[:, None]
+    width = pieces / safe
+    fraction = xp.cumsum(width, axis=1) - width
+    return StepGrid(time[::rows_per_step], length, fraction, width)
+
+
+def step_ends(values: Any, last: Any, rows_per_step: int, xp: ModuleType = jnp) -> Any:
+    """Each step's r rows and its end.
+
+    Parameters
+    ----------
+    values : (n, k) array
+        One row a grid point.
+    last : (k,) array
+        What follows the last one.
+    rows_per_step : int
+        Rows that one step spans.
+    xp : module, optional
+        `jax.numpy` or `numpy`.
+
+    Returns
+    -------
+    (m, r + 1, k) array
+        The last of each step is the first of the next.
+
+    Examples
+    --------
+    >>> step_ends(np.arange(4.0)[:, None], np.array([9.0]), 2, np)[..., 0].tolist()
+    [[0.0, 1.0, 2.0], [2.0, 3.0, 9.0]]
+    """
+    n, k = values.shape
+    pieces = values.reshape(n // rows_per_step, rows_per_step, k)
+    ends = xp.concatenate([pieces[1:, 0], last[None]])
+    return xp.concatenate([pieces, ends[:, None]], axis=1)
+
+
+def moment_weights(grid: StepGrid, xp: ModuleType = jnp) -> Any:
+    """Weights of a step's rows in the cubic with the moments of the line through them.
+
+    Parameters
+    ----------
+    grid : StepGrid
+        The steps.
+    xp : module, optional
+        `jax.numpy` or `numpy`.
+
+    Returns
+    -------
+    (m, r + 1, 4) array
+        From values at the rows to coefficients of 1, s, s^2, s^3; s is the part of the step that
+        has passed.
+    """
+    at = grid.fraction[..., None] + grid.width[..., None] * _POINTS
+    powers = at[..., None] ** np.arange(DEGREE + 1)
+    legendre = powers @ _LEGENDRE.T * _NORM
+    left = xp.einsum("mr,q,mrql->mrl", grid.width, _WEIGHTS * (1.0 - _POINTS), legendre)
+    right = xp.einsum("mr,q,mrql->mrl", grid.width, _WEIGHTS * _POINTS, legendre)
+    none = xp.zeros_like(left[:, :1])
+    weights = xp.concatenate([left, none], axis=1) + xp.concatenate([none, right], axis=1)
+    return weights @ _LEGENDRE
+
+
+def polynomials(grid: StepGrid, pieces: Any, xp: ModuleType = jnp) -> Any:
+    """The cubic of each step that has the first four moments of the line through its rows.
+
+    Parameters
+    ----------
+    grid : StepGrid
+        The steps.
+    pieces : (m, r + 1, k) array
+        From `step_ends`.
+    xp : module, optional
+        `jax.numpy` or `numpy`.
+
+    Returns
+    -------
+    (m, 4, k) array
+        Coefficients of 1, s, s^2, s^3; s is the part of the step that has passed.
+
+    Examples
+    --------
+    >>> grid = step_grid(np.arange(2.0), np.array([1.0, 1.0]), 2, np)
+    >>> polynomials(grid, np.array([[[1.0], [2.0], [3.0]]]), np)[0, :, 0].round(9).tolist()
+    [1.0, 2.0, 0.0, 0.0]
+    """
+    return xp.einsum("mrl,mrk->mlk", moment_weights(grid, xp), pieces)
+
+
+def left_out(grid: StepGrid, pieces: Any, coefficients: Any, xp: ModuleType = jnp) -> Any:
+    """Integral over time of what the cubics leave out, from each step's beginning to its rows.
+
+    Parameters
+    ----------
+    grid : StepGrid
+        The steps.
+    pieces : (m, r + 1, k) array
+        From `step_ends`.
+    coefficients : (m, 4, k) array
+        From `polynomials`.
+    xp : module, optional
+        `jax.numpy` or `numpy`.
+
+    Returns
+    -------
+    (m, r, k) array
+        In the unit of the values times seconds; zero at the beginning of each step and at its end.
+    """
+    area = 0.5 * (pieces[:, :-1] + pieces[:, 1:]) * grid.width[..., None]
+    passed = xp.cumsum(area, axis=1) - area
+    s = grid.fraction[..., None]
+    of_cubic = xp.zeros_like(passed)
+    for power in range(DEGREE, -1, -1):
+        of_cubic = s * (coefficients[:, None, power] / (power + 1.0) + of_cubic)
+    return grid.length[:, None, None] * (passed - of_cubic)
+
+
+class KnownMomentum(NamedTuple):
+    """Momentum of the wheels that is known before the integration.
+
+    What commands give them since the first row (commanded drive), or all of it, relative to the
+    body (measured drive).
+
+    Parameters
+    ----------
+    steps : StepGrid
+        The m integration steps of r rows each.
+    at_rows : (n, wheels) array
+        At the rows [N m s].
+    cubic : (m, 4, wheels) array
+        Over each step: coefficients of 1, s, s^2, s^3 [N m s].
+    left_out : (m, r, wheels) array or None
+        Integral of what the cubics leave out [N m s^2]; None for steps of one row, where that is
+        nothing.
+    """
+
+    steps: StepGrid
+    at_rows: Array
+    cubic: Array
+    left_out: Array | None
+
+
+def known_momentum(
+    context: SlewContext, torque: Array, momentum: Array, drive: Drive, rows_per_step: int
+) -> KnownMomentum:
+    """Wheel momentum that follows from held commands, or from tachometers.
+
+    Parameters
+    ----------
+    context : SlewContext
+        The grid of n points.
+    torque : (n, wheels) array
+        Torque delivered to the wheels and held over each grid step [N m].
+    momentum : (n, wheels) array
+        Measured momentum relative to the body [N m s].
+    drive : "commanded" or "measured"
+        Which of the two counts.
+    rows_per_step : int
+        Grid points that one integration step spans.
+
+    Returns
+    -------
+    KnownMomentum
+        On the grid, and over the steps.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.slew_input import idle_slew
+    >>> context = idle_slew([0.0, 1.0, 2.0, 3.0]).context
+    >>> torque = jnp.array([[1.0], [0.0], [0.0], [0.0]])
+    >>> known_momentum(context, torque, 0.0 * torque, "commanded", 2).at_rows[:, 0].tolist()
+    [0.0, 1.0, 1.0, 1.0]
+    """
+    if drive == "commanded":
+        # Kept apart from the start value, so that draws of one slew share these rows.
+        gained = jnp.cumsum(torque * context.step[:, None], axis=0)
+        at_rows = jnp.concatenate([jnp.zeros((1, torque.shape[1])), gained[:-1]])
+        last = gained[-1]
+    else:
+        at_rows, last = momentum, momentum[-1]
+    steps = step_grid(context.time, context.step, rows_per_step)
+    pieces = step_ends(at_rows, last, rows_per_step)
+    cubic = polynomials(steps, pieces)
+    lacking = left_out(steps, pieces, cubic) if rows_per_step > 1 else None
+    return KnownMomentum(steps, at_rows, cubic, lacking)
+
+
+def value(coefficients: tuple, fraction: Any) -> Any:
+    """A polynomial by Horner's rule.
+
+    Parameters
+    ----------
+    coefficients : tuple of arrays
+        Of 1, s, s^2, ...
+    fraction : array
+        s.
+
+    Returns
+    -------
+    array
+        Its value there.
+
+    Examples
+    --------
+    >>> value((1.0, 2.0, 3.0), 2.0)
+    17.0
+    """
+    total = coefficients[-1]
+    for coefficient in coefficients[-2::-1]:
+        total = coefficient + fraction * total
+    return total
+
+
+def slope(coefficients: tuple, fraction: Any) -> Any:
+    """The derivative of a polynomial with respect to s.
+
+    Parameters
+    ----------
+    coefficients : tuple of arrays
+        Of 1, s, s^2, ...
+    fraction : array
+        s.
+
+    Returns
+    -------
+    array
+        Its slope there.
+
+    Examples
+    --------
+    >>> slope((1.0, 2.0, 3.0), 2.0)
+    14.0
+    """
+    return value(tuple(k * c for k, c in enumerate(coefficients))[1:], fraction)

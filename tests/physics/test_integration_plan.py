@@ -1,0 +1,215 @@
+"""Steps of many rows: far below every sensor's noise, of sixth order, whatever acts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from support.slews import SKEWED, J, start_with
+
+import bayes_inertia
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import RateSensor, Wheel
+from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.maths import quaternion
+from bayes_inertia.physics import forward_model
+from bayes_inertia.physics.effects import (
+    ConstantTorque,
+    FlexibleMode,
+    GravityGradient,
+    MagneticDipole,
+    RateSensorDelay,
+    StarTrackerTimeOffset,
+    ViscousTorque,
+    WheelCommandLag,
+    WheelFriction,
+    WheelTorqueGain,
+)
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.integration_plan import IntegrationPlan, integration_plan
+from bayes_inertia.physics.packing import refined_grid
+from bayes_inertia.physics.prediction import predict_all
+from bayes_inertia.physics.simulator import simulate_slew
+from bayes_inertia.physics.small_campaign import small_campaign
+
+EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
+ALLOWED = 0.01  # of the noise of each sensor
+
+
+def thrown() -> Campaign:
+    """Two throws of a small body with a wheel, 1 kHz, tachometer and gyro as noisy as real ones."""
+    rng = np.random.default_rng(5)
+    inertia = np.array([1.5e-3, 3.8e-4, 1.7e-3])
+    time = np.arange(700) * 1e-3
+    slews = []
+    for k in range(2):
+        rate, rows = rng.normal(size=3) * 6.0, []
+        for _ in time:
+            rows.append(rate)
+            momentum = inertia * rate + [0.0, 0.0, -3e-4]
+            rate = rate - 1e-3 * np.cross(rate, momentum) / inertia
+        noise = 0.0153 * rng.normal(size=(len(time), 3))
+        wheel = -3e-4 + 9.6e-6 * rng.normal(size=(len(time), 1))
+        slews.append(Slew(f"throw {k}", 60.0 * k, time, np.array(rows) + noise, None, None, wheel))
+    wheels = (Wheel("z", (0.0, 0.0, 1.0), 1.7e-6, momentum_sigma=9.6e-6),)
+    prior = InertiaPrior(np.diag(inertia), 0.1, 5e-5)
+    return Campaign("throws", prior, wheels, RateSensor(sigma=0.0153), None, tuple(slews))
+
+
+def dense(rows_a_second: int = 8) -> Campaign:
+    """The small campaign with rows in between; fixes, field and position at all of them."""
+    campaign, slews = small_campaign(), []
+    for slew in campaign.slews:
+        time = np.arange(0.0, slew.time[-1], 1.0 / rows_a_second)
+        held = np.floor(time).astype(int)
+        rows = {
+            key: np.stack([np.interp(time, slew.time, column) for column in values.T], -1)
+            for key, values in (
+                ("rate", slew.rate),
+                ("wheel_momentum", slew.wheel_momentum),
+                ("magnetic_field_N", slew.magnetic_field_N),
+                ("position_N", slew.position_N),
+            )
+        }
+        attitude = np.full((len(time), 4), np.nan)
+        attitude[:] = quaternion.normalise(jnp.asarray(slew.attitude[held]))
+        torque = slew.wheel_torque[held]
+        slews.append(replace(slew, time=time, attitude=attitude, wheel_torque=torque, **rows))
+    return replace(campaign, slews=tuple(slews))
+
+
+_predict = jax.jit(predict_all, static_argnums=0)
+
+
+def errors(monkeypatch, campaign, effects=(), drive=None, parts=1) -> tuple[int, list[float]]:
+    """Rows a step, and the largest error of rate, attitude and momentum in units of their noise."""
+    model = Model(campaign, effects, drive)
+    plan = integration_plan(campaign, effects, model.drive)
+    spacing = min(plan.spacing, min(float(np.diff(s.time).min()) for s in campaign.slews))
+    fine = IntegrationPlan(spacing / parts * (1.0 + 1e-9), 1)
+    with monkeypatch.context() as patch:
+        patch.setattr(forward_model, "integration_plan", lambda *_: fine)
+        exact = Model(campaign, effects, drive)
+    theta = jnp.asarray(model.draw_prior(np.random.default_rng(3), 1)[0])
+    local = jnp.zeros((model.n_slews, model.structure.n_local))
+    ours, best = (_predict(m.structure, theta, local, jnp.zeros(3), m.data) for m in (model, exact))
+    valid = np.arange(min(ours.rate.shape[1], best.rate.shape[1])) < np.array(
+        [[len(s.time)] for s in campaign.slews]
+    )
+
+    def largest(gap: np.ndarray, sigma: float) -> float:
+        return float(np.abs(gap[:, : valid.shape[1]])[valid].max(initial=0.0)) / sigma
+
+    n, tracker = valid.shape[1], campaign.star_tracker
+    found = [
+        largest(np.asarray(ours.rate)[:, :n] - best.rate[:, :n], campaign.rate_sensor.sigma[0])
+    ]
+    if tracker is not None:
+        turn = np.asarray(quaternion.error(ours.attitude, best.attitude))
+        found.append(float(np.abs(turn).max()) / tracker.sigma_cross)
+    if model.drive == "commanded":
+        gap = np.asarray(ours.momentum)[:, :n] - best.momentum[:, :n]
+        found.append(largest(gap, campaign.wheels[0].momentum_sigma))
+    return plan.rows_per_step, found
+
+
+@pytest.mark.parametrize(
+    ("campaign", "drive"),
+    [
+        (read_campaign(EXAMPLE), "commanded"),
+        (read_campaign(EXAMPLE), "measured"),
+        (thrown(), "measured"),
+        (dense(), "commanded"),
+    ],
+    ids=["closed loop", "closed loop, measured", "throws", "bang and ripple"],
+)
+def test_steps_of_many_rows_stay_far_below_the_noise(monkeypatch, campaign, drive):
+    rows, found = errors(monkeypatch, campaign, (), drive)
+    assert rows >= 4
+    assert max(found) < ALLOWED, found
+
+
+def test_steps_far_too_long_are_seen(monkeypatch):
+    """The control: the error that the plan avoids is there."""
+    campaign = read_campaign(EXAMPLE)
+    long = IntegrationPlan(0.2500001, 96)
+    exact = Model(campaign)
+    with monkeypatch.context() as patch:
+        patch.setattr(forward_model, "integration_plan", lambda *_: long)
+        model = Model(campaign)
+    local = jnp.zeros((model.n_slews, model.structure.n_local))
+    theta = jnp.asarray(model.space.mean)
+    rates = [
+        np.asarray(_predict(m.structure, theta, local, jnp.zeros(3), m.data).rate)
+        for m in (model, exact)
+    ]
+    n = min(len(s.time) for s in campaign.slews)
+    assert np.abs(rates[0][:, :n] - rates[1][:, :n]).max() > ALLOWED * campaign.rate_sensor.sigma[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("drive", ["commanded", "measured"])
+@pytest.mark.parametrize(
+    "effects",
+    [
+        (ConstantTorque(), ViscousTorque(), MagneticDipole(), GravityGradient()),
+        (FlexibleMode(frequency=0.05, frequency_spread=0.1),),
+        (WheelCommandLag(), WheelTorqueGain(), RateSensorDelay(), StarTrackerTimeOffset()),
+        (WheelFriction(),),
+    ],
+    ids=["torques", "own states", "commands and sensors", "friction"],
+)
+def test_effects_are_integrated_as_well(monkeypatch, effects, drive):
+    rows, found = errors(monkeypatch, dense(), effects, drive)
+    assert rows > 1 or any(e.name == "wheel_friction" for e in effects)
+    assert max(found) < ALLOWED, found
+
+
+@pytest.mark.parametrize("drive", ["commanded", "measured"])
+def test_steps_and_rows_within_them_are_of_sixth_order(slew_of, drive):
+    """Smooth drive; errors at all rows, those within steps too."""
+    time, wheels = np.arange(0.0, 48.0, 0.125), 4
+    shape = 0.05 * np.sin(np.outer(0.25 * time, np.arange(1, wheels + 1)) + np.arange(wheels))
+    slew = slew_of(time, shape, SKEWED, np.full(wheels, 0.02), 8.0 * shape)
+
+    def path(rows: int):
+        run = jax.jit(simulate_slew, static_argnums=(4, 5))
+        return run(slew, start_with(wheels), jnp.asarray(J), None, drive, rows)[0]
+
+    exact, sizes = path(1), np.array([12, 16, 24, 32])
+    gaps = []
+    for rows in sizes:
+        ours = path(int(rows))
+        turn = np.abs(np.asarray(quaternion.error(ours.attitude, exact.attitude))).max()
+        gaps.append(max(turn, np.abs(np.asarray(ours.rate_B - exact.rate_B)).max()))
+    order = np.polyfit(np.log(sizes), np.log(gaps), 1)[0]
+    # The held drive has kinks whose moments beyond the fourth are left out: at least, not exactly.
+    assert order > 5.0, (order, gaps)
+    assert gaps[0] < 1e-6
+
+
+def test_gaps_in_the_telemetry_are_bridged_by_steps_short_enough():
+    campaign = thrown()
+    slews = tuple(
+        replace(
+            s,
+            time=np.delete(s.time, slice(200, 400)),
+            rate=np.delete(s.rate, slice(200, 400), axis=0),
+            wheel_momentum=np.delete(s.wheel_momentum, slice(200, 400), axis=0),
+        )
+        for s in campaign.slews
+    )
+    gapped = replace(campaign, slews=slews)
+    plan, whole = (integration_plan(c, (), "measured") for c in (gapped, campaign))
+    assert plan.rows_per_step > 1
+    grid, _ = refined_grid(slews[0].time, plan.spacing)
+    steps = grid[:: plan.rows_per_step]
+    assert np.diff(steps).max() < 1.5 * whole.spacing * whole.rows_per_step
+    model = Model(gapped)
+    assert model.data.arrays.slews.context.time.shape[1] % plan.rows_per_step == 0
