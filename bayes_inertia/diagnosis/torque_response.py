@@ -218,9 +218,8 @@ def tangents(
                 attitude=quaternion.multiply(begin.attitude, quaternion.exp(y[:3])),
                 rate_B=begin.rate_B + y[3:],
             )
-            trajectory, _ = simulate_slew(
-                slew, start, J_of, active, structure.drive, structure.rows_per_step
-            )
+            setting = structure.drive, structure.rows_per_step
+            trajectory, _ = simulate_slew(slew, start, J_of, active, *setting)
             return trajectory.attitude, trajectory.rate_B, trajectory.wheel_momentum
 
         (q, w, h), (dq, dw, _) = jax.vmap(

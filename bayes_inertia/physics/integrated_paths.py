@@ -77,57 +77,72 @@ def attitude_path(
     Path
         At the rows of the grid.
     """
-    n, length = len(slew.context.time), known.steps.length
-    momentum_N = first.momentum_N
-    of_wheels = jnp.einsum("iw,mlw->mli", mass.axes_B, known.cubic)
-    offset = mass.axes_B @ jnp.stack(first.wheel) if first.wheel else jnp.zeros(3)
-    offset = offset if drive == "commanded" else jnp.zeros(3)
-
-    def rate_at(momentum_B: Components, wheels_B: Any) -> Components:
-        free = [momentum_B[i] - wheels_B[i] - offset[i] for i in range(3)]
-        return _turned_into_rate(mass, free)
+    n, momentum_N = len(slew.context.time), first.momentum_N
+    wheels = _WheelsInBody.of(mass, first, known, drive)
 
     def step(attitude: Components, row: tuple) -> tuple[Components, Components]:
-        wheels, duration = row
+        cubic_B, duration = row
 
         def slope_of(fraction: float, q: Components) -> Components:
             momentum_B = quaternion.to_body_components(unit(q), momentum_N)
-            rate = rate_at(momentum_B, value(tuple(wheels), fraction))
+            rate = wheels.rate(momentum_B, value(tuple(cubic_B), fraction))
             return quaternion.rate_of_components(q, rate)
 
         return unit(runge_kutta_6(slope_of, attitude, duration, unrolled=True)), attitude
 
-    last, begin = jax.lax.scan(step, first.attitude, (of_wheels, length))
+    last, begin = jax.lax.scan(step, first.attitude, (wheels.cubic_B, known.steps.length))
     states = jax.tree.map(lambda x: jnp.broadcast_to(x, (n, *x.shape)), first.effect_states)
     if known.left_out is None:
         momentum_B = jnp.stack(quaternion.to_body_components(begin, momentum_N), -1)
         return Path(jnp.stack(begin, -1), momentum_B, first.wheel, states)
-    wheels = [tuple(of_wheels[:, k, i] for k in range(4)) for i in range(3)]
-
-    def end(attitude: Components, s: float) -> tuple[list, list]:
-        momentum_B = quaternion.to_body_components(attitude, momentum_N)
-        rate = tuple(length * w for w in rate_at(momentum_B, [value(p, s) for p in wheels]))
-        turn = quaternion.cross_components(momentum_B, rate)
-        change = [t - slope(p, s) for t, p in zip(turn, wheels, strict=True)]
-        rate_change = tuple(length * w for w in _turned_into_rate(mass, change))
-        bend = [
-            a + b
-            for a, b in zip(
-                quaternion.cross_components(turn, rate),
-                quaternion.cross_components(momentum_B, rate_change),
-                strict=True,
-            )
-        ]
-        body = list(zip(momentum_B, turn, bend, strict=True))
-        return attitude_derivatives(attitude, rate, rate_change), body
-
-    (q0, body0), (q1, body1) = end(begin, 0.0), end(_followed(begin, last), 1.0)
+    length = known.steps.length
+    q0, body0 = wheels.derivatives(begin, momentum_N, length, 0.0)
+    q1, body1 = wheels.derivatives(_followed(begin, last), momentum_N, length, 1.0)
     angle = _within_step(mass, known)
     attitude = turned(_at_rows(q0, q1, known), angle)
     momentum_B = _at_rows(body0, body1, known)
     carried = quaternion.cross_components(momentum_B, angle)
     momentum_B = tuple(m + c for m, c in zip(momentum_B, carried, strict=True))
     return Path(_rows(attitude), _rows(momentum_B), first.wheel, states)
+
+
+class _WheelsInBody(NamedTuple):
+    """The wheels' momentum in body axes: a constant (3,) and a cubic a step (m, 4, 3) [N m s]."""
+
+    mass: MassProperties
+    offset: Array
+    cubic_B: Array
+
+    @classmethod
+    def of(
+        cls, mass: MassProperties, first: SlewState, known: KnownMomentum, drive: Drive
+    ) -> _WheelsInBody:
+        offset = jnp.zeros(3)
+        if drive == "commanded" and first.wheel:
+            offset = mass.axes_B @ jnp.stack(first.wheel)
+        return cls(mass, offset, jnp.einsum("iw,mlw->mli", mass.axes_B, known.cubic))
+
+    def rate(self, momentum_B: Components, known_B: Any) -> Components:
+        """Body rate from total momentum and from the wheels' known momentum."""
+        free = [momentum_B[i] - known_B[i] - self.offset[i] for i in range(3)]
+        return _turned_into_rate(self.mass, free)
+
+    def derivatives(
+        self, attitude: Components, momentum_N: Components, length: Array, s: float
+    ) -> tuple[list, list]:
+        """Value, first and second derivative over the steps of attitude and body-frame momentum."""
+        wheels = [tuple(self.cubic_B[:, k, i] for k in range(4)) for i in range(3)]
+        momentum_B = quaternion.to_body_components(attitude, momentum_N)
+        rate = self.rate(momentum_B, [value(p, s) for p in wheels])
+        rate = tuple(length * w for w in rate)
+        turn = quaternion.cross_components(momentum_B, rate)
+        change = [t - slope(p, s) for t, p in zip(turn, wheels, strict=True)]
+        rate_change = tuple(length * w for w in _turned_into_rate(self.mass, change))
+        of_turn = quaternion.cross_components(turn, rate)
+        of_change = quaternion.cross_components(momentum_B, rate_change)
+        bend = [a + b for a, b in zip(of_turn, of_change, strict=True)]
+        body = list(zip(momentum_B, turn, bend, strict=True))
+        return attitude_derivatives(attitude, rate, rate_change), body
 
 
 def full_path(
@@ -177,8 +192,7 @@ def full_path(
 
     def end(state: SlewState, s: float) -> tuple[list, SlewState]:
         def one(x: SlewState, row: StepInputs) -> tuple[Any, SlewState]:
-            change = slope_of(s, x, row)
-            change = jax.tree.map(lambda k: row.length * k, change)
+            change = jax.tree.map(lambda k: row.length * k, slope_of(s, x, row))
             return _spin(s, x, change, row, mass, context, active, drive), change
 
         (rate, rate_change), change = jax.vmap(one)(state, inputs)
@@ -187,16 +201,20 @@ def full_path(
     final = _followed(begin, last)
     (q0, change0), (q1, change1) = end(begin, 0.0), end(final, 1.0)
     attitude = turned(_at_rows(q0, q1, known), _within_step(mass, known))
-    s = known.steps.fraction
-
-    def between(x: Array, dx: Array, y: Array, dy: Array) -> Array:
-        fraction = s.reshape(*s.shape, *[1] * (x.ndim - 1))
-        pieces = value(tuple(c[:, None] for c in cubic((x, dx), (y, dy))), fraction)
-        return pieces.reshape(-1, *x.shape[1:])
-
-    rest = jax.tree.map(between, begin, change0, final, change1)
+    rest = _cubics_at_rows(begin, change0, final, change1, known.steps.fraction)
     momentum_B = quaternion.to_body_components([q.reshape(-1) for q in attitude], rest.momentum_N)
     return Path(_rows(attitude), jnp.stack(momentum_B, -1), rest.wheel, rest.effect_states)
+
+
+def _cubics_at_rows(begin: Any, change0: Any, final: Any, change1: Any, s: Array) -> Any:
+    """States at all rows, from values and slopes at both ends of each step."""
+
+    def at_rows(x: Array, dx: Array, y: Array, dy: Array) -> Array:
+        fraction = s.reshape(*s.shape, *[1] * (x.ndim - 1))
+        pieces = value(tuple(c[:, None] for c in cubic((x, dx), (y, dy))), fraction)
+        return pieces.reshape(s.size, *x.shape[1:])
+
+    return jax.tree.map(at_rows, begin, change0, final, change1)
 
 
 def _inputs(slew: SlewInput, known: KnownMomentum) -> StepInputs:
