@@ -48,7 +48,7 @@ def slew_kernel(
         g = gained_B[i]
         for w in range(walkers):
             a, b, c, d = attitude[0, w], attitude[1, w], attitude[2, w], attitude[3, w]
-            *_, p, q, r = _slope(
+            _, _, _, _, p, q, r = _slope(
                 a, b, c, d, momentum_N[0, w], momentum_N[1, w], momentum_N[2, w],
                 offset[0, w] + g[0], offset[1, w] + g[1], offset[2, w] + g[2], inverse, w,
             )  # fmt: skip
@@ -103,19 +103,19 @@ def _advance(attitude, momentum_N, offset, inverse, g, later, h):
         a, b, c, d = attitude[0, w], attitude[1, w], attitude[2, w], attitude[3, w]
         m0, m1, m2 = momentum_N[0, w], momentum_N[1, w], momentum_N[2, w]
         o0, o1, o2 = offset[0, w], offset[1, w], offset[2, w]
-        a1, b1, c1, d1, *_ = _slope(
+        a1, b1, c1, d1, _, _, _ = _slope(
             a, b, c, d, m0, m1, m2, o0 + g[0], o1 + g[1], o2 + g[2], inverse, w
         )
         e = 0.5 * h
-        a2, b2, c2, d2, *_ = _slope(
+        a2, b2, c2, d2, _, _, _ = _slope(
             a + e * a1, b + e * b1, c + e * c1, d + e * d1, m0, m1, m2,
             o0 + mid0, o1 + mid1, o2 + mid2, inverse, w,
         )  # fmt: skip
-        a3, b3, c3, d3, *_ = _slope(
+        a3, b3, c3, d3, _, _, _ = _slope(
             a + e * a2, b + e * b2, c + e * c2, d + e * d2, m0, m1, m2,
             o0 + mid0, o1 + mid1, o2 + mid2, inverse, w,
         )  # fmt: skip
-        a4, b4, c4, d4, *_ = _slope(
+        a4, b4, c4, d4, _, _, _ = _slope(
             a + h * a3, b + h * b3, c + h * c3, d + h * d3, m0, m1, m2,
             o0 + later[0], o1 + later[1], o2 + later[2], inverse, w,
         )  # fmt: skip

@@ -23,6 +23,7 @@ from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.prediction import Data, Structure, acting_in, start_of
 from bayes_inertia.physics.simulator import simulate_slew
+from bayes_inertia.physics.slew_input import without_slow_error
 
 
 @array_dataclass
@@ -210,7 +211,7 @@ def tangents(
         )
         if structure.drive == "measured" and structure.wheels:
             noise = (x[6:] * data.scale.local[6:]).reshape(structure.wheels, structure.modes)
-            slew = slew._replace(momentum=slew.momentum - telemetry.tachometer_modes @ noise.T)
+            slew = without_slow_error(slew, telemetry.tachometer_modes, noise)
         begin = start_of(structure, data.scale, reference, x)
 
         def path(y):

@@ -25,6 +25,7 @@ from bayes_inertia.importing.imported_folder import (
 from bayes_inertia.importing.log_reader import read_logs
 from bayes_inertia.importing.mapping import parse_mapping
 from bayes_inertia.importing.mapping_schema import MappingPart
+from bayes_inertia.importing.reduction import reduced_content
 from bayes_inertia.importing.rest_noise import RestNoise, rest_noise
 from bayes_inertia.importing.slew_cutting import SlewCut, cut_into_slews
 from bayes_inertia.importing.slew_tables import slew_tables
@@ -101,6 +102,8 @@ def import_logs(
     content["campaign.toml"] = description_text(parsed, slews, noises)
     encoded = {name: text.encode("utf-8") for name, text in content.items()}
     campaign = _read_back(encoded, label)
+    if parsed.reduce == "block_means":
+        encoded, campaign = reduced_content(encoded, campaign)
     written = write_new_files(folder, encoded, holds="campaign")
     return ImportedCampaign(written, logs, cut, tuple(noises), campaign)
 

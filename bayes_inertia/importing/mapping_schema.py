@@ -208,4 +208,7 @@ class MappingPart(_MappingTable):
     wheels: list[WheelPart] = Field(default=[])
     star_tracker: MappedStarTracker | None = None
     cut: CutPart = CutPart()
+    reduce: Literal["block_means"] | None = Field(
+        default=None, description='reduce = "block_means", before the first table'
+    )
     slews: list[MappedSlew] = []

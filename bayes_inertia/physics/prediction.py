@@ -22,7 +22,7 @@ from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.physics.random_inputs import hyperparameters, with_coefficients
 from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_context import SlewContext, Trajectory
-from bayes_inertia.physics.slew_input import Drive, SlewInput, Start
+from bayes_inertia.physics.slew_input import Drive, SlewInput, Start, without_slow_error
 
 
 @dataclass(frozen=True)
@@ -269,7 +269,7 @@ def predict(
         )
     if structure.drive == "measured" and structure.wheels:
         noise = (local[6:] * data.scale.local[6:]).reshape(structure.wheels, structure.modes)
-        slew = slew._replace(momentum=slew.momentum - telemetry.tachometer_modes @ noise.T)
+        slew = without_slow_error(slew, telemetry.tachometer_modes, noise)
     start = start_of(structure, data.scale, reference, local)
     trajectory, effect_states = simulate_slew(
         slew, start, J, active, structure.drive, structure.rows_per_step

@@ -71,7 +71,7 @@ def simulate_slew(
     active = ActiveEffects() if active is None else active
     context = slew.context
     mass, state, torque = prepare(slew, start, inertia_B, active, drive)
-    known = known_momentum(context, torque, slew.momentum, drive, rows_per_step)
+    known = known_momentum(slew, torque, drive, rows_per_step)
     integrate = full_path if active.act(*MOVING_HOOKS) else attitude_path
     path = integrate(slew, mass, state, known, active, drive)
     wheel = known.at_rows

@@ -13,6 +13,24 @@ from bayes_inertia.physics.slew_context import SlewContext
 Drive = Literal["commanded", "measured"]
 
 
+class SlowError(NamedTuple):
+    """Slow errors of the tachometers, as far as the integration needs them apart from readings.
+
+    Parameters
+    ----------
+    readings : (n, wheels) array
+        Momentum as it was read, errors included [N m s].
+    modes : (n, k) array
+        Shapes of the errors, all much slower than an integration step.
+    size : (wheels, k) array
+        How much of each shape each wheel's readings contain [N m s].
+    """
+
+    readings: Array
+    modes: Array
+    size: Array
+
+
 class SlewInput(NamedTuple):
     """Everything the simulator needs of one slew, on its grid of n points.
 
@@ -27,12 +45,45 @@ class SlewInput(NamedTuple):
         Magnetic field in inertial axes [T], zero where unknown.
     position_N : (n, 3) array
         Position from the Earth's centre in inertial axes [m], zero where unknown.
+    slow_error : SlowError, optional
+        What was taken off the readings to give `momentum`; draws of one slew then share what the
+        integration makes of the readings.
     """
 
     context: SlewContext
     momentum: Array
     magnetic_field_N: Array
     position_N: Array
+    slow_error: SlowError | None = None
+
+
+def without_slow_error(slew: SlewInput, modes: Array, size: Array) -> SlewInput:
+    """A slew whose tachometer readings are freed of slow errors.
+
+    Parameters
+    ----------
+    slew : SlewInput
+        With the momentum as it was read.
+    modes : (n, k) array
+        Shapes of the errors.
+    size : (wheels, k) array
+        How much of each shape each wheel's readings contain [N m s].
+
+    Returns
+    -------
+    SlewInput
+        With the momentum that drives the model.
+
+    Examples
+    --------
+    >>> slew = idle_slew([0.0, 1.0], wheels=1)
+    >>> without_slow_error(slew, jnp.ones((2, 1)), jnp.array([[0.5]])).momentum.tolist()
+    [[-0.5], [-0.5]]
+    """
+    return slew._replace(
+        momentum=slew.momentum - modes @ size.T,
+        slow_error=SlowError(slew.momentum, modes, size),
+    )
 
 
 class Start(NamedTuple):

@@ -17,8 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayes_inertia.physics.slew_context import SlewContext
-from bayes_inertia.physics.slew_input import Drive
+from bayes_inertia.physics.slew_input import Drive, SlewInput
 
 DEGREE = 3
 # Shifted Legendre polynomials as rows of coefficients of 1, s, s^2, s^3; orthogonal on 0 to 1.
@@ -220,18 +219,16 @@ class KnownMomentum(NamedTuple):
 
 
 def known_momentum(
-    context: SlewContext, torque: Array, momentum: Array, drive: Drive, rows_per_step: int
+    slew: SlewInput, torque: Array, drive: Drive, rows_per_step: int
 ) -> KnownMomentum:
     """Wheel momentum that follows from held commands, or from tachometers.
 
     Parameters
     ----------
-    context : SlewContext
-        The grid of n points.
+    slew : SlewInput
+        The grid of n points, and measured momentum.
     torque : (n, wheels) array
         Torque delivered to the wheels and held over each grid step [N m].
-    momentum : (n, wheels) array
-        Measured momentum relative to the body [N m s].
     drive : "commanded" or "measured"
         Which of the two counts.
     rows_per_step : int
@@ -245,23 +242,35 @@ def known_momentum(
     Examples
     --------
     >>> from bayes_inertia.physics.slew_input import idle_slew
-    >>> context = idle_slew([0.0, 1.0, 2.0, 3.0]).context
+    >>> slew = idle_slew([0.0, 1.0, 2.0, 3.0])
     >>> torque = jnp.array([[1.0], [0.0], [0.0], [0.0]])
-    >>> known_momentum(context, torque, 0.0 * torque, "commanded", 2).at_rows[:, 0].tolist()
+    >>> known_momentum(slew, torque, "commanded", 2).at_rows[:, 0].tolist()
     [0.0, 1.0, 1.0, 1.0]
     """
+    context = slew.context
+    steps = step_grid(context.time, context.step, rows_per_step)
     if drive == "commanded":
         # Kept apart from the start value, so that draws of one slew share these rows.
         gained = jnp.cumsum(torque * context.step[:, None], axis=0)
         at_rows = jnp.concatenate([jnp.zeros((1, torque.shape[1])), gained[:-1]])
-        last = gained[-1]
-    else:
-        at_rows, last = momentum, momentum[-1]
-    steps = step_grid(context.time, context.step, rows_per_step)
+        return KnownMomentum(steps, at_rows, *_over_steps(steps, at_rows, gained[-1]))
+    if slew.slow_error is None:
+        return KnownMomentum(
+            steps, slew.momentum, *_over_steps(steps, slew.momentum, slew.momentum[-1])
+        )
+    readings, modes, size = slew.slow_error
+    cubic, lacking = _over_steps(steps, readings, readings[-1])
+    of_modes, _ = _over_steps(steps, modes, modes[-1])
+    cubic = cubic - jnp.einsum("mlk,wk->mlw", of_modes, size)
+    return KnownMomentum(steps, slew.momentum, cubic, lacking)
+
+
+def _over_steps(steps: StepGrid, at_rows: Array, last: Array) -> tuple[Array, Array | None]:
+    """The cubics of all steps, and the integral of what they leave out (None for single rows)."""
+    rows_per_step = steps.fraction.shape[1]
     pieces = step_ends(at_rows, last, rows_per_step)
     cubic = polynomials(steps, pieces)
-    lacking = left_out(steps, pieces, cubic) if rows_per_step > 1 else None
-    return KnownMomentum(steps, at_rows, cubic, lacking)
+    return cubic, left_out(steps, pieces, cubic) if rows_per_step > 1 else None
 
 
 def value(coefficients: tuple, fraction: Any) -> Any:
