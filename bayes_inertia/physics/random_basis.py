@@ -1,9 +1,10 @@
 """Unit inputs for effects without a fixed shape, and the covariance of their coefficients.
 
-Two reduced bases over one slew: the Karhunen-Loeve functions of the Wiener process (a random walk
-that begins at zero), and hat functions on evenly spaced knots with the covariance of an
-Ornstein-Uhlenbeck process at them. Loeve, "Probability Theory" II, section 37; Rasmussen and
-Williams, "Gaussian Processes for Machine Learning", section 4.2.1.
+Reduced bases over one slew: the Karhunen-Loeve functions of the Wiener process (a random walk that
+begins at zero); hat functions on evenly spaced knots with the covariance of an Ornstein-Uhlenbeck
+process at them, for what is read; and its means over equal pieces, for what is integrated. Loeve,
+"Probability Theory" II, section 37; Rasmussen and Williams, "Gaussian Processes for Machine
+Learning", section 4.2.1.
 """
 
 from __future__ import annotations
@@ -134,6 +135,69 @@ def ornstein_uhlenbeck_root(
     kept = jnp.where(apart >= 0, jnp.exp(-jnp.maximum(apart, 0) * spacing / time), 0.0)
     fresh = jnp.sqrt(-jnp.expm1(-2.0 * spacing / time))
     return sd * kept * jnp.where(steps == 0, 1.0, fresh)
+
+
+def piece_functions(fraction: Array, pieces: int) -> Array:
+    """Which of the equal pieces of a slew holds an instant.
+
+    Parameters
+    ----------
+    fraction : (...) array
+        When, 0 to 1; beyond, the nearest piece counts.
+    pieces : int
+        How many.
+
+    Returns
+    -------
+    (..., pieces) array
+        One there, else zero.
+
+    Examples
+    --------
+    >>> piece_functions(jnp.array(0.7), 3).tolist()
+    [0.0, 0.0, 1.0]
+    """
+    place = jnp.clip(jnp.floor(fraction * pieces), 0, pieces - 1)
+    return jnp.where(place[..., None] == jnp.arange(pieces), 1.0, 0.0)
+
+
+def ornstein_uhlenbeck_mean_root(
+    sd: Array, correlation_time: Array, width: Array, pieces: int
+) -> Array:
+    """Root of the covariance of an Ornstein-Uhlenbeck process' means over equal pieces of time.
+
+    What integrates a process (a rate, of a torque) sees its means, not its values at knots. With
+    x = width / time the variance of a mean is 2 sd^2 (x - 1 + exp(-x)) / x^2, the covariance of
+    pieces k apart sd^2 (1 - exp(-x))^2 exp(-(k - 1) x) / x^2.
+
+    Parameters
+    ----------
+    sd : () array
+        Standard deviation of the process.
+    correlation_time : () array
+        Its correlation time [s].
+    width : () array
+        Of a piece [s].
+    pieces : int
+        How many.
+
+    Returns
+    -------
+    (pieces, pieces) array
+        Lower triangular.
+
+    Examples
+    --------
+    >>> root = ornstein_uhlenbeck_mean_root(2.0, 1e6, 1.0, 3)
+    >>> bool(jnp.allclose(root @ root.T, 4.0, rtol=1e-5))
+    True
+    """
+    x = jnp.maximum(width / jnp.maximum(correlation_time, 1e-9), 1e-4)
+    steps = jnp.arange(pieces)
+    apart = jnp.abs(steps[:, None] - steps[None, :])
+    across = (jnp.expm1(-x) / x) ** 2 * jnp.exp(-jnp.maximum(apart - 1, 0) * x)
+    own = 2.0 * (x + jnp.expm1(-x)) / x**2
+    return sd * jnp.linalg.cholesky(jnp.where(apart == 0, own, across))
 
 
 def on_each_axis(root: Array, axes: int) -> Array:

@@ -37,7 +37,7 @@ def wandering(campaign, seed: int, density: float = DENSITY):
 @pytest.fixture(scope="module")
 def wandered(small_flown):
     """Fit of a small campaign with a walk and a random torque, few coefficients each."""
-    effects = (RateRandomWalk(functions=3), TorqueNoise(knots=4))
+    effects = (RateRandomWalk(functions=3), TorqueNoise(pieces=4))
     model = Model(wandering(small_flown.campaign, 5), effects)
     return estimate(model, starts=1, discount=False)
 

@@ -21,6 +21,7 @@ from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.random_basis import (
     hat_functions,
+    ornstein_uhlenbeck_mean_root,
     ornstein_uhlenbeck_root,
     wiener_functions,
 )
@@ -96,6 +97,17 @@ def test_knots_have_the_covariance_of_an_ornstein_uhlenbeck_process(time):
     root = np.asarray(ornstein_uhlenbeck_root(2.0, time, spacing, knots))
     apart = spacing * np.abs(np.subtract.outer(np.arange(knots), np.arange(knots)))
     np.testing.assert_allclose(root @ root.T, 4.0 * np.exp(-apart / time), rtol=1e-9, atol=1e-12)
+
+
+@pytest.mark.parametrize("time", [0.05, 3.0, 1e4])
+def test_pieces_have_the_covariance_of_means_of_an_ornstein_uhlenbeck_process(time):
+    """Against averages of the exact covariance over a fine grid."""
+    width, pieces, fine = 1.5, 5, 400
+    at = (np.arange(pieces * fine) + 0.5) * width / fine
+    exact = 4.0 * np.exp(-np.abs(np.subtract.outer(at, at)) / time)
+    means = exact.reshape(pieces, fine, pieces, fine).mean((1, 3))
+    root = np.asarray(ornstein_uhlenbeck_mean_root(2.0, time, width, pieces))
+    np.testing.assert_allclose(root @ root.T, means, rtol=2e-3)
 
 
 def test_hats_lie_on_straight_lines():

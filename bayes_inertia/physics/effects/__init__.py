@@ -22,6 +22,7 @@ from bayes_inertia.physics.effects.rate_bias_drift import RateBiasDrift
 from bayes_inertia.physics.effects.rate_bias_instability import RateBiasInstability
 from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift
 from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
+from bayes_inertia.physics.effects.rate_remainder import RateRemainder
 from bayes_inertia.physics.effects.rate_sensor_delay import RateSensorDelay
 from bayes_inertia.physics.effects.rate_sensor_misalignment import RateSensorMisalignment
 from bayes_inertia.physics.effects.rate_sensor_nonlinearity import RateSensorNonlinearity
@@ -31,6 +32,7 @@ from bayes_inertia.physics.effects.star_tracker_shift import StarTrackerShift
 from bayes_inertia.physics.effects.star_tracker_time_offset import StarTrackerTimeOffset
 from bayes_inertia.physics.effects.tachometer_noise_walk import TachometerNoiseWalk
 from bayes_inertia.physics.effects.torque_noise import TorqueNoise
+from bayes_inertia.physics.effects.torque_remainder import TorqueRemainder
 from bayes_inertia.physics.effects.viscous_torque import ViscousTorque
 from bayes_inertia.physics.effects.wheel_command_lag import WheelCommandLag
 from bayes_inertia.physics.effects.wheel_friction import WheelFriction
@@ -68,6 +70,8 @@ STOCHASTIC: tuple[Effect, ...] = (
     TachometerNoiseWalk(),
     TorqueNoise(),
     WheelTorqueNoise(),
+    RateRemainder(),
+    TorqueRemainder(),
 )
 
 __all__ = [
@@ -84,6 +88,7 @@ __all__ = [
     "RateBiasInstability",
     "RateBiasSlewDrift",
     "RateRandomWalk",
+    "RateRemainder",
     "RateSensorDelay",
     "RateSensorMisalignment",
     "RateSensorNonlinearity",
@@ -93,6 +98,7 @@ __all__ = [
     "StarTrackerTimeOffset",
     "TachometerNoiseWalk",
     "TorqueNoise",
+    "TorqueRemainder",
     "ViscousTorque",
     "WheelCommandLag",
     "WheelFriction",

@@ -8,10 +8,10 @@ from typing import ClassVar
 from bayes_inertia.physics.effects.scales import torque_scale
 from bayes_inertia.physics.parameters import LogNormal, scalar
 from bayes_inertia.physics.random_basis import (
-    hat_functions,
     on_axes,
     on_each_axis,
-    ornstein_uhlenbeck_root,
+    ornstein_uhlenbeck_mean_root,
+    piece_functions,
     slew_duration,
     slew_fraction,
 )
@@ -22,9 +22,9 @@ from bayes_inertia.physics.stochastic_effect import StochasticEffect
 class TorqueNoise(StochasticEffect):
     """A torque on the body with the covariance sd^2 exp(-|t - t'| / time) on each axis.
 
-    Fuel or crew that moves, venting, aerodynamic gusts: whatever torque has no name. Straight lines
-    between knots: a torque that changes faster than their spacing is not modelled; what it does to
-    the rates is small, because they integrate it.
+    Fuel or crew that moves, venting, aerodynamic gusts: whatever torque has no name. It is
+    constant over pieces of the slew, with the covariance that the means of the process have there:
+    what it does to the rate is exact between pieces, what it does within one is left out.
 
     Parameters
     ----------
@@ -33,8 +33,8 @@ class TorqueNoise(StochasticEffect):
         slew), and a fifth of a slew.
     factor_sd : float, optional
         Sd of the logarithm of the sd. The time is known to a factor of 2 (sd 0.7).
-    knots : int, optional
-        On each axis, evenly over the slew.
+    pieces : int, optional
+        On each axis, of equal length.
 
     References
     ----------
@@ -42,7 +42,7 @@ class TorqueNoise(StochasticEffect):
 
     Examples
     --------
-    >>> TorqueNoise(knots=9).coefficient_count(None)
+    >>> TorqueNoise(pieces=9).coefficient_count(None)
     27
     """
 
@@ -50,7 +50,7 @@ class TorqueNoise(StochasticEffect):
     median_sd: float | None = None
     median_time: float | None = None
     factor_sd: float = 1.5
-    knots: int = 17
+    pieces: int = 16
 
     def parameters(self, campaign):
         sd = self.median_sd or 0.01 * torque_scale(campaign)
@@ -61,11 +61,11 @@ class TorqueNoise(StochasticEffect):
         )
 
     def coefficient_count(self, campaign):
-        return 3 * self.knots
+        return 3 * self.pieces
 
     def coefficient_root(self, p, slew, count):
-        spacing = slew_duration(slew) / (self.knots - 1)
-        return on_each_axis(ornstein_uhlenbeck_root(p["sd"], p["time"], spacing, self.knots), 3)
+        width = slew_duration(slew) / self.pieces
+        return on_each_axis(ornstein_uhlenbeck_mean_root(p["sd"], p["time"], width, self.pieces), 3)
 
     def body_torque(self, p, slew, t, state):
-        return on_axes(hat_functions(slew_fraction(slew, t), self.knots), p["coefficients"], 3)
+        return on_axes(piece_functions(slew_fraction(slew, t), self.pieces), p["coefficients"], 3)

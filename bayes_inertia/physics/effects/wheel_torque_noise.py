@@ -8,10 +8,10 @@ from typing import ClassVar
 from bayes_inertia.physics.effects.scales import torque_scale
 from bayes_inertia.physics.parameters import LogNormal, scalar
 from bayes_inertia.physics.random_basis import (
-    hat_functions,
     on_axes,
     on_each_axis,
-    ornstein_uhlenbeck_root,
+    ornstein_uhlenbeck_mean_root,
+    piece_functions,
     slew_duration,
     slew_fraction,
 )
@@ -31,13 +31,13 @@ class WheelTorqueNoise(StochasticEffect):
         Medians of the priors [N m, s]; None takes 1 % of J w / T, and a fifth of a slew.
     factor_sd : float, optional
         Sd of the logarithm of the sd. The time is known to a factor of 2 (sd 0.7).
-    knots : int, optional
-        On each wheel, evenly over the slew.
+    pieces : int, optional
+        On each wheel, of equal length.
 
     Examples
     --------
     >>> from bayes_inertia.physics.small_campaign import small_campaign
-    >>> WheelTorqueNoise(knots=9).coefficient_count(small_campaign())
+    >>> WheelTorqueNoise(pieces=9).coefficient_count(small_campaign())
     27
     """
 
@@ -45,7 +45,7 @@ class WheelTorqueNoise(StochasticEffect):
     median_sd: float | None = None
     median_time: float | None = None
     factor_sd: float = 1.5
-    knots: int = 17
+    pieces: int = 16
 
     def parameters(self, campaign):
         if not campaign.wheels:
@@ -58,14 +58,14 @@ class WheelTorqueNoise(StochasticEffect):
         )
 
     def coefficient_count(self, campaign):
-        return len(campaign.wheels) * self.knots
+        return len(campaign.wheels) * self.pieces
 
     def coefficient_root(self, p, slew, count):
-        spacing = slew_duration(slew) / (self.knots - 1)
-        root = ornstein_uhlenbeck_root(p["sd"], p["time"], spacing, self.knots)
-        return on_each_axis(root, count // self.knots)
+        width = slew_duration(slew) / self.pieces
+        root = ornstein_uhlenbeck_mean_root(p["sd"], p["time"], width, self.pieces)
+        return on_each_axis(root, count // self.pieces)
 
     def delivered_torque(self, p, slew, torque):
         # The mean over each interval of the grid, as the commands are.
-        hats = hat_functions(slew_fraction(slew, slew.time + 0.5 * slew.step), self.knots)
-        return torque + on_axes(hats, p["coefficients"], torque.shape[1])
+        held = piece_functions(slew_fraction(slew, slew.time + 0.5 * slew.step), self.pieces)
+        return torque + on_axes(held, p["coefficients"], torque.shape[1])
