@@ -10,11 +10,19 @@ from bayes_inertia.app.commands.options import (
     EffectNames,
     NoiseOfChannel,
     OutputFolder,
+    Remainder,
     SampledNoise,
     Seed,
     WithReport,
     names_in,
 )
+
+_REMAINDERS: dict[str | None, tuple[str, ...]] = {
+    None: (),
+    "torque": ("torque_remainder",),
+    "rate": ("rate_remainder",),
+    "both": ("torque_remainder", "rate_remainder"),
+}
 
 
 def fit_command(
@@ -28,6 +36,7 @@ def fit_command(
     as_stated: AsStated = False,
     noise: NoiseOfChannel = None,
     sample_noise: SampledNoise = "",
+    remainder: Remainder = None,
 ) -> None:
     """Estimate J, K and active effects.
 
@@ -47,7 +56,7 @@ def fit_command(
     run_folder.start(
         campaign,
         out,
-        effects=names_in(effects),
+        effects=[*names_in(effects), *_REMAINDERS[remainder]],
         drive=drive,
         settings=Settings(seed=seed),
         as_stated=as_stated,

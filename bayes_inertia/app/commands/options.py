@@ -25,6 +25,13 @@ Anyway = Annotated[
         "--anyway", help="Go on although the data are impossible under the stated conventions."
     ),
 ]
+Remainder = Annotated[
+    Literal["torque", "rate", "both"] | None,
+    typer.Option(
+        help="Integrate out a torque, an error of the rate sensor, or both, of free shape and "
+        "learnt size: J and K stay honest although the model is incomplete."
+    ),
+]
 AsStated = Annotated[
     bool,
     typer.Option(
