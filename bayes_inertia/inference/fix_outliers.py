@@ -72,8 +72,11 @@ def outlying_fixes(
     if len(every) < READINGS_AROUND:
         return [np.zeros(len(slew), bool) for slew in slews]
     limit = stats.norm.isf(0.5 * FALSE_ALARM / len(every))
-    # A quarter more: what others let expect scatters itself. Never below what is stated.
-    scale = _SCATTER_OF_MEDIAN * max(1.0, SD_OVER_MAD * float(np.median(np.abs(every))))
+    # A quarter more: what others let expect scatters itself. Never below what is stated. Zeros do
+    # not count: they are fixes between the others.
+    beyond = np.abs(every[every != 0.0])
+    seen = float(np.median(beyond)) if len(beyond) >= READINGS_AROUND else 0.0
+    scale = _SCATTER_OF_MEDIAN * max(1.0, SD_OVER_MAD * seen)
     flags = [(np.abs(np.nan_to_num(d)) > limit * scale).any(axis=1) for d in distances]
     for flag, parts in zip(flags, bursts, strict=True):
         for part in parts:

@@ -249,7 +249,7 @@ TRIPLES = [[np.arange(3), np.arange(3, 6)]] * 4
 def drifting_fixes(seed=8):
     """Bursts of three fixes while a missing torque turns the body: turns and residuals."""
     rng, t = np.random.default_rng(seed), np.tile(np.arange(3.0), 2)[:, None]
-    turns = [t**2 * rng.normal(0.0, 20.0, 3) + t * rng.normal(0.0, 20.0, 3) for _ in TRIPLES]
+    turns = [t**2 * rng.normal(0.0, 5.0, 3) + t * rng.normal(0.0, 20.0, 3) for _ in TRIPLES]
     return turns, [turn + rng.normal(size=(6, 3)) for turn in turns]
 
 
@@ -268,6 +268,17 @@ def test_one_wrong_fix_of_three_is_known(row):
     slews[2][row, 1] += 40.0
     flags = outlying_fixes(slews, TRIPLES, turns=turns)
     assert [np.flatnonzero(f).tolist() for f in flags] == [[], [], [row], []]
+
+
+@pytest.mark.parametrize("louder", [1.0, 1.5, 3.0])
+def test_fixes_louder_than_stated_are_no_outliers(louder):
+    halves = [[np.arange(12), np.arange(12, 24)]] * 5
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        slews = [louder * rng.normal(size=(24, 3)) for _ in halves]
+        assert not any(f.any() for f in outlying_fixes(slews, halves))
+        slews[2][7, 0] += 20.0 * louder
+        assert np.flatnonzero(outlying_fixes(slews, halves)[2]).tolist() == [7]
 
 
 def test_two_wrong_fixes_of_three_are_left_alone():
