@@ -121,16 +121,19 @@ def _add_dates(column: Any, place: str, into: Contents) -> None:
 def _add_timeseries(properties: dict[str, Any], place: str, into: Contents) -> bool:
     """Time [s] and readings of a timeseries."""
     details, data = properties.get("TimeInfo"), properties.get("Data_")
-    if not isinstance(data, np.ndarray) or not hasattr(details, "properties"):
+    if not isinstance(data, np.ndarray):
         return False
-    time = _times(details.properties)
+    time = _times(_properties(details))
     if time is None or len(time) not in data.shape:
         return False
     _add_column(time, f"{place}/Time", "s", into)
-    about = properties.get("DataInfo")
-    units = _text(about.properties.get("Units")) if hasattr(about, "properties") else ""
+    units = _text(_properties(properties.get("DataInfo")).get("Units"))
     _add_column(data, f"{place}/Data", units, into)
     return True
+
+
+def _properties(value: Any) -> dict[str, Any]:
+    return getattr(value, "properties", None) or {}
 
 
 def _times(details: dict[str, Any]) -> np.ndarray | None:

@@ -20,7 +20,9 @@ _FEWEST_ROWS = 20
 # Rows of the curve that is taken for the motion, and of the line that is its slope.
 _CURVE, _LINE = 7, 9
 _OUTLYING = 6.0  # sd; a reading counts no more than this.
-_SURE = 5.0  # sd between the slope and one half, where the readings are said to decide.
+# Between the slope and one half, in sds, where readings are said to decide: the other of 0 and 1 is
+# then twice as many sds away at least.
+_SURE = 4.0
 
 
 @dataclass(frozen=True)
