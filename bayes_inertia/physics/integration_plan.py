@@ -23,7 +23,7 @@ from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.step_drive import left_out, polynomials, step_ends, step_grid
 
 # Largest error of what a sensor is predicted to read, as a share of its noise.
-_OF_NOISE = 1.0 / 200.0
+_OF_NOISE = 1.0 / 100.0
 # Error as a share of the turn times (f h)^6: the largest of 128 tumbling bodies with and without
 # wheels was 2.8e-4, half of them stayed below 2e-6.
 _ERROR_OF_STEP = 3e-4
@@ -33,7 +33,7 @@ _QUANTILE = 0.95
 _PEAK = 1.25
 # What the wheels do within a step moves the body by the angle that is integrated to first order,
 # times this and the turn of the step.
-_COUPLING = 0.2
+_COUPLING = 0.1
 # Rows a step that are tried.
 _ROWS = (128, 96, 64, 48, 32, 24, 16, 12, 8, 6, 4, 3, 2, 1)
 # One step of the integrator takes as long as so many rows of dense output.
@@ -179,7 +179,7 @@ def longest_smooth_step(campaign: Campaign, motion: MotionScales) -> float:
     Returns
     -------
     float
-        A power of the root of two [s], so that the grid does not change with every reading.
+        A power of the fourth root of two [s], so that the grid does not change with every reading.
 
     Examples
     --------
@@ -192,7 +192,7 @@ def longest_smooth_step(campaign: Campaign, motion: MotionScales) -> float:
     allowed = _OF_NOISE * _angle_noise(campaign, frequency)
     angle = (allowed / (_ERROR_OF_STEP * max(motion.turn, 1e-6))) ** (1.0 / 6.0)
     step = min(angle, _LONGEST_TURN) / frequency
-    return float(2.0 ** (0.5 * np.floor(2.0 * np.log2(step))))
+    return float(2.0 ** (0.25 * np.floor(4.0 * np.log2(step))))
 
 
 def _angle_noise(campaign: Campaign, frequency: float) -> float:
@@ -223,26 +223,36 @@ def _follows_the_wheels(
     """Whether steps of so many rows do justice to what the wheels do within them."""
     if not campaign.wheels:
         return True
+    turn = _COUPLING * motion.frequency * plan.rows_per_step * plan.spacing
+    frequency = max(motion.frequency, 1e-9)
+    allowed_rate = _OF_NOISE * float(min(campaign.rate_sensor.sigma)) / frequency
+    allowed_fix = _OF_NOISE * _angle_noise(campaign, frequency)
+    for angle, at_fix in _angles(campaign, plan, drive):
+        error = angle * (angle + turn)
+        if error.max(initial=0.0) > allowed_rate or error[at_fix].max(initial=0.0) > allowed_fix:
+            return False
+    return True
+
+
+def _angles(
+    campaign: Campaign, plan: IntegrationPlan, drive: Drive
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Of each slew: the angle that the body turns by what the cubics leave out (n,) [rad].
+
+    And which grid points are fixes.
+    """
     inverse = np.linalg.inv(campaign.inertia.tensor) @ campaign.wheel_axes_B
-    angle = max(
-        (float(np.abs(a @ inverse.T).max()) for a in _angles(campaign, plan, drive)), default=0.0
-    )
-    turn = motion.frequency * plan.rows_per_step * plan.spacing
-    error = angle * (angle + _COUPLING * turn)
-    return error <= _OF_NOISE * _angle_noise(campaign, max(motion.frequency, 1e-9))
-
-
-def _angles(campaign: Campaign, plan: IntegrationPlan, drive: Drive) -> Iterator[np.ndarray]:
-    """Of each slew, the integral of wheel momentum beyond the cubics (m, r, wheels) [N m s^2]."""
     for slew in campaign.slews:
         grid, sample = refined_grid(slew.time - slew.time[0], plan.spacing)
         momentum, step = _wheels_on_grid(slew, grid, sample, drive, len(campaign.wheels))
         spare = -len(grid) % plan.rows_per_step
         momentum = np.concatenate([momentum, np.repeat(momentum[-1:], spare, axis=0)])
+        at_fix = sample[slew.fixes]
         grid = np.concatenate([grid, np.repeat(grid[-1:], spare)])
         steps = step_grid(grid, np.concatenate([step, np.zeros(spare)]), plan.rows_per_step, np)
         pieces = step_ends(momentum, momentum[-1], plan.rows_per_step, np)
-        yield left_out(steps, pieces, polynomials(steps, pieces, np), np)
+        lacking = left_out(steps, pieces, polynomials(steps, pieces, np), np)
+        yield np.abs(lacking @ inverse.T).max(axis=-1).ravel(), at_fix
 
 
 def _wheels_on_grid(
