@@ -9,6 +9,7 @@ import numpy as np
 
 from bayes_inertia.conventions import limits
 from bayes_inertia.conventions.hypothesis import Mistake, both
+from bayes_inertia.conventions.laws import CLOSURE
 from bayes_inertia.conventions.linear_fit import LinearFit
 from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.mounting import turned_beside_bias, turned_sensor
@@ -104,12 +105,21 @@ def judged(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> Jud
     if before <= limits.SUSPICIOUS:
         return Judgement((), stated)
     own = with_own_bias(misfits, stated)
-    biased = worst(misfits.of(own))
-    reading = own if biased < before / limits.STALE_IMPROVEMENT else stated
+    reading = own if _is_stale(misfits, stated, own) else stated
+    biased = worst(misfits.of(reading))
     search = _Search(misfits, stated, before)
     if before <= limits.IMPOSSIBLE:
         return Judgement(_surely(search, singles, reading, biased), reading)
     return Judgement(_impossible(search, singles, biased), reading)
+
+
+def _is_stale(misfits: Misfits, stated: Reading, own: Reading) -> bool:
+    """Whether another bias explains the data much better, closure among them where fixes are."""
+    before, after = misfits.of(stated), misfits.of(own)
+    pairs = [(worst(before), worst(after))]
+    if CLOSURE in before:
+        pairs.append((before[CLOSURE].worst, after[CLOSURE].worst))
+    return all(then < now / limits.STALE_IMPROVEMENT for now, then in pairs)
 
 
 @dataclass(frozen=True, eq=False)
