@@ -235,7 +235,7 @@ def outliers_in(estimate: Estimate) -> tuple[Dirt, ...]:
     steps, hit = rounding_steps(estimate.model.campaign), {}
     for channel in ("rate", "momentum"):
         if any(values.size for values in series[channel]):
-            flags = outlying_readings(series[channel], steps[channel])
+            flags = outlying_readings(series[channel], steps[channel].tolist())
             flags = away_from_switches(slews, flags)
             hit[channel] = [np.flatnonzero(flag.any(axis=1)) for flag in flags]
     hit["attitude"] = fix_outliers(estimate, series)
