@@ -21,6 +21,7 @@ from bayes_inertia.physics.channel_noise import ChannelNoise, NoiseModel
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.report.fit_sections import standard_sections
 from bayes_inertia.report.page import write_report
+from bayes_inertia.sealing import SEAL_KEY
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 HEAVY = NoiseModel(rate=ChannelNoise("student_t"), attitude=ChannelNoise(scale_sampled=True))
@@ -59,7 +60,9 @@ def test_a_run_of_before_has_the_noise_as_stated(tmp_path):
     started = run_folder.start(EXAMPLE, tmp_path / "run")
     claim = tmp_path / "run" / "run.json"
     content = json.loads(claim.read_text())
-    del content["noise"]
+    # Neither noise nor a seal stood there.
+    content.pop("noise")
+    content.pop(SEAL_KEY, None)
     claim.write_text(json.dumps(content))
     assert run_folder.read_run(tmp_path / "run") == started
     assert run_folder.start(EXAMPLE, tmp_path / "run") == started

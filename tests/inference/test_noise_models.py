@@ -73,8 +73,8 @@ def test_the_formulas_of_student_t_noise(degrees):
     log_density = -tail.loss - log_norm(degrees) - 0.5 * np.log(2.0 * np.pi)
     assert np.allclose(log_density, stats.t(degrees).logpdf(y), atol=1e-12)
     loss = jax.grad(lambda x: heavy_tail(x, degrees).loss)
-    assert np.allclose(jax.vmap(loss)(y), tail.slope, atol=1e-12)
-    assert np.allclose(jax.vmap(jax.grad(loss))(y), tail.curvature, atol=1e-12)
+    assert np.allclose(jax.jit(jax.vmap(loss))(y), tail.slope, atol=1e-12)
+    assert np.allclose(jax.jit(jax.vmap(jax.grad(loss)))(y), tail.curvature, atol=1e-12)
 
     def squares(x):
         return (degrees + 1.0) * x**2 / (degrees + x**2)
@@ -83,7 +83,7 @@ def test_the_formulas_of_student_t_noise(degrees):
     variance = expected(lambda x: (squares(x) - 1.0) ** 2, degrees)
     assert 2.0 / variance == pytest.approx(squares_worth(degrees), rel=1e-6)
     # The information of (log scale, degrees) is the covariance of their scores.
-    towards = jax.jacfwd(lambda nu, x: heavy_tail(x, nu).loss + log_norm(nu))
+    towards = jax.jit(jax.jacfwd(lambda nu, x: heavy_tail(x, nu).loss + log_norm(nu)))
     across = expected(lambda x: (1.0 - squares(x)) * towards(degrees, x), degrees)
     of_degrees = expected(lambda x: towards(degrees, x) ** 2, degrees)
     information = np.array([[variance, across], [across, of_degrees]])
