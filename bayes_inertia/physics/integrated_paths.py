@@ -100,10 +100,10 @@ def attitude_path(
     q1, body1 = wheels.derivatives(_followed(begin, last), momentum_N, length, 1.0)
     angle = _within_step(mass, known)
     attitude = turned(_at_rows(q0, q1, known), angle)
-    momentum_B = _at_rows(body0, body1, known)
-    carried = quaternion.cross_components(momentum_B, angle)
-    momentum_B = tuple(m + c for m, c in zip(momentum_B, carried, strict=True))
-    return Path(_rows(attitude), _rows(momentum_B), first.wheel, states)
+    smooth_B = _at_rows(body0, body1, known)
+    carried = quaternion.cross_components(smooth_B, angle)
+    all_B = tuple(m + c for m, c in zip(smooth_B, carried, strict=True))
+    return Path(_rows(attitude), _rows(all_B), first.wheel, states)
 
 
 class _WheelsInBody(NamedTuple):
@@ -264,7 +264,7 @@ def _spin(
 
 
 def _turned_into_rate(mass: MassProperties, momentum_B: Any) -> Components:
-    return tuple(sum(mass.inverse[i, j] * momentum_B[j] for j in range(3)) for i in range(3))  # type: ignore[misc]
+    return tuple(sum(mass.inverse[i, j] * momentum_B[j] for j in range(3)) for i in range(3))
 
 
 def _followed(begin: Any, last: Any) -> Any:
@@ -274,15 +274,9 @@ def _followed(begin: Any, last: Any) -> Any:
 
 def _within_step(mass: MassProperties, known: KnownMomentum) -> Components:
     """How far the body turns within each step by what the cubics leave out, (m, r) each [rad]."""
-    through_wheels = mass.inverse @ mass.axes_B
     assert known.left_out is not None
-    lacking = known.left_out
-    return tuple(
-        -sum(through_wheels[i, k] * lacking[..., k] for k in range(lacking.shape[-1]))
-        if lacking.shape[-1]
-        else jnp.zeros(lacking.shape[:-1])
-        for i in range(3)
-    )
+    angle = -jnp.einsum("iw,mrw->imr", mass.inverse @ mass.axes_B, known.left_out)
+    return tuple(angle)
 
 
 def _at_rows(first: list, last: list, known: KnownMomentum) -> Components:
