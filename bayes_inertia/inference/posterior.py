@@ -104,8 +104,7 @@ class Posterior:
             )
         posterior = cls(tree)
         if not intact:
-            errors: Any = {"over": "raise", "invalid": "raise"}
-            with blaming(path, intact=False, advice=_ADVICE), np.errstate(**errors):
+            with blaming(path, intact=False, advice=_ADVICE), np.errstate(over="raise"):
                 posterior.summary()
         return posterior
 
