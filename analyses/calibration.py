@@ -8,22 +8,20 @@ posterior draws is uniform, and intervals contain it as often as they say. Two d
 show that the test would notice.
 
 It writes `figures/calibration.png` and `analyses/results/calibration.{md,parquet}`. Finished fits
-are kept in `run_calibration/`, each shard written all or nothing: a killed run goes on where it
-was. Needs the extra `parquet`.
+are kept in `run_calibration/`: a killed run goes on where it was. `bayes-inertia study calibration`
+is the same question for more cases and quantities; this script keeps the published rows.
 """
 
 from __future__ import annotations
 
 import argparse
-import hashlib
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
 
-import joblib
 import numpy as np
 import pandas as pd
 
@@ -37,6 +35,8 @@ from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.sampler import Settings, sample
 from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.studies.engine import Execution
+from bayes_inertia.studies.work import Work
 
 sys.path.insert(0, str(Path(__file__).parent))
 
@@ -129,53 +129,47 @@ def _rows(
     return pd.DataFrame(columns)
 
 
-def shards(
-    campaigns: int, seed: int, chosen: Sequence[Study]
-) -> Iterator[tuple[Study, int, range, str]]:
-    """The work: (study, seed, campaigns, file name).
+@dataclass(frozen=True)
+class RankedFit:
+    """The task: campaign i of a study, its nine rows as lists."""
 
-    A file's name changes with everything that decides its content.
-    """
-    for study in chosen:
-        digest = hashlib.sha256(repr((study, seed, SETTINGS, RANKED)).encode()).hexdigest()[:8]
-        wanted = math.ceil(campaigns * study.share)
-        for first in range(0, wanted, SHARD):
-            span = range(first, min(first + SHARD, wanted))
-            yield (
-                study,
-                seed,
-                span,
-                f"{study.name.replace(' ', '_')}-{digest}-{span.start:05d}-{span.stop:05d}.parquet",
-            )
+    study: Study
+    seed: int
+
+    def __call__(self, task_id: str, seed: np.random.SeedSequence) -> dict[str, list]:
+        """Of the published rows: the study's number is part of the campaign's seed."""
+        table = fit_one(self.study, self.seed, int(task_id))
+        return {str(key): column.tolist() for key, column in table.items()}
 
 
-def do_shard(folder: Path, study: Study, seed: int, span: range, file: str) -> Path:
-    """One shard, unless it is there already."""
-    path = folder / file
-    if not path.exists():
-        table = pd.concat([fit_one(study, seed, i) for i in span], ignore_index=True)
-        write_atomically(path, lambda temporary: table.to_parquet(temporary))
-    return path
+def work_of(study: Study, campaigns: int, seed: int) -> Work:
+    """The campaigns of a study as tasks."""
+    ids = tuple(str(i) for i in range(math.ceil(campaigns * study.share)))
+    options = {"study": repr(study), "settings": repr(SETTINGS), "ranked": RANKED}
+    return Work("fits", RankedFit(study, seed), ids, seed, options, shard_size=SHARD)
 
 
 def run(
     campaigns: int, seed: int, folder: Path, jobs: int = 1, chosen: Sequence[Study] | None = None
 ) -> pd.DataFrame:
     """All fits (those already in the folder are read): one row a campaign and parameter."""
-    folder.mkdir(parents=True, exist_ok=True)
-    tasks = list(shards(campaigns, seed, chosen or studies()))
-    files = []
-    with joblib.parallel_config("loky", n_jobs=jobs, inner_max_num_threads=1):
-        for file in joblib.Parallel(return_as="generator")(
-            joblib.delayed(do_shard)(folder, *task) for task in tasks
-        ):
-            files.append(file)
-            print(
-                f"{len(files)} of {len(tasks)} shards",
-                end="\r" if len(files) < len(tasks) else "\n",
-                file=sys.stderr,
-            )
-    return pd.concat([pd.read_parquet(file) for file in files], ignore_index=True)
+    parts = []
+    for study in chosen or studies():
+        execution = Execution(jobs=jobs, progress=_show, notice=_tell)
+        work = work_of(study, campaigns, seed)
+        result = execution.run(work, folder / study.name.replace(" ", "_"))
+        if result.failures:
+            raise RuntimeError(f"{len(result.failures)} failed: {result.failures[0].reason}")
+        parts += [pd.DataFrame(row).drop(columns="task") for row in result.rows]
+    return pd.concat(parts, ignore_index=True)
+
+
+def _show(what: str, done: int, of: int) -> None:
+    print(f"{done} of {of} {what}", end="\r" if done < of else "\n", file=sys.stderr)
+
+
+def _tell(sentence: str) -> None:
+    print(sentence, file=sys.stderr)
 
 
 def main(arguments: Sequence[str] | None = None) -> pd.DataFrame:

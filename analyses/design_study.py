@@ -18,10 +18,8 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import replace
-from pathlib import Path
+from dataclasses import dataclass, replace
 
-import joblib
 import numpy as np
 from design_cases import (
     CRAFT,
@@ -40,7 +38,6 @@ from design_page import gains_picture, page, ratio_picture
 from design_separation import PAIRS, told_apart
 from matplotlib.figure import Figure
 
-from bayes_inertia.design.comparison import compare_plans
 from bayes_inertia.design.design_setup import set_up_design
 from bayes_inertia.design.designer import design_plan
 from bayes_inertia.design.expected_accuracy import estimate_at_truth, expected_sd
@@ -50,7 +47,7 @@ from bayes_inertia.design.plan_arrays import slew_arrays
 from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.design.plan_search import random_plans
 from bayes_inertia.design.separating_slew import separating_slew
-from bayes_inertia.design.simulated_fits import AchievedErrors, fit_simulated_campaigns
+from bayes_inertia.design.simulated_fits import AchievedErrors, fit_simulated_campaign
 from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.plan import Plan, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
@@ -64,6 +61,10 @@ from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import BASE_NAMES
 from bayes_inertia.report.pictures.design import draw_comparison
+from bayes_inertia.studies.engine import Execution
+from bayes_inertia.studies.plan_comparison import compare_plans
+from bayes_inertia.studies.simulated_fits import achieved_errors
+from bayes_inertia.studies.work import Work
 
 PARTS = ("gains", "flown", "achieved", "separate", "times")
 RANDOM_PLANS = 10_000
@@ -142,41 +143,37 @@ def _margins(plan: Plan) -> dict:
     }
 
 
-_FIELDS = tuple(AchievedErrors.__dataclass_fields__)
+@dataclass(frozen=True)
+class Refit:
+    """The task: a plan flown with noise and fitted."""
 
+    plan: Plan
 
-def _do_shard(path: Path, plan: Plan, seed: int, campaigns: int) -> None:
-    errors = fit_simulated_campaigns(plan, MISSION, campaigns, seed)
-    content = {key: getattr(errors, key).tolist() for key in _FIELDS}
-    write_atomically(path, json.dumps(content) + "\n")
+    def __call__(self, task_id: str, seed: np.random.SeedSequence) -> dict[str, np.ndarray]:
+        """Of the published rows: campaign i of a shard has the seed of the shard."""
+        shard, number = divmod(int(task_id), SHARD)
+        source = np.random.SeedSequence(10_000 + shard, spawn_key=(number,))
+        return fit_simulated_campaign(self.plan, MISSION, source)
 
 
 def achieved(campaigns: int, jobs: int) -> dict[str, AchievedErrors]:
-    """Errors of refitted campaigns by plan; shards of 25 that are there already are read."""
-    folder = ROOT / "run_design"
-    folder.mkdir(exist_ok=True)
-    files: dict[str, list[Path]] = {name: [] for name in plans()}
-    tasks = []
-    for k, (name, plan) in enumerate(plans().items()):
-        for shard in range(math.ceil(campaigns / SHARD)):
-            path = folder / f"achieved_{k}_{shard:04d}.json"
-            files[name].append(path)
-            if not path.exists():
-                tasks.append((path, plan, 10_000 + shard, SHARD))
-    with joblib.parallel_config("loky" if jobs > 1 else "sequential", n_jobs=jobs):
-        shards = joblib.Parallel(return_as="generator_unordered")(
-            joblib.delayed(_do_shard)(*task) for task in tasks
-        )
-        for done, _ in enumerate(shards):
-            print(f"{done + 1} of {len(tasks)} shards", end="\r", file=sys.stderr)
-    return {name: _joined(paths) for name, paths in files.items()}
+    """Errors of refitted campaigns by plan; rows that are there already are read."""
+    ids = tuple(str(i) for i in range(SHARD * math.ceil(campaigns / SHARD)))
+    results = {}
+    for name, plan in plans().items():
+        work = Work("campaigns", Refit(plan), ids, options={"plan": repr(plan)}, shard_size=SHARD)
+        folder = ROOT / "run_design" / name.replace(" ", "_")
+        execution = Execution(jobs=jobs, progress=_show, notice=_tell)
+        results[name] = achieved_errors(execution.run(work, folder))
+    return results
 
 
-def _joined(paths: Sequence[Path]) -> AchievedErrors:
-    shards = [json.loads(path.read_text()) for path in paths]
-    return AchievedErrors(
-        *(np.concatenate([np.array(shard[key]) for shard in shards]) for key in _FIELDS)
-    )
+def _show(what: str, done: int, of: int) -> None:
+    print(f"{done} of {of} {what}", end="\r", file=sys.stderr)
+
+
+def _tell(sentence: str) -> None:
+    print(sentence, file=sys.stderr)
 
 
 def against_achieved(errors_by_plan: dict[str, AchievedErrors]) -> dict:

@@ -72,4 +72,4 @@ class SettingsError(BayesInertiaError):
 
 
 class StudyError(BayesInertiaError):
-    """A study cannot go on as it is: its workers are lost, or another run holds its folder."""
+    """A study cannot go on as it is: its workers or its scheduler are lost, or all tasks failed."""

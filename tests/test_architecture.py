@@ -15,7 +15,7 @@ MAX_LINES = 400
 MAX_FUNCTION_LINES = 40
 
 # Which wings each wing may import. Inside a wing its files may use each other.
-OPEN_TO_ALL = ("errors", "files", "sealing", "version")
+OPEN_TO_ALL = ("errors", "files", "folder_lock", "sealing", "version")
 BELOW_PHYSICS = ("campaign", "maths")
 BELOW_DESIGN = ("inference", "flight", "physics", *BELOW_PHYSICS)
 MIDDLE = ("observability", "diagnosis", "design")
@@ -23,6 +23,7 @@ ARROWS = {
     "errors": (),
     "version": (),
     "files": ("errors",),
+    "folder_lock": ("errors", "files"),
     "sealing": ("errors", "files"),
     "maths": OPEN_TO_ALL,
     "campaign": ("maths", *OPEN_TO_ALL),

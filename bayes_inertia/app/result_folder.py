@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bayes_inertia.app.folder_lock import LOCK_FILE
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import check_folder, make_folder, write_atomically
+from bayes_inertia.folder_lock import LOCK_FILE
 from bayes_inertia.sealing import read_sealed_json, sealed
 
 _ADVICE = "choose another folder; nothing was overwritten"

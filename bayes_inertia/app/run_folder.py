@@ -17,13 +17,13 @@ from bayes_inertia.app.diagnosed_fit import fit_after_diagnosis
 from bayes_inertia.app.diagnosis_json import FORMAT as DIAGNOSIS_FORMAT
 from bayes_inertia.app.diagnosis_json import next_fit_from, to_json
 from bayes_inertia.app.fit_campaign import fit
-from bayes_inertia.app.folder_lock import working_in
 from bayes_inertia.app.investigation import investigate
 from bayes_inertia.app.result_folder import ResultFolder
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import campaign_sha256, copy_campaign, read_campaign
 from bayes_inertia.errors import CampaignError, SettingsError
 from bayes_inertia.files import write_atomically
+from bayes_inertia.folder_lock import working_in
 from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.sampler import Progress, Settings

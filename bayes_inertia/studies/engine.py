@@ -9,15 +9,16 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterator
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
+from contextlib import nullcontext
 from dataclasses import dataclass
 from itertools import batched
 from pathlib import Path
 from time import monotonic
 
 from bayes_inertia.errors import StudyError
+from bayes_inertia.folder_lock import working_in
 from bayes_inertia.studies.pools import Engine, Pool, open_pool
 from bayes_inertia.studies.store import Store
-from bayes_inertia.studies.study_lock import study_lock
 from bayes_inertia.studies.work import TaskFailure, Work, WorkResult
 from bayes_inertia.studies.worker import Outcome, do_tasks
 
@@ -104,12 +105,12 @@ def run_work(
     Raises
     ------
     StudyError
-        If the pool is lost, or another run works in the folder. What was finished is kept.
+        If the pool is lost. What was finished is kept.
     OutputError
-        If the folder cannot be written.
+        If another process works in the folder, or it cannot be written.
     """
     say = notice or _silent
-    with study_lock(folder):
+    with working_in(folder) if folder is not None else nullcontext():
         store = Store(work, folder)
         for damage in store.damages:
             say(damage)

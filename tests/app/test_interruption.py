@@ -14,9 +14,9 @@ import pytest
 
 import bayes_inertia
 from bayes_inertia.app import cli, run_folder
-from bayes_inertia.app.folder_lock import working_in
 from bayes_inertia.app.interruption import how_to_go_on
 from bayes_inertia.errors import OutputError
+from bayes_inertia.folder_lock import working_in
 from bayes_inertia.inference.sampler import Settings
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
@@ -153,7 +153,7 @@ def test_one_process_at_a_time_works_in_a_folder(tmp_path):
     run = tmp_path / "run"
     hold = (
         "import sys, time; from pathlib import Path\n"
-        "from bayes_inertia.app.folder_lock import working_in\n"
+        "from bayes_inertia.folder_lock import working_in\n"
         "with working_in(Path(sys.argv[1])): print('held', flush=True); time.sleep(60)"
     )
     with subprocess.Popen(

@@ -116,3 +116,13 @@ def address_in(file: Path) -> str:
             return json.loads(text)["address"]
         time.sleep(0.1)
     raise AssertionError("no scheduler")
+
+
+def test_the_script_for_slurm_writes_a_job(tmp_path):
+    script = Path(__file__).parents[2] / "docs" / "cluster_slurm.py"
+    words = [sys.executable, str(script), "--dry-run", "--partition", "main", "--hours", "3"]
+    job = subprocess.run(words, capture_output=True, text=True, check=True).stdout
+    assert "#SBATCH -p main" in job
+    assert "#SBATCH -t 03:00:00" in job
+    assert "--nthreads 1" in job
+    assert "--lifetime 175m" in job

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from support.cheap_tasks import Flaky, Slow, exact, numbers, work_of
 
-from bayes_inertia.errors import SettingsError, StudyError
+from bayes_inertia.errors import OutputError, SettingsError
+from bayes_inertia.folder_lock import working_in
 from bayes_inertia.studies.engine import run_work
 from bayes_inertia.studies.pools import InProcess, open_pool
 from bayes_inertia.studies.store import LEDGER
-from bayes_inertia.studies.study_lock import study_lock
 from bayes_inertia.studies.work import Work, task_seed
 
 NAMES = ("MOST 2005", "delft/7", "weak/0", "weak/1", "weak/11", "12", "../../etc", "ä b")
@@ -117,7 +117,7 @@ def test_a_task_that_kills_its_workers_is_named_and_the_others_are_done():
 
 
 def test_two_runs_do_not_share_a_folder(tmp_path):
-    with study_lock(tmp_path), pytest.raises(StudyError, match="another run"):
+    with working_in(tmp_path), pytest.raises(OutputError, match="another process"):
         run_work(work_of(3), InProcess(), tmp_path)
     assert len(run_work(work_of(3), InProcess(), tmp_path).rows) == 3
 

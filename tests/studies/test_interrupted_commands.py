@@ -1,0 +1,81 @@
+"""`study` under signals: rows are saved, the command says how to go on, workers end with it."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import psutil
+import pytest
+from support.cheap_tasks import Slow, exact, work_of
+
+from bayes_inertia.studies.engine import run_work
+from bayes_inertia.studies.pools import InProcess
+
+pytestmark = pytest.mark.slow
+
+# A command of the package, but with tasks that only sleep.
+DRIVER = """
+import sys
+from support.cheap_tasks import Slow, work_of
+from bayes_inertia.app import cli
+from bayes_inertia.app.commands.options import OutputFolder
+from bayes_inertia.studies.engine import Execution
+
+def study(engine: str, jobs: int, out: OutputFolder) -> None:
+    def progress(what, done, of):
+        print(done, flush=True)
+    Execution(engine, jobs, None, progress).run(work_of(400, Slow(0.1)), out)
+
+cli.COMMANDS["study"] = study
+cli.main(sys.argv[1:])
+"""
+
+
+def started(folder: Path, engine: str, jobs: int) -> psutil.Popen:
+    """A driver that has finished ten tasks."""
+    path = [str(Path(__file__).parents[1]), *sys.path]
+    words = [sys.executable, "-c", f"import sys; sys.path[:0] = {path!r}\n" + DRIVER]
+    driver = psutil.Popen(
+        [*words, "study", engine, str(jobs), "-o", str(folder)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    while (line := driver.stdout.readline()).strip() != "10":
+        assert line, driver.stderr.read()
+    return driver
+
+
+@pytest.mark.parametrize(
+    ("engine", "jobs", "number", "code"),
+    [
+        ("process", 1, signal.SIGINT, 130),
+        ("joblib", 2, signal.SIGTERM, 143),
+        ("dask", 2, signal.SIGINT, 130),
+    ],
+)
+def test_a_signal_ends_driver_and_workers_and_nothing_is_lost(tmp_path, engine, jobs, number, code):
+    driver = started(tmp_path / "run", engine, jobs)
+    family = driver.children(recursive=True)
+    assert len(family) >= (jobs if jobs > 1 else 0)
+    began = time.monotonic()
+    driver.send_signal(number)
+    _, said = driver.communicate(timeout=60)
+    seconds = time.monotonic() - began
+    assert driver.returncode == code
+    if code > 0:
+        assert "the same command goes on" in said
+        assert "Traceback" not in said
+    # A machine that is busy with other things may take its time.
+    assert seconds < 30.0
+    assert psutil.wait_procs(family, timeout=30.0)[1] == []
+    done: list[int] = []
+    work = work_of(400, Slow(0.0))
+    result = run_work(work, InProcess(), tmp_path / "run", progress=lambda *a: done.append(a[1]))
+    # A signal that can be caught loses nothing; SIGKILL at most what was not saved yet.
+    assert done[0] > (10 if code > 0 else 4)
+    assert exact(result) == exact(run_work(work_of(400), InProcess()))
