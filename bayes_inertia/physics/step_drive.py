@@ -136,7 +136,10 @@ def moment_weights(grid: StepGrid, xp: ModuleType = jnp) -> Any:
     right = xp.einsum("mr,q,mrql->mrl", grid.width, _WEIGHTS * _POINTS, legendre)
     none = xp.zeros_like(left[:, :1])
     weights = xp.concatenate([left, none], axis=1) + xp.concatenate([none, right], axis=1)
-    return weights @ _LEGENDRE
+    # In padding time stands still, and so does what is given there.
+    still = np.zeros((grid.fraction.shape[1] + 1, DEGREE + 1))
+    still[0, 0] = 1.0
+    return xp.where((grid.length > 0.0)[:, None, None], weights @ _LEGENDRE, still)
 
 
 def polynomials(grid: StepGrid, pieces: Any, xp: ModuleType = jnp) -> Any:
