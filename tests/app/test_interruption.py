@@ -27,7 +27,10 @@ import hashlib, subprocess, sys
 print(subprocess.Popen([sys.executable, "-c", "import time; time.sleep(60)"]).pid, flush=True)
 hashlib.pbkdf2_hmac("sha256", b"", b"", 2 * 10**9)
 """
+# A test run in the background may ignore SIGINT, and its children inherit that.
 PROGRAM = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
 from bayes_inertia.app import cli
 def command():
     print("ready", flush=True)
@@ -50,7 +53,10 @@ def interrupted(body: str, *signals: int) -> tuple[int, str, str, float]:
     for number in signals:
         program.send_signal(number)
         time.sleep(0.3)
-    output, errors = program.communicate(timeout=30)
+    try:
+        output, errors = program.communicate(timeout=30)
+    finally:
+        program.kill()
     return program.returncode, "".join(lines) + output, errors, time.monotonic() - began
 
 

@@ -18,7 +18,10 @@ from bayes_inertia.studies.pools import InProcess
 pytestmark = pytest.mark.slow
 
 # A command of the package, but with tasks that only sleep.
+# A test run in the background may ignore SIGINT, and its children inherit that.
 DRIVER = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
 import sys
 from support.cheap_tasks import Slow, work_of
 from bayes_inertia.app import cli
@@ -64,7 +67,10 @@ def test_a_signal_ends_driver_and_workers_and_nothing_is_lost(tmp_path, engine, 
     assert len(family) >= (jobs if jobs > 1 else 0)
     began = time.monotonic()
     driver.send_signal(number)
-    _, said = driver.communicate(timeout=60)
+    try:
+        _, said = driver.communicate(timeout=60)
+    finally:
+        driver.kill()
     seconds = time.monotonic() - began
     assert driver.returncode == code
     if code > 0:
