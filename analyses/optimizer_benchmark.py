@@ -239,8 +239,8 @@ def page(rows: list[dict]) -> str:
         "means a start; optimistix evaluates residuals at each step, derivatives where it was",
         f"accepted, for {OPTIMISTIX_STEPS} steps at most. Processor time a start is a ratio to the",
         "fastest row, on one core, without compilation. Behind the share of successes stands its",
-        f"exact binomial interval of {CONFIDENCE:.0%}. With `--no-levenberg` the rows of optimistix",
-        "LevenbergMarquardt are those of an earlier run, their time scaled as Dogleg's.",
+        f"exact binomial interval of {CONFIDENCE:.0%}. With `--no-levenberg` the rows of",
+        "optimistix LevenbergMarquardt are those of an earlier run, their time scaled as Dogleg's.",
         "",
         "| tachometers | first descent | solver | success | share "
         "| residuals | derivatives | time |",
