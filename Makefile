@@ -7,6 +7,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 DEMO ?= demo_run
 
+# The tests of one environment share compiled code: two workers, fast tests and slow ones.
+test test-all: export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/$(VENV)/jax_cache
+test test-all: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.3
+
 .PHONY: demo test test-all lint types clean
 
 demo: $(VENV)/ready

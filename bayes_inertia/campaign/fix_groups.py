@@ -26,9 +26,9 @@ def fix_groups(slew: Slew) -> np.ndarray:
 
     Examples
     --------
-    >>> attitude = np.tile([0.0, 0.0, 0.0, 1.0], (9, 1))
-    >>> attitude[2:7] = np.nan
-    >>> fix_groups(Slew("a", 0.0, np.arange(9.0), attitude=attitude)).tolist()
+    >>> attitude = np.tile([0.0, 0.0, 0.0, 1.0], (90, 1))
+    >>> attitude[2:88] = np.nan
+    >>> fix_groups(Slew("a", 0.0, np.arange(90.0), attitude=attitude)).tolist()
     [0, 0, 1, 1]
     """
     time = slew.time[slew.fixes]

@@ -178,7 +178,7 @@ def runge_kutta_6(
 
     Examples
     --------
-    >>> runge_kutta_6(lambda fraction, x: -x, jnp.array(1.0), 0.1).round(9).item()
+    >>> print(f"{runge_kutta_6(lambda fraction, x: -x, jnp.array(1.0), 0.1):.9f}")
     0.904837418
     """
     if unrolled:

@@ -23,7 +23,7 @@ from bayes_inertia.physics.slew_input import Drive, SlewInput
 from bayes_inertia.physics.step_drive import KnownMomentum, polynomials, slope, step_ends, value
 
 
-class Path(NamedTuple):
+class MotionHistory(NamedTuple):
     """What was integrated, at the n rows of the grid.
 
     Parameters
@@ -51,7 +51,7 @@ def attitude_path(
     known: KnownMomentum,
     active: ActiveEffects,
     drive: Drive,
-) -> Path:
+) -> MotionHistory:
     """The slew where M_N is constant and the wheels are known beforehand.
 
     Only the attitude is integrated; no effect acts on it. Body-frame momentum between the ends of
@@ -74,7 +74,7 @@ def attitude_path(
 
     Returns
     -------
-    Path
+    MotionHistory
         At the rows of the grid.
     """
     n, momentum_N = len(slew.context.time), first.momentum_N
@@ -94,7 +94,7 @@ def attitude_path(
     states = jax.tree.map(lambda x: jnp.broadcast_to(x, (n, *x.shape)), first.effect_states)
     if known.left_out is None:
         momentum_B = jnp.stack(quaternion.to_body_components(begin, momentum_N), -1)
-        return Path(jnp.stack(begin, -1), momentum_B, first.wheel, states)
+        return MotionHistory(jnp.stack(begin, -1), momentum_B, first.wheel, states)
     length = known.steps.length
     q0, body0 = wheels.derivatives(begin, momentum_N, length, 0.0)
     q1, body1 = wheels.derivatives(_followed(begin, last), momentum_N, length, 1.0)
@@ -103,7 +103,7 @@ def attitude_path(
     smooth_B = _at_rows(body0, body1, known)
     carried = quaternion.cross_components(smooth_B, angle)
     all_B = tuple(m + c for m, c in zip(smooth_B, carried, strict=True))
-    return Path(_rows(attitude), _rows(all_B), first.wheel, states)
+    return MotionHistory(_rows(attitude), _rows(all_B), first.wheel, states)
 
 
 class _WheelsInBody(NamedTuple):
@@ -152,7 +152,7 @@ def full_path(
     known: KnownMomentum,
     active: ActiveEffects,
     drive: Drive,
-) -> Path:
+) -> MotionHistory:
     """The slew where momentum, wheels or own states change on the way.
 
     Parameters
@@ -172,7 +172,7 @@ def full_path(
 
     Returns
     -------
-    Path
+    MotionHistory
         At the rows of the grid.
     """
     context, inputs = slew.context, _inputs(slew, known)
@@ -188,7 +188,7 @@ def full_path(
     if known.left_out is None:
         momentum_B = quaternion.to_body_components(begin.attitude, begin.momentum_N)
         rows = jnp.stack(begin.attitude, -1), jnp.stack(momentum_B, -1)
-        return Path(*rows, begin.wheel, begin.effect_states)
+        return MotionHistory(*rows, begin.wheel, begin.effect_states)
 
     def end(state: SlewState, s: float) -> tuple[list, SlewState]:
         def one(x: SlewState, row: StepInputs) -> tuple[Any, SlewState]:
@@ -203,7 +203,7 @@ def full_path(
     attitude = turned(_at_rows(q0, q1, known), _within_step(mass, known))
     rest = _cubics_at_rows(begin, change0, final, change1, known.steps.fraction)
     momentum_B = quaternion.to_body_components([q.reshape(-1) for q in attitude], rest.momentum_N)
-    return Path(_rows(attitude), jnp.stack(momentum_B, -1), rest.wheel, rest.effect_states)
+    return MotionHistory(_rows(attitude), jnp.stack(momentum_B, -1), rest.wheel, rest.effect_states)
 
 
 def _cubics_at_rows(begin: Any, change0: Any, final: Any, change1: Any, s: Array) -> Any:

@@ -234,6 +234,7 @@ def advance(
 
     Examples
     --------
+    >>> import jax
     >>> from bayes_inertia.physics.equations_of_motion import prepare
     >>> from bayes_inertia.physics.slew_input import Start, idle_slew
     >>> q = jnp.array([0.0, 0.0, 0.0, 1.0])
