@@ -79,6 +79,8 @@ def attitude_path(
     """
     n, momentum_N = len(slew.context.time), first.momentum_N
     wheels = _WheelsInBody.of(mass, first, known, drive)
+    # Row by row a loop of the stages compiles in half the time.
+    many_rows = known.left_out is not None
 
     def step(attitude: Components, row: tuple) -> tuple[Components, Components]:
         cubic_B, duration = row
@@ -88,7 +90,7 @@ def attitude_path(
             rate = wheels.rate(momentum_B, value(tuple(cubic_B), fraction))
             return quaternion.rate_of_components(q, rate)
 
-        return unit(runge_kutta_6(slope_of, attitude, duration, unrolled=True)), attitude
+        return unit(runge_kutta_6(slope_of, attitude, duration, unrolled=many_rows)), attitude
 
     last, begin = jax.lax.scan(step, first.attitude, (wheels.cubic_B, known.steps.length))
     states = jax.tree.map(lambda x: jnp.broadcast_to(x, (n, *x.shape)), first.effect_states)
