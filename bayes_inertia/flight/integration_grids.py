@@ -84,7 +84,9 @@ def _padded(slews: SlewInput, missing: int) -> SlewInput:
         time=pad(slews.context.time, "edge"),
         torque=pad(slews.context.torque, "edge"),
     )
-    fields = ("momentum", "magnetic_field_N", "position_N")
     return slews._replace(
-        context=context, **{key: pad(getattr(slews, key), "edge") for key in fields}
+        context=context,
+        momentum=pad(slews.momentum, "edge"),
+        magnetic_field_N=pad(slews.magnetic_field_N, "edge"),
+        position_N=pad(slews.position_N, "edge"),
     )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from bayes_inertia.inference.hyperparameters import (
@@ -27,7 +29,7 @@ _ROUNDS, _SETTLED = 8, 0.02
 
 
 def descend(
-    model: Model, point: Point, white: Whitening, free: np.ndarray, **stop: float
+    model: Model, point: Point, white: Whitening, free: np.ndarray, **stop: Any
 ) -> tuple[Point, float]:
     """The minimum that a descent from a point reaches, and its objective.
 

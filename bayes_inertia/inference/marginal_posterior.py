@@ -118,7 +118,7 @@ def _eliminated_at(structure: Structure, marginal: Marginal, theta: Array) -> El
         jnp.einsum("sn,snk->sk", channel, columns)
         for channel, columns in zip(r, marginal.columns, strict=True)
     )
-    chi2 = sum(jnp.sum(channel**2) for channel in r)
+    chi2: Any = sum(jnp.sum(channel**2) for channel in r)
     contexts = marginal.data.arrays.slews.context
     part: Any = marginal.coefficients
     return eliminated(structure, part, theta, contexts, point, chi2, slew_gradient)
