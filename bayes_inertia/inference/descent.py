@@ -64,7 +64,7 @@ def descend(
 
 
 def _to_minimum(
-    model: Model, point: Point, white: Whitening, free: np.ndarray, **stop: float
+    model: Model, point: Point, white: Whitening, free: np.ndarray, **stop: Any
 ) -> tuple[Point, float]:
     """The minimum with the sizes of stochastic effects as they are."""
 
