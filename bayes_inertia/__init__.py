@@ -144,6 +144,8 @@ _PUBLIC = {
     "design_plan": "design.designer",
     "next_slew": "design.designer",
     "separating_slew": "design.separating_slew",
+    # Compiled code kept between runs.
+    "keep_compiled_code": "app.compiled_code",
     # Reports.
     "Picture": "report.section",
     "Section": "report.section",

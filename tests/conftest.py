@@ -6,6 +6,7 @@ Campaigns of one `Setup` have one shape, so that all tests of a session share co
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
 
 import jax
@@ -22,6 +23,9 @@ from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.parameters import Normal, vector
 from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_input import SlewInput, Start, idle_slew
+
+# No test writes to the user's cache folder.
+os.environ.setdefault("BAYES_INERTIA_CACHE", "off")
 
 PRIOR_TENSOR = np.array([[3.2, -0.02, 0.01], [-0.02, 2.2, 0.03], [0.01, 0.03, 1.9]])
 SKEW_AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.6, 0.64, 0.48))

@@ -39,6 +39,7 @@ PUBLIC = set(
     UnexplainedSignal Window diagnose diagnose_and_fit investigate
     AchievedErrors Contender CorrectionForecast Design Goal KeepOut Limits Margin Separation
     compare_plans design_plan next_slew separating_slew
+    keep_compiled_code
     Picture Section standard_sections write_report
     BayesInertiaError CampaignError DesignError EffectError EstimateError OutputError
     SettingsError StudyError

@@ -27,6 +27,7 @@ from bayes_inertia.app.commands.report import report_command
 from bayes_inertia.app.commands.resume import resume_command
 from bayes_inertia.app.commands.simulate import simulate_command
 from bayes_inertia.app.commands.study import study_command
+from bayes_inertia.app.compiled_code import compiled_code_kept
 from bayes_inertia.app.failures import failure_message, is_closed_output
 from bayes_inertia.app.interruption import ending_soon_on_signals, how_to_go_on
 from bayes_inertia.app.terminal import safe_message
@@ -82,14 +83,23 @@ def _show_version(wanted: bool) -> None:
 
 
 def _options(
+    context: typer.Context,
     version: Annotated[
         bool,
         typer.Option(
             "--version", help="Say the version and exit.", callback=_show_version, is_eager=True
         ),
     ] = False,
+    cache: Annotated[
+        bool,
+        typer.Option(
+            "--cache/--no-cache",
+            help="Keep compiled code between runs, in the user's cache folder "
+            "(BAYES_INERTIA_CACHE: another folder, or off).",
+        ),
+    ] = True,
 ) -> None:
-    pass
+    context.with_resource(compiled_code_kept(cache))
 
 
 def main(arguments: list[str] | None = None) -> None:

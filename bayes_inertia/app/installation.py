@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from importlib import metadata
+from pathlib import Path
 
 import numpy as np
 from rich.table import Table
 
+from bayes_inertia.app.compiled_code import size_of
 from bayes_inertia.app.terminal import plain_console
 
 _PACKAGES = ("bayes-inertia", "numpy", "scipy", "jax", "emcee", "arviz", "xarray", "matplotlib")
@@ -31,8 +33,19 @@ def show_installation() -> None:
     drift = _energy_drift()
     passed = "passed" if drift < _ENERGY_DRIFT_ALLOWED else "FAILED"
     console.print(f"self-test: energy of a free tumble is constant to {drift:.1e} ({passed})")
+    console.print(f"compiled code: {_compiled_code()}")
     console.print(f"effects: {', '.join(effect.name for effect in LIBRARY)}")
     console.print(f"without a fixed shape: {', '.join(effect.name for effect in STOCHASTIC)}")
+
+
+def _compiled_code() -> str:
+    """Where compiled code is kept between runs."""
+    import jax
+
+    folder = jax.config.values["jax_compilation_cache_dir"]
+    if folder is None or not jax.config.values["jax_enable_compilation_cache"]:
+        return "not kept between runs"
+    return f"kept in {folder} ({size_of(Path(folder)) / 1e6:.0f} MB)"
 
 
 def _energy_drift() -> float:
