@@ -8,7 +8,8 @@ h the tachometer momentum): the integral of Ferguson's eq 6. Vectors are tuples 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,10 +18,7 @@ from jax import Array
 from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.inertia_tensor import with_wheel_spin
 from bayes_inertia.physics.active_effects import ActiveEffects
-from bayes_inertia.physics.components import (
-    Components,
-    stacked,
-)
+from bayes_inertia.physics.components import Components, stacked
 from bayes_inertia.physics.slew_context import SlewContext
 from bayes_inertia.physics.slew_input import Drive, SlewInput, Start
 
@@ -209,7 +207,31 @@ def rate_components(
     )
     if internal is not None:
         momentum_B = tuple(m - internal[i] for i, m in enumerate(momentum_B))
-    return tuple(sum(mass.inverse[i, j] * momentum_B[j] for j in range(3)) for i in range(3))  # type: ignore[misc]
+    return rate_of_momentum(mass, momentum_B)
+
+
+def rate_of_momentum(mass: MassProperties, momentum_B: Sequence[Any]) -> Components:
+    """Body rate from the momentum of the body alone; likewise its change from a torque.
+
+    Parameters
+    ----------
+    mass : MassProperties
+        The constants of this slew.
+    momentum_B : sequence of 3 Array
+        Momentum without that of wheels and of effects' own states, body frame [N m s].
+
+    Returns
+    -------
+    tuple of 3 Array
+        Body rate [rad/s].
+
+    Examples
+    --------
+    >>> mass = MassProperties(0.5 * jnp.eye(3), 2.0 * jnp.eye(3), jnp.zeros((3, 0)), jnp.zeros(0))
+    >>> rate_of_momentum(mass, (0.2, 0.0, 0.0))[0].item()
+    0.1
+    """
+    return tuple(sum(mass.inverse[i, j] * momentum_B[j] for j in range(3)) for i in range(3))
 
 
 def internal_momentum(

@@ -17,10 +17,17 @@ from bayes_inertia.physics.equations_of_motion import (
     SlewState,
     internal_momentum,
     rate_components,
+    rate_of_momentum,
 )
 from bayes_inertia.physics.motion_step import StepInputs, state_slope, wheel_momentum_at
 from bayes_inertia.physics.slew_input import Drive, SlewInput
-from bayes_inertia.physics.step_drive import KnownMomentum, polynomials, slope, step_ends, value
+from bayes_inertia.physics.step_drive import (
+    KnownMomentum,
+    derivative,
+    polynomials,
+    step_ends,
+    value,
+)
 
 
 class MotionHistory(NamedTuple):
@@ -45,12 +52,7 @@ class MotionHistory(NamedTuple):
 
 
 def attitude_path(
-    slew: SlewInput,
-    mass: MassProperties,
-    first: SlewState,
-    known: KnownMomentum,
-    active: ActiveEffects,
-    drive: Drive,
+    mass: MassProperties, first: SlewState, known: KnownMomentum, drive: Drive
 ) -> MotionHistory:
     """The slew where M_N is constant and the wheels are known beforehand.
 
@@ -59,16 +61,12 @@ def attitude_path(
 
     Parameters
     ----------
-    slew : SlewInput
-        What was commanded or measured.
     mass : MassProperties
         The constants of this slew.
     first : SlewState
         The state at the first row.
     known : KnownMomentum
         Of the wheels.
-    active : ActiveEffects
-        What else acts.
     drive : "commanded" or "measured"
         What drives the model.
 
@@ -77,7 +75,7 @@ def attitude_path(
     MotionHistory
         At the rows of the grid.
     """
-    n, momentum_N = len(slew.context.time), first.momentum_N
+    n, momentum_N = len(known.at_rows), first.momentum_N
     wheels = _WheelsInBody.of(mass, first, known, drive)
     # Row by row a loop of the stages compiles in half the time.
     many_rows = known.left_out is not None
@@ -127,7 +125,7 @@ class _WheelsInBody(NamedTuple):
     def rate(self, momentum_B: Components, known_B: Any) -> Components:
         """Body rate from total momentum and from the wheels' known momentum."""
         free = [momentum_B[i] - known_B[i] - self.offset[i] for i in range(3)]
-        return _turned_into_rate(self.mass, free)
+        return rate_of_momentum(self.mass, free)
 
     def derivatives(
         self, attitude: Components, momentum_N: Components, length: Array, s: float
@@ -138,8 +136,8 @@ class _WheelsInBody(NamedTuple):
         rate = self.rate(momentum_B, [value(p, s) for p in wheels])
         rate = tuple(length * w for w in rate)
         turn = quaternion.cross_components(momentum_B, rate)
-        change = [t - slope(p, s) for t, p in zip(turn, wheels, strict=True)]
-        rate_change = tuple(length * w for w in _turned_into_rate(self.mass, change))
+        change = [t - value(derivative(p), s) for t, p in zip(turn, wheels, strict=True)]
+        rate_change = tuple(length * w for w in rate_of_momentum(self.mass, change))
         of_turn = quaternion.cross_components(turn, rate)
         of_change = quaternion.cross_components(momentum_B, rate_change)
         bend = [a + b for a, b in zip(of_turn, of_change, strict=True)]
@@ -245,7 +243,7 @@ def _spin(
     """Body rate times a step's length, and its derivative over the step."""
     acts = active.act("internal_momentum")
     wheel = wheel_momentum_at(s, x, row, drive)
-    gained = slope(row.wheel, s)
+    gained = value(derivative(row.wheel), s)
     if drive == "commanded":
         gained = gained + jnp.stack(change.wheel) if change.wheel else gained
 
@@ -262,11 +260,7 @@ def _spin(
     torque = quaternion.to_body_components(x.attitude, change.momentum_N)
     moved = mass.axes_B @ gained + bend
     free = [turn[i] + torque[i] - moved[i] for i in range(3)]
-    return rate, tuple(row.length * w for w in _turned_into_rate(mass, free))
-
-
-def _turned_into_rate(mass: MassProperties, momentum_B: Any) -> Components:
-    return tuple(sum(mass.inverse[i, j] * momentum_B[j] for j in range(3)) for i in range(3))
+    return rate, tuple(row.length * w for w in rate_of_momentum(mass, free))
 
 
 def _followed(begin: Any, last: Any) -> Any:

@@ -170,7 +170,6 @@ def longest_step(campaign: Campaign) -> float:
     readings = [s.complete_rates()[1] for s in campaign.slews]
     rates = np.concatenate([np.linalg.norm(r, axis=1) for r in readings])
     fastest = 2.0 * float(np.quantile(rates, 0.95)) if len(rates) else 0.0
-    # A power of two, so that the grid does not change with every reading.
     return float(2.0 ** np.floor(np.log2(0.05 / max(fastest, 1e-9))))
 
 

@@ -72,8 +72,11 @@ def simulate_slew(
     context = slew.context
     mass, state, torque = prepare(slew, start, inertia_B, active, drive)
     known = known_momentum(slew, torque, drive, rows_per_step)
-    integrate = full_path if active.act(*MOVING_HOOKS) else attitude_path
-    path = integrate(slew, mass, state, known, active, drive)
+    path = (
+        full_path(slew, mass, state, known, active, drive)
+        if active.act(*MOVING_HOOKS)
+        else attitude_path(mass, state, known, drive)
+    )
     wheel = known.at_rows
     if drive == "commanded":
         wheel = wheel + stacked(path.wheel)

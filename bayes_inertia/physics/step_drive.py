@@ -303,24 +303,22 @@ def value(coefficients: tuple, fraction: Any) -> Any:
     return total
 
 
-def slope(coefficients: tuple, fraction: Any) -> Any:
-    """The derivative of a polynomial with respect to s.
+def derivative(coefficients: tuple) -> tuple:
+    """The derivative of a polynomial with respect to s, for `value`.
 
     Parameters
     ----------
     coefficients : tuple of arrays
-        Of 1, s, s^2, ...
-    fraction : array
-        s.
+        Of the polynomial.
 
     Returns
     -------
-    array
-        Its slope there.
+    tuple of arrays
+        One fewer.
 
     Examples
     --------
-    >>> slope((1.0, 2.0, 3.0), 2.0)
-    14.0
+    >>> derivative((1.0, 2.0, 3.0))
+    (2.0, 6.0)
     """
-    return value(tuple(k * c for k, c in enumerate(coefficients))[1:], fraction)
+    return tuple(k * c for k, c in enumerate(coefficients))[1:]
