@@ -21,13 +21,14 @@ import numpy as np
 from bayes_inertia.campaign.dirt import Dirt, Treatment
 from bayes_inertia.campaign.gaps import (
     LONGEST_STEP,
+    Channels,
     gap_note,
     is_regular,
     missing_rows,
     without_intervals,
 )
 from bayes_inertia.campaign.lost_commands import with_lost_commands
-from bayes_inertia.campaign.short_gaps import Channels, with_short_gaps_filled
+from bayes_inertia.campaign.short_gaps import with_short_gaps_filled
 
 Interval = tuple[float, float]
 

@@ -15,6 +15,10 @@ LONGEST_STEP = 1.5
 _REGULAR, _JITTER = 0.8, 0.2
 _FEWEST_STEPS = 5
 _FEWEST_RATES = 10  # of a part of a slew
+SAME_ROW = 0.01  # of a step: a row so close to a lost command takes it
+
+Channels = dict[str, np.ndarray]
+"""Channels (n, width) of a slew by the name of `Slew`, with "time" (n,) [s]."""
 
 
 def missing_rows(time: np.ndarray) -> tuple[np.ndarray, float]:
@@ -69,6 +73,69 @@ def is_regular(time: np.ndarray) -> bool:
         return False
     step = np.median(steps)
     return bool(np.mean(np.abs(steps - step) <= _JITTER * step) >= _REGULAR)
+
+
+def unbroken_rows(time: np.ndarray, steps: int, step: float) -> np.ndarray:
+    """Rows that so many regular steps follow.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Times [s], strictly increasing.
+    steps : int
+        How many.
+    step : float
+        The regular step [s].
+
+    Returns
+    -------
+    (m,) array of int
+
+    Examples
+    --------
+    >>> unbroken_rows(np.array([0.0, 1.0, 2.0, 4.0, 5.0]), 2, 1.0).tolist()
+    [0]
+    """
+    even = np.abs(np.diff(time) - step) <= _JITTER * step
+    if len(even) < steps:
+        return np.zeros(0, dtype=int)
+    return np.flatnonzero(np.convolve(even, np.ones(steps), "valid") > steps - 0.5)
+
+
+def with_rows_at(channels: Channels, times: np.ndarray, step: float) -> Channels:
+    """Copies of channels that have a row at each of some times.
+
+    Parameters
+    ----------
+    channels : dict of str to array
+        Channels (n, width) and "time" (n,) [s].
+    times : (m,) array
+        Increasing times [s].
+    step : float
+        The regular step [s]; a row within `SAME_ROW` of it is the row of a time.
+
+    Returns
+    -------
+    dict of str to array
+        With new rows, NaN but for their time.
+
+    Examples
+    --------
+    >>> given = {"time": np.array([0.0, 1.0, 3.0]), "rate": np.ones((3, 1))}
+    >>> with_rows_at(given, np.array([1.0, 2.0]), 1.0)["rate"][:, 0].tolist()
+    [1.0, 1.0, nan, 1.0]
+    """
+    time = channels["time"]
+    first = np.searchsorted(time, times - SAME_ROW * step)
+    near = time[np.minimum(first, len(time) - 1)] <= times + SAME_ROW * step
+    new = times[~((first < len(time)) & near)]
+    at = np.searchsorted(time, new)
+    grown = {
+        name: np.insert(values, at, np.nan, axis=0)
+        for name, values in channels.items()
+        if name != "time"
+    }
+    return {**grown, "time": np.insert(time, at, new)}
 
 
 def gap_records(slew: Slew) -> list[Dirt]:
@@ -131,8 +198,8 @@ def gap_note(count: int, longest: float) -> str:
 
 
 def without_intervals(
-    channels: dict[str, np.ndarray], intervals: Sequence[tuple[float, float]]
-) -> list[dict[str, np.ndarray]]:
+    channels: Channels, intervals: Sequence[tuple[float, float]]
+) -> list[Channels]:
     """Channels cut where nothing may lead across.
 
     Parameters

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-Channels = dict[str, np.ndarray]
+from bayes_inertia.campaign.gaps import SAME_ROW, Channels, unbroken_rows, with_rows_at
 
 # Pieces of one gap, and of all gaps of one slew: every piece costs one unknown a wheel.
 _MOST_OF_GAP, _MOST_OF_SLEW = 8, 48
@@ -27,7 +27,6 @@ _MOST_ON_A_LINE = 3  # lost rows of a gap; errors of longer lines add up
 _SAFETY = 1.25  # times the rms error of the lines
 # A change beyond twice that of nine in ten rows is a step: half of it may be missed.
 _STEP, _MOST = 2.0, 0.9
-_SAME = 0.01  # of a step: a row so close to a lost command is its row
 _WHOLE = 0.2  # of a step: the last lost row stands at least so long before the next command
 
 
@@ -66,14 +65,14 @@ def with_lost_commands(
     size = _piece_count([len(times) for times in lost])
     if size is None:
         return None
-    channels = _with_rows(channels, np.concatenate(lost), step)
+    channels = with_rows_at(channels, np.concatenate(lost), step)
     time, torque = channels["time"], channels["wheel_torque"]
     pieces, sd = np.zeros(len(time), dtype=int), np.zeros(torque.shape)
     known = np.isfinite(torque).all(axis=1)
     usual = _usual_errors(time[known], torque[known], {len(t) for t in lost}, step, largest)
     for times, (after, before) in zip(lost, intervals, strict=True):
         count = min(size, len(times))
-        starts = times[np.arange(count) * len(times) // count] - _SAME * step
+        starts = times[np.arange(count) * len(times) // count] - SAME_ROW * step
         inside = (time >= starts[0]) & (time < before)
         pieces[inside] = pieces.max() + np.searchsorted(starts, time[inside], side="right")
         ends = torque[np.searchsorted(time, [after, before])]
@@ -85,7 +84,7 @@ def with_lost_commands(
         sd[inside] = np.minimum(np.hypot(_SAFETY * rms, step_sd), largest)
         if count < len(times):
             for name in _LEFT_OUT & set(channels):
-                channels[name][inside & (time > starts[0] + 2.0 * _SAME * step)] = np.nan
+                channels[name][inside & (time > starts[0] + 2.0 * SAME_ROW * step)] = np.nan
     return {**channels, "lost_command": pieces, "lost_command_sd": sd}
 
 
@@ -105,30 +104,13 @@ def _piece_count(rows: Sequence[int]) -> int | None:
     return None
 
 
-def _with_rows(channels: Channels, times: np.ndarray, step: float) -> Channels:
-    """Copies of channels with rows, NaN but for their time, at times that have none."""
-    time = channels["time"]
-    first = np.minimum(np.searchsorted(time, times - _SAME * step), len(time) - 1)
-    new = times[np.abs(time[first] - times) > _SAME * step]
-    at = np.searchsorted(time, new)
-    grown = {
-        name: np.insert(values, at, np.nan, axis=0)
-        for name, values in channels.items()
-        if name != "time"
-    }
-    return {**grown, "time": np.insert(time, at, new)}
-
-
 def _usual_errors(
     at: np.ndarray, commands: np.ndarray, lengths: set[int], step: float, largest: float
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
     """By lost rows of a gap: rms error of such a line, largest usual change of its ends [N m]."""
-    even = np.abs(np.diff(at) - step) <= _WHOLE * step
     usual = {}
     for lost in lengths:
-        trials = np.zeros(0, dtype=int)
-        if len(even) > lost:
-            trials = np.flatnonzero(np.convolve(even, np.ones(lost + 1), "valid") > lost + 0.5)
+        trials = unbroken_rows(at, lost + 1, step)
         if len(trials) < _FEWEST_TRIALS or lost > _MOST_ON_A_LINE:
             unknown = np.full(commands.shape[1], largest)
             usual[lost] = unknown, unknown

@@ -12,7 +12,13 @@ from __future__ import annotations
 import numpy as np
 
 from bayes_inertia.campaign.dirt import Dirt
-from bayes_inertia.campaign.gaps import missing_rows
+from bayes_inertia.campaign.gaps import (
+    SAME_ROW,
+    Channels,
+    missing_rows,
+    unbroken_rows,
+    with_rows_at,
+)
 
 _MOST_ROWS = 3  # in one gap
 _FEWEST_TRIALS = 30
@@ -21,10 +27,7 @@ _SAFETY = 2.0
 _TIMES_NEGLIGIBLE = 2.0
 # Bends larger than twice those of nine in ten rows are steps or corners.
 _SMOOTH, _MOST = 2.0, 0.9
-_SAME = 0.01  # of a step: a row so close to a lost command takes it
 _WHOLE = 0.2  # of a step, by which a gap's length may differ from whole steps
-
-Channels = dict[str, np.ndarray]
 
 
 def with_short_gaps_filled(
@@ -125,7 +128,7 @@ def _usual(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Of such gaps: rms error (wheels,) [N m s], and the largest bends of smooth commands [N m]."""
     step = float(np.median(np.diff(at)))
-    trials = _unbroken(at, int(nodes[3]), step)
+    trials = unbroken_rows(at, int(nodes[3]), step)
     none = np.full(commands.shape[1], np.inf), np.zeros(2 * commands.shape[1])
     if len(trials) < _FEWEST_TRIALS:
         return none
@@ -149,33 +152,10 @@ def _error_of_curve(
     return float(np.linalg.norm(np.maximum(usual, hidden)))
 
 
-def _unbroken(at: np.ndarray, steps: int, step: float) -> np.ndarray:
-    """Rows that so many regular steps follow."""
-    even = np.abs(np.diff(at) - step) <= _WHOLE * step
-    if len(even) < steps:
-        return np.zeros(0, dtype=int)
-    return np.flatnonzero(np.convolve(even, np.ones(steps), "valid") > steps - 0.5)
-
-
 def _with_commands(
     channels: Channels, times: np.ndarray, commands: np.ndarray, step: float
 ) -> Channels:
     """Channels with commands at increasing times, in rows that are there or new."""
-    time = channels["time"]
-    is_new = ~_has_row(time, times, step)
-    at = np.searchsorted(time, times[is_new])
-    grown = {
-        name: np.insert(values, at, np.nan, axis=0)
-        for name, values in channels.items()
-        if name != "time"
-    }
-    grown["time"] = np.insert(time, at, times[is_new])
-    grown["wheel_torque"] = grown["wheel_torque"].copy()
-    grown["wheel_torque"][np.searchsorted(grown["time"], times - _SAME * step)] = commands
+    grown = with_rows_at(channels, times, step)
+    grown["wheel_torque"][np.searchsorted(grown["time"], times - SAME_ROW * step)] = commands
     return grown
-
-
-def _has_row(time: np.ndarray, times: np.ndarray, step: float) -> np.ndarray:
-    """Whether there are rows close to some times."""
-    first = np.searchsorted(time, times - _SAME * step)
-    return (first < len(time)) & (time[np.minimum(first, len(time) - 1)] <= times + _SAME * step)
