@@ -12,6 +12,7 @@ import numpy as np
 
 from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.campaign.gaps import is_regular
+from bayes_inertia.campaign.uneven_stamps import clock_through
 
 # Rounding matters if the resolution is this share of the step; beyond the second share nothing can
 # be told of the clock.
@@ -110,11 +111,7 @@ def _grid(time: np.ndarray, step: float, resolution: float) -> np.ndarray | None
     near = steps[np.abs(steps - step) < 0.5 * step]
     if np.ptp(near) < 0.5 * resolution:
         return None
-    rows = np.concatenate([[0.0], np.cumsum(np.round(steps / np.mean(near)))])
-    for _ in range(2):
-        slope, start = np.polyfit(rows, time - time[0], 1)
-        fitted = start + slope * rows
-        rows = np.round((time - time[0] - start) / slope)
+    fitted, rows, _ = clock_through(time)
     if np.any(np.diff(rows) < 1.0) or np.abs(fitted + time[0] - time).max() > _HALF * resolution:
         return None
     return fitted + time[0]

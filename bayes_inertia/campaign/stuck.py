@@ -11,6 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from bayes_inertia.maths.robust_scale import SD_OVER_MAD
+
 _SHORTEST_RUN = 5  # [readings]
 _SHORTEST_RUN_OF_FIXES = 3
 _FALSE_ALARMS = 1e-6  # a slew
@@ -130,7 +132,7 @@ def _repetition(values: np.ndarray, sigma: float) -> float | None:
     bends = (values[:-2] - 2.0 * values[1:-1] + values[2:])[inner]
     if not len(bends):
         return None
-    noise = 1.4826 * float(np.median(np.abs(bends))) / math.sqrt(6.0)
+    noise = SD_OVER_MAD * float(np.median(np.abs(bends))) / math.sqrt(6.0)
     step = resolution(values)
     if noise <= _LEAST_NOISE * sigma or min(noise, sigma) <= 0.5 * step:
         return None

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayes_inertia.maths.robust_scale import SD_OVER_MAD
+
 # Jitter is less than this share of the step, else rows cannot be counted.
 _FARTHEST = 0.45
 # Means of so many rows may not stray further than white jitter does, by this factor.
@@ -75,6 +77,37 @@ def row_numbers(time: np.ndarray) -> np.ndarray:
     return np.concatenate([[0.0], np.cumsum(np.round(steps / np.mean(near)))])
 
 
+def clock_through(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """The regular clock that lies nearest to stamps.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Stamps, strictly increasing.
+
+    Returns
+    -------
+    fitted : (n,) array
+        Times of the clock, counted from the first stamp.
+    rows : (n,) array
+        Numbers of the rows on it; they do not increase everywhere where no clock fits.
+    step : float
+        Of the clock.
+
+    Examples
+    --------
+    >>> fitted, rows, step = clock_through(np.array([5.0, 6.0, 7.0, 9.0]))
+    >>> fitted.round(9).tolist(), rows.tolist(), round(step, 9)
+    ([0.0, 1.0, 2.0, 4.0], [0.0, 1.0, 2.0, 4.0], 1.0)
+    """
+    rows = row_numbers(time)
+    for _ in range(2):
+        slope, start = np.polyfit(rows, time - time[0], 1)
+        fitted = start + slope * rows
+        rows = np.round((time - time[0] - start) / slope)
+    return fitted, rows, slope
+
+
 def regular_clock(time: np.ndarray) -> tuple[np.ndarray | None, str]:
     """Times of the regular clock about which stamps jitter.
 
@@ -99,11 +132,7 @@ def regular_clock(time: np.ndarray) -> tuple[np.ndarray | None, str]:
     """
     if len(time) < _FEWEST_ROWS:
         return None, f"there are only {len(time)} rows"
-    rows = row_numbers(time)
-    for _ in range(2):
-        slope, start = np.polyfit(rows, time - time[0], 1)
-        fitted = start + slope * rows
-        rows = np.round((time - time[0] - start) / slope)
+    fitted, rows, slope = clock_through(time)
     away = time - time[0] - fitted
     if np.any(np.diff(rows) < 1.0) or np.abs(away).max() > _FARTHEST * slope:
         return None, f"a stamp is {np.abs(away).max():.3g} off a clock with steps of {slope:.4g}"
@@ -177,7 +206,7 @@ def _short_term(
     width = _LINE + _CURVE - 2
     whole = np.convolve(even, np.ones(width), "valid") > width - 0.5
     x, y = x[whole], y[whole]
-    spread = 1.4826 * float(np.median(np.abs(y))) if len(y) else 0.0
+    spread = SD_OVER_MAD * float(np.median(np.abs(y))) if len(y) else 0.0
     return x, np.clip(y, -_OUTLYING * spread, _OUTLYING * spread) if spread > 0.0 else y
 
 

@@ -13,9 +13,8 @@ from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.noise_seen import CHANNELS, noise_ratios
 from bayes_inertia.conventions.reading import Reading
 from bayes_inertia.conventions.rotations import angle_of, composed, turned_back
+from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 
-# The median deviation of a normal distribution times this is its sd.
-_MEDIAN_DEVIATION = 1.4826
 # Rows of a rest, at least.
 _FEW_ROWS = 30
 _PEOPLE = {"rate": "the rate's noise", "momentum": "the tachometers' noise"}
@@ -80,7 +79,7 @@ def _bias_at_rest(misfits: Misfits, reading: Reading) -> np.ndarray:
     if not len(told):
         return np.zeros(3)
     bias = np.median(told, axis=0)
-    spread = _MEDIAN_DEVIATION * np.median(np.abs(told - bias), axis=0) / np.sqrt(len(told))
+    spread = SD_OVER_MAD * np.median(np.abs(told - bias), axis=0) / np.sqrt(len(told))
     sensor = misfits.campaign.rate_sensor
     noise = np.asarray(sensor.sigma) / np.sqrt(_FEW_ROWS * len(told))
     sd = np.sqrt(np.square(sensor.bias_sigma) + spread**2 + noise**2)

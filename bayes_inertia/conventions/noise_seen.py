@@ -9,12 +9,12 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.conventions import limits
+from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 
 CHANNELS: Mapping[str, str] = MappingProxyType({"rate": "rate", "momentum": "wheel_momentum"})
 """Channels whose noise is looked at, and the fields of `Slew` that hold them."""
 
-# The variance of second differences of white noise, and of a normal distribution's median.
-_SECOND_DIFFERENCE, _MEDIAN_DEVIATION = 6.0, 1.4826
+_SECOND_DIFFERENCE = 6.0  # variance of second differences of white unit noise
 # Fewer rows than this do not tell a noise.
 _FEW_ROWS = 30
 
@@ -41,7 +41,7 @@ def smooth_noise(values: np.ndarray) -> float:
     if len(values) < _FEW_ROWS:
         return float("nan")
     second = np.abs(np.diff(values, 2))
-    return float(_MEDIAN_DEVIATION * np.median(second) / _SECOND_DIFFERENCE**0.5)
+    return float(SD_OVER_MAD * np.median(second) / _SECOND_DIFFERENCE**0.5)
 
 
 def noise_ratios(campaign: Campaign, channel: str) -> np.ndarray:

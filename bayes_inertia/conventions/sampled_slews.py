@@ -16,6 +16,7 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.conventions.limits import FIXES_PER_SLEW, GRID_INTERVALS
+from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 
 # A hole in a channel is a gap if it is this many usual steps long and this share of the slew.
 _GAP_STEPS, _GAP_SHARE = 6.0, 0.04
@@ -240,7 +241,7 @@ def _without_outliers(values: np.ndarray) -> np.ndarray:
     middle = values[1:-1]
     median = np.clip(middle, low, high)
     off = np.abs(middle - 0.5 * (left + right))
-    usual = 1.4826 * float(np.median(off)) + 1e-12 * float(np.abs(values).max())
+    usual = SD_OVER_MAD * float(np.median(off)) + 1e-12 * float(np.abs(values).max())
     mended = np.array(values)
     mended[1:-1] = np.where(off > _OUTLIER_SDS * usual, median, middle)
     return mended

@@ -14,6 +14,7 @@ from scipy.ndimage import median_filter, uniform_filter1d
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.logged_stream import LoggedStream
+from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 from bayes_inertia.maths.values import array_dataclass
 
 _AVERAGED_S = 1.0  # [s] the running mean, but at least so many rows:
@@ -35,7 +36,6 @@ _DIP_S = 5.0
 # `high` is at most this share of the largest rate.
 _LARGEST_THRESHOLD = 0.1
 _SIGMAS_OF_REST = 3.0
-_MAD_TO_SIGMA = 1.4826  # Of a normal distribution.
 
 
 @array_dataclass
@@ -177,7 +177,7 @@ def _bridged(time: np.ndarray, values: np.ndarray) -> np.ndarray:
 def _noise(rate: LoggedStream) -> float:
     """Noise of a reading's norm [rad/s], from the differences of neighbours."""
     steps = np.diff(rate.values, axis=0)
-    spread = _MAD_TO_SIGMA * np.nanmedian(np.abs(steps), axis=0) / np.sqrt(2.0)
+    spread = SD_OVER_MAD * np.nanmedian(np.abs(steps), axis=0) / np.sqrt(2.0)
     return float(np.linalg.norm(np.nan_to_num(spread)))
 
 

@@ -14,6 +14,7 @@ from bayes_inertia.importing.logged_stream import LoggedStream
 from bayes_inertia.importing.mapping_schema import MappingPart
 from bayes_inertia.importing.motion_scan import MotionScan
 from bayes_inertia.importing.noise_fit import NoiseFit, fit_noise
+from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 
 # Steps between readings of one series differ by at most this share of the median step.
 _EVEN = 0.1
@@ -22,7 +23,6 @@ _DIFFERS = 1.3
 # A reading is an outlier beyond so many sds from the running median of so many readings.
 _OUTLIER_SDS = 8.0
 _MEDIAN_OF = 7
-_SD_OF_MEDIAN = 1.4826  # Sd of a Gaussian over the median of its absolute value.
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ def _without_outliers(values: np.ndarray) -> np.ndarray:
     if len(rows) < _MEDIAN_OF:
         return given
     away = np.abs(values[rows] - median_filter(values[rows], _MEDIAN_OF, mode="nearest"))
-    spread = _SD_OF_MEDIAN * float(np.median(away))
+    spread = SD_OVER_MAD * float(np.median(away))
     # Readings that are rounded coarsely have no spread to judge by.
     given[rows] = (away <= _OUTLIER_SDS * spread) | (spread == 0.0)
     return given

@@ -19,9 +19,10 @@ from bayes_inertia.inference.outliers import (
     FALSE_ALARM,
     NEIGHBOURS,
     READINGS_AROUND,
-    SD_OVER_MAD,
     distance_from_both_sides,
+    lesser_distance,
 )
+from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 
 # More outliers than this share of all fixes are no outliers but their noise.
 _MOST_OUTLIERS = 0.15
@@ -93,7 +94,7 @@ def _distances(burst: np.ndarray, unturned: np.ndarray, time: np.ndarray) -> np.
         drifting, still = (
             np.stack([distance_from_both_sides(axis) for axis in x.T], 1) for x in (burst, unturned)
         )
-        return _lesser(still, drifting)
+        return lesser_distance(still, drifting)
     distance = np.zeros(burst.shape)
     for i in range(len(burst)):
         others = np.delete(np.arange(len(burst)), i)
@@ -103,14 +104,8 @@ def _distances(burst: np.ndarray, unturned: np.ndarray, time: np.ndarray) -> np.
             still = np.where(apart < 0.5 * np.abs(still), still, 0.0)
         line = np.polynomial.polynomial.polyfit(time[others] - time[i], burst[others], 1)
         drifting = (burst[i] - line[0]) / _SCATTER_OF_LINE
-        distance[i] = _lesser(still, drifting)
+        distance[i] = lesser_distance(still, drifting)
     return distance
-
-
-def _lesser(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """The lesser of two distances; 0 where they have opposite signs."""
-    least = np.minimum(np.abs(one), np.abs(other))
-    return np.where(np.sign(one) == np.sign(other), np.sign(one) * least, 0.0)
 
 
 def fix_outliers(estimate: Estimate, series: dict[str, list[np.ndarray]]) -> list[np.ndarray]:

@@ -15,6 +15,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy import stats
 
 from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 
 # Readings on either side that a reading is compared with: runs of two are in the minority there.
 NEIGHBOURS = 5
@@ -26,7 +27,6 @@ MOST_OUTLIERS = 0.03
 # beyond their neighbours at all.
 READINGS_AROUND = 12
 _FEWEST_AROUND = 5
-SD_OVER_MAD = 1.4826
 # MAD times 1.4826 of those distances in white unit noise that are not zero; their tail is normal.
 _SCALE_OF_WHITE = 0.94
 # Rounded readings may lie beyond their neighbours by as many steps.
@@ -63,8 +63,29 @@ def distance_from_both_sides(series: np.ndarray) -> np.ndarray:
     before = series - _median_before(series)
     after = series - _median_before(series[::-1])[::-1]
     before, after = (np.where(np.isfinite(a), a, b) for a, b in ((before, after), (after, before)))
-    beyond = np.minimum(np.abs(before), np.abs(after)) * np.sign(before)
-    return np.where(np.sign(before) == np.sign(after), beyond, 0.0)
+    return lesser_distance(before, after)
+
+
+def lesser_distance(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """The lesser of two distances.
+
+    Parameters
+    ----------
+    one, other : arrays
+        Of one shape, with signs.
+
+    Returns
+    -------
+    array
+        0 where they have opposite signs.
+
+    Examples
+    --------
+    >>> lesser_distance(np.array([-3.0, 1.0]), np.array([-2.0, -1.0])).tolist()
+    [-2.0, 0.0]
+    """
+    least = np.minimum(np.abs(one), np.abs(other))
+    return np.where(np.sign(one) == np.sign(other), np.sign(one) * least, 0.0)
 
 
 def _median_before(series: np.ndarray) -> np.ndarray:
