@@ -203,7 +203,7 @@ def sample(
         If `folder` holds a chain that cannot be read, or one of another shape.
     """
     settings, began = settings or Settings(), perf_counter()
-    log_density = _log_density(estimate, shared_code)
+    log_density = log_density_at(estimate, shared_code=shared_code)
     seeds = np.random.SeedSequence(settings.seed).spawn(settings.ensembles + 1)
     pilot_random = np.random.RandomState(np.random.MT19937(seeds[-1]))
     move, share, spent = find_proposal(estimate, log_density, pilot_random)
@@ -226,8 +226,21 @@ def sample(
         steps = wanted
 
 
-def _log_density(estimate: Estimate, shared_code: bool) -> LogDensity:
-    """The compiled density that is sampled."""
+def log_density_at(estimate: Estimate, *, shared_code: bool = False) -> LogDensity:
+    """The compiled density that is sampled around an estimate.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Of all parameters.
+    shared_code : bool, optional
+        As of `sample`.
+
+    Returns
+    -------
+    callable
+        From thetas (n, d) to log densities (n,).
+    """
     batch = batch_size(estimate)
     if not estimate.model.noise.is_stated:
         return log_density_with_noise(estimate, batch=batch)

@@ -23,9 +23,8 @@ from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
 from bayes_inertia.flight.spacecraft import Controller
 from bayes_inertia.inference import optimizer
-from bayes_inertia.inference.laplace import Estimate, marginal
-from bayes_inertia.inference.marginal_posterior import log_density_of
-from bayes_inertia.inference.sampler import Settings, batch_size, sample
+from bayes_inertia.inference.marginal_posterior import LogDensity
+from bayes_inertia.inference.sampler import Settings, log_density_at, sample
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import BASE_NAMES, N_BASE
@@ -79,8 +78,9 @@ class CalibrationFit:
         chains = sample(estimate, settings, shared_code=True)
         # The last draws of different walkers: hardly correlated, nearly every step proposes anew.
         draws = chains.samples[:, :, -1].reshape(-1, chains.samples.shape[-1])[:RANKED]
-        values = _quantities(case, estimate, _changed(draws, self.pipeline))
-        truth = _quantities(case, estimate, _truth(flight, model)[None])[0]
+        density = log_density_at(estimate, shared_code=True)
+        values = _quantities(case, density, _changed(draws, self.pipeline))
+        truth = _quantities(case, density, _truth(flight, model)[None])[0]
         return {
             "rank": (values < truth).sum(0),
             "truth": truth,
@@ -136,14 +136,8 @@ def _truth(flight: Flight, model: Model) -> np.ndarray:
     return theta
 
 
-def _quantities(case: CalibrationCase, estimate: Estimate, thetas: np.ndarray) -> np.ndarray:
+def _quantities(case: CalibrationCase, density: LogDensity, thetas: np.ndarray) -> np.ndarray:
     """`QUANTITIES` (n, 14) of each theta (n, d)."""
-    density = log_density_of(
-        estimate.model.structure,
-        marginal(estimate),
-        batch=batch_size(estimate),
-        shared_code=True,
-    )
     base = thetas[:, :N_BASE]
     return np.column_stack(
         [
