@@ -27,7 +27,7 @@ from bayes_inertia.design.sensitivity import (
     TelemetrySensitivity,
     telemetry_sensitivity,
 )
-from bayes_inertia.inference.objective import N_BIAS
+from bayes_inertia.inference.point import N_BIAS
 from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.slew_context import SlewContext, Trajectory
 

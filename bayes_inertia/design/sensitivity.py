@@ -25,7 +25,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from bayes_inertia.errors import EffectError
-from bayes_inertia.inference.objective import N_BIAS
+from bayes_inertia.inference.point import N_BIAS
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.prediction import NuisanceScale, Sensors, Structure

@@ -17,7 +17,8 @@ from bayes_inertia.design.information_forecast import Forecast, ForecastArrays, 
 from bayes_inertia.design.plan_arrays import plan_start, plan_times
 from bayes_inertia.errors import EffectError
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.objective import N_BIAS, marginal_information, prior_rows
+from bayes_inertia.inference.objective import marginal_information, prior_rows
+from bayes_inertia.inference.point import N_BIAS
 from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect

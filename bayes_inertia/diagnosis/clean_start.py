@@ -22,12 +22,11 @@ from bayes_inertia.inference.cleaning import (
     colour_of_rounding,
     colour_seen,
     masks_at,
-    plain_series,
     refitted,
     rounded_channels,
     without_outliers,
 )
-from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.laplace import Estimate, plain_series
 from bayes_inertia.inference.noise_colour import Colour, ColourOfAxis, colour_of
 from bayes_inertia.inference.noise_level import noise_factors
 from bayes_inertia.inference.rounding import level_of_rounded, rounding_steps

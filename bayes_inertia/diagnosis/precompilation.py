@@ -13,8 +13,7 @@ import numpy as np
 from bayes_inertia.diagnosis.torque_response import tangents
 from bayes_inertia.inference.likelihood import padded_sensitivities, residuals
 from bayes_inertia.inference.noise_model import whitening
-from bayes_inertia.inference.objective import N_BIAS
-from bayes_inertia.inference.point import Point
+from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.physics.forward_model import Model
 
 

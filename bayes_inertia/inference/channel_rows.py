@@ -55,17 +55,30 @@ def channel_rows(model: Model) -> dict[str, ChannelRows]:
     dict of ChannelRows
         By channel.
     """
-    telemetry, slews = model.data.arrays.telemetry, model.campaign.slews
-    n = telemetry.rate.shape[1]
-    padded = [np.concatenate([s.time, np.full(n - len(s.time), s.time[-1])]) for s in slews]
-    time = np.stack(padded)
-    fix_time = np.take_along_axis(time, np.asarray(telemetry.fix_row), axis=1)
+    time = row_times(model)
+    fix_time = np.take_along_axis(time, np.asarray(model.data.arrays.telemetry.fix_row), axis=1)
     rows, begin = {}, 0
     for channel, valid in zip(CHANNELS, measured(model), strict=True):
         part = slice(begin, begin + valid[0].size)
         rows[channel] = ChannelRows(part, fix_time if channel == "attitude" else time, valid)
         begin = part.stop
     return rows
+
+
+def row_times(model: Model) -> np.ndarray:
+    """Times of the rows of telemetry.
+
+    Parameters
+    ----------
+    model : Model
+
+    Returns
+    -------
+    (slews, n) array
+        On each slew's own clock [s], the last one repeated in padding.
+    """
+    n = model.data.arrays.telemetry.rate.shape[1]
+    return np.stack([np.pad(s.time, (0, n - len(s.time)), "edge") for s in model.campaign.slews])
 
 
 def measured(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -22,7 +22,7 @@ from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.fix_outliers import fix_outliers
 from bayes_inertia.inference.gate_limits import REJECT_BELOW
-from bayes_inertia.inference.laplace import Estimate, residual_series
+from bayes_inertia.inference.laplace import Estimate, plain_series
 from bayes_inertia.inference.noise_colour import Colour, colour_of, is_alike_everywhere
 from bayes_inertia.inference.noise_level import noise_factors
 from bayes_inertia.inference.noise_model import whitening
@@ -247,23 +247,6 @@ def outliers_in(estimate: Estimate) -> tuple[Dirt, ...]:
         for slew, rows in zip(slews, found, strict=True)
         if len(rows)
     )
-
-
-def plain_series(estimate: Estimate) -> dict[str, list[np.ndarray]]:
-    """Residuals in the sigmas of the estimate's campaign, those of correlated noise as they are.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        A fit.
-
-    Returns
-    -------
-    dict of list of (rows, components) arrays
-        By channel and slew; NaN where nothing was measured.
-    """
-    white = estimate.stated._replace(memory=None)
-    return residual_series(estimate.model, estimate.point, white)
 
 
 def rounded_channels(estimate: Estimate) -> dict[str, float]:

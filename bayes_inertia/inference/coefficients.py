@@ -23,12 +23,10 @@ import numpy as np
 from jax import Array
 from jax.scipy.linalg import solve_triangular
 
-from bayes_inertia.inference.point import Point
+from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.physics.prediction import Structure
 from bayes_inertia.physics.random_inputs import prior_root
 from bayes_inertia.physics.slew_context import SlewContext
-
-N_BIAS = 3
 
 
 class CoefficientPart(NamedTuple):

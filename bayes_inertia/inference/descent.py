@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from bayes_inertia.inference.hyperparameters import (
     most_probable,
     without_hyperparameters,
 )
-from bayes_inertia.inference.likelihood import information_blocks
+from bayes_inertia.inference.likelihood import Information, information_blocks
 from bayes_inertia.inference.noise_model import Whitening
 from bayes_inertia.inference.objective import (
     in_chart,
@@ -67,14 +68,48 @@ def _to_minimum(
     model: Model, point: Point, white: Whitening, free: np.ndarray, **stop: Any
 ) -> tuple[Point, float]:
     """The minimum with the sizes of stochastic effects as they are."""
-
-    def equations(x: Point) -> tuple[np.ndarray, np.ndarray]:
-        blocks = information_blocks(model, x, white, free)
-        return in_chart(x, *normal_equations(model, x, blocks))
-
-    return dogleg(
+    return minimum_from(
+        model,
+        point,
+        free,
         lambda x: negative_log_posterior(model, x, white),
-        equations,
+        lambda x: information_blocks(model, x, white, free),
+        **stop,
+    )
+
+
+def minimum_from(
+    model: Model,
+    point: Point,
+    free: np.ndarray,
+    objective: Callable[[Point], float],
+    information: Callable[[Point], Information],
+    **stop: Any,
+) -> tuple[Point, float]:
+    """The minimum of an objective that a descent in the chart of J reaches.
+
+    Parameters
+    ----------
+    model : Model
+    point : Point
+        Where it begins.
+    free : (f,) array of int
+        Indices of the parameters that may move.
+    objective : callable
+        From a point to what is to be small.
+    information : callable
+        From a point to the normal equations there, without priors.
+    **stop : float
+        When to stop, as of `dogleg`.
+
+    Returns
+    -------
+    point : Point
+    objective : float
+    """
+    return dogleg(
+        objective,
+        lambda x: in_chart(x, *normal_equations(model, x, information(x))),
         lambda x, step: moved(model, x, step, free),
         point,
         step_sizes(model, point, free),

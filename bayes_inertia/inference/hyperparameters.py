@@ -10,16 +10,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import jax.numpy as jnp
 import numpy as np
 from scipy import linalg, optimize
 
-from bayes_inertia.inference.coefficients import N_BIAS, prior_roots
+from bayes_inertia.inference.coefficients import prior_roots
 from bayes_inertia.inference.likelihood import Information, information_blocks
 from bayes_inertia.inference.noise_model import Whitening
 from bayes_inertia.inference.objective import prior_rows
-from bayes_inertia.inference.point import Point
+from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.physics.forward_model import Model
 
 # So many prior sds from its centre a parameter may move.
@@ -68,25 +69,24 @@ class Evidence:
     information: Information
     learnt: np.ndarray
 
+    @cached_property
+    def _priors(self) -> dict[str, np.ndarray]:
+        """Of the learnt parameters, as `ParameterSpace.constants`."""
+        constants = self.model.space.constants().items()
+        return {key: np.asarray(values)[self.learnt] for key, values in constants}
+
     def chart(self, theta: np.ndarray) -> np.ndarray:
         """The learnt parameters (h,) in prior sds from the centre of their prior."""
-        constants = self.model.space.constants()
-        value = np.asarray(theta)[self.learnt]
-        logarithmic = np.asarray(constants["logarithmic"])[self.learnt]
+        value, logarithmic = np.asarray(theta)[self.learnt], self._priors["logarithmic"]
         value = np.where(logarithmic, np.log(np.where(logarithmic, value, 1.0)), value)
-        mean, scale = (np.asarray(constants[key])[self.learnt] for key in ("mean", "scale"))
-        return (value - mean) / scale
+        return (value - self._priors["mean"]) / self._priors["scale"]
 
     def theta(self, chart: np.ndarray) -> np.ndarray:
         """The point's parameters (d,) with the learnt ones where a chart says."""
-        constants = self.model.space.constants()
-        mean, scale = (np.asarray(constants[key])[self.learnt] for key in ("mean", "scale"))
-        logarithmic = np.asarray(constants["logarithmic"])[self.learnt]
-        value = mean + scale * chart
-        theta = np.array(self.point.theta)
+        priors, theta = self._priors, np.array(self.point.theta)
+        value, logarithmic = priors["mean"] + priors["scale"] * chart, priors["logarithmic"]
         value = np.where(logarithmic, np.exp(np.where(logarithmic, value, 0.0)), value)
-        lower, upper = self.model.space.lower[self.learnt], self.model.space.upper[self.learnt]
-        theta[self.learnt] = np.clip(value, lower, upper)
+        theta[self.learnt] = np.clip(value, priors["lower"], priors["upper"])
         return theta
 
     def roots(self, theta: np.ndarray) -> np.ndarray:

@@ -16,8 +16,8 @@ from bayes_inertia.inference.likelihood import Information, Residuals, residuals
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.marginal_posterior import Marginal
 from bayes_inertia.inference.noise_model import Whitening
-from bayes_inertia.inference.objective import N_BIAS, block_index, prior_rows
-from bayes_inertia.inference.point import Point
+from bayes_inertia.inference.objective import block_index, prior_rows
+from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.inference.residual_tests import ChannelTest, channel_tests
 from bayes_inertia.inference.rounding import has_one_error, rounding_steps
 from bayes_inertia.maths import inertia_tensor
@@ -118,11 +118,7 @@ class Estimate:
     @cached_property
     def effective_parameters(self) -> np.ndarray:
         """How many parameters each channel pays for (3,): trace of the hat matrix over its rows."""
-        total = np.zeros(3)
-        for s, block in enumerate(self.information.matrix):
-            index = block_index(len(self.free) + N_BIAS, self.point.n_local, s)
-            total += np.einsum("cpq,qp->c", block, self.joint_covariance[np.ix_(index, index)])
-        return total
+        return hat_traces(self.information, self.point.n_local, self.joint_covariance)
 
     @cached_property
     def tests(self) -> dict[str, ChannelTest]:
@@ -191,6 +187,40 @@ class Estimate:
         )
 
 
+def hat_traces(
+    information: Information,
+    n_local: int,
+    covariance: np.ndarray,
+    counted: np.ndarray | None = None,
+) -> np.ndarray:
+    """Trace of the hat matrix over each channel's rows.
+
+    Parameters
+    ----------
+    information : Information
+        Normal equations of the fit.
+    n_local : int
+        Nuisances of one slew.
+    covariance : (unknowns, unknowns) array
+        Of (theta[free], bias, all local nuisances).
+    counted : (f,) array of bool, optional
+        Which of theta[free] count; all by default.
+
+    Returns
+    -------
+    (3,) array
+        By channel, how many parameters it pays for.
+    """
+    total = np.zeros(len(CHANNELS))
+    for s, block in enumerate(information.matrix):
+        index = block_index(len(information.free) + N_BIAS, n_local, s)
+        if counted is not None:
+            keep = np.concatenate([counted, np.ones(len(index) - len(counted), bool)])
+            index, block = index[keep], block[:, keep][:, :, keep]
+        total += np.einsum("cpq,qp->c", block, covariance[np.ix_(index, index)])
+    return total
+
+
 def residual_series(model: Model, point: Point, white: Whitening) -> dict[str, list[np.ndarray]]:
     """Residuals as series over time.
 
@@ -213,6 +243,22 @@ def residual_series(model: Model, point: Point, white: Whitening) -> dict[str, l
         shaped = np.where(valid, np.asarray(values).reshape(valid.shape), np.nan)
         series[channel] = list(shaped)
     return series
+
+
+def plain_series(estimate: Estimate) -> dict[str, list[np.ndarray]]:
+    """Residuals in the sigmas of the estimate's campaign, those of correlated noise as they are.
+
+    Parameters
+    ----------
+    estimate : Estimate
+
+    Returns
+    -------
+    dict of list of (rows, components) arrays
+        By channel and slew; NaN where nothing was measured.
+    """
+    white = estimate.stated._replace(memory=None)
+    return residual_series(estimate.model, estimate.point, white)
 
 
 def marginal(estimate: Estimate) -> Marginal:

@@ -23,8 +23,8 @@ from bayes_inertia.inference.likelihood import (
     padded_sensitivities,
 )
 from bayes_inertia.inference.noise_model import Whitening
-from bayes_inertia.inference.objective import N_BIAS, block_index, normal_equations, prior_rows
-from bayes_inertia.inference.point import Point
+from bayes_inertia.inference.objective import block_index, normal_equations, prior_rows
+from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root, solve
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Model

@@ -9,12 +9,10 @@ from scipy import stats
 
 from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.campaign.dirt import Dirt
-from bayes_inertia.inference.laplace import Estimate, residual_series
+from bayes_inertia.inference.laplace import Estimate, plain_series
 from bayes_inertia.inference.noise_parameters import channel_rules
-
-# Probability of an outlier anywhere in a channel of Gaussian noise.
-_FALSE_ALARM = 1e-3
-_SD_OVER_MAD = 1.4826
+from bayes_inertia.inference.outliers import FALSE_ALARM
+from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 
 
 def with_modelled_outliers(estimate: Estimate) -> Estimate:
@@ -46,15 +44,13 @@ def _records(estimate: Estimate) -> tuple[Dirt, ...]:
     rules, slews = channel_rules(estimate.model), estimate.model.campaign.slews
     if not any(rule.heavy for rule in rules):
         return ()
-    white = estimate.stated._replace(memory=None)
-    series = residual_series(estimate.model, estimate.point, white)
-    records = []
+    series, records = plain_series(estimate), []
     for channel, rule in zip(CHANNELS, rules, strict=True):
         if not rule.heavy:
             continue
         numbers = np.concatenate([np.abs(z[np.isfinite(z)]) for z in series[channel]])
-        spread = _SD_OVER_MAD * float(np.median(numbers))
-        limit = spread * float(stats.norm.isf(0.5 * _FALSE_ALARM / len(numbers)))
+        spread = SD_OVER_MAD * float(np.median(numbers))
+        limit = spread * float(stats.norm.isf(0.5 * FALSE_ALARM / len(numbers)))
         for slew, z in zip(slews, series[channel], strict=True):
             # Star-tracker fixes stand one after the other, without the rows between them.
             of_number = np.flatnonzero(slew.fixes) if channel == "attitude" else None

@@ -295,14 +295,19 @@ def _best_noise(
     )
 
 
+def _grouped(stretches: Sequence[Stretch], key: str) -> list[list[np.ndarray]]:
+    """The readings of stretches that are alike in one field."""
+    groups: dict[object, list[np.ndarray]] = {}
+    for stretch in stretches:
+        groups.setdefault(getattr(stretch, key), []).append(stretch.readings)
+    return list(groups.values())
+
+
 def _gain_apart(
     stretches: Sequence[Stretch], key: str, together: ColourOfAxis
 ) -> tuple[float, int]:
     """Log likelihood that a noise for each group gains on one for all, and parameters more."""
-    groups: dict[object, list[np.ndarray]] = {}
-    for stretch in stretches:
-        groups.setdefault(getattr(stretch, key), []).append(stretch.readings)
-    parts = [part for part in map(_fast_components, groups.values()) if len(part[0])]
+    parts = [_fast_components(readings) for readings in _grouped(stretches, key)]
     parts = [part for part in parts if len(part[0]) >= _FEWEST_COMPONENTS]
     if len(parts) < 2:
         return 0.0, 0
@@ -339,10 +344,7 @@ def is_alike_everywhere(slews: Sequence[Slew], residuals: Sequence[np.ndarray]) 
     for component in range(residuals[0].shape[1]):
         stretches = stretches_of(slews, [values[:, component] for values in residuals])
         for key in ("rests", "slew"):
-            groups: dict[object, list[np.ndarray]] = {}
-            for stretch in stretches:
-                groups.setdefault(getattr(stretch, key), []).append(stretch.readings)
-            more = _unlike(list(groups.values()))
+            more = _unlike(_grouped(stretches, key))
             statistic, freedom = statistic + more[0], freedom + more[1]
     return not freedom or bool(stats.chi2.sf(statistic, freedom) > _ALIKE_ABOVE)
 

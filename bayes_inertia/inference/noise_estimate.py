@@ -12,29 +12,22 @@ from functools import cached_property
 import numpy as np
 
 from bayes_inertia.campaign.channel_names import CHANNELS
-from bayes_inertia.inference.laplace import Estimate, residual_series
+from bayes_inertia.inference.descent import minimum_from
+from bayes_inertia.inference.laplace import Estimate, hat_traces, residual_series
 from bayes_inertia.inference.likelihood import Information
 from bayes_inertia.inference.noise_information import NoiseTask, information, objective
 from bayes_inertia.inference.noise_model import discounted, whitening
 from bayes_inertia.inference.noise_parameters import channel_rules, noise_values
 from bayes_inertia.inference.noise_tests import noise_tests
-from bayes_inertia.inference.objective import (
-    N_BIAS,
-    block_index,
-    in_chart,
-    moved,
-    normal_equations,
-    step_sizes,
-)
+from bayes_inertia.inference.objective import normal_equations
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_tests import ChannelTest
 from bayes_inertia.inference.student_t import squares_per_parameter
-from bayes_inertia.maths.least_squares import dogleg
 from bayes_inertia.maths.linear_algebra import inverse
+from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Model
 
-_SD_OVER_MAD = 1.4826
 # A descent with inflated scales need not be exact: its end is only a beginning.
 _ROUGH = {"steps": 12, "tolerance": 1e-2}
 # Scale that residuals show beyond what is stated before a descent begins with it.
@@ -119,17 +112,12 @@ def with_noise_model(fitted: Estimate) -> Estimate:
 
 def _descend(task: NoiseTask, point: Point, free: np.ndarray, **stop) -> tuple[Point, float]:
     """The minimum that a descent from a point reaches, and its objective."""
-
-    def equations(x: Point) -> tuple[np.ndarray, np.ndarray]:
-        blocks, _ = information(task, x, free)
-        return in_chart(x, *normal_equations(task.model, x, blocks))
-
-    return dogleg(
-        lambda x: objective(task, x),
-        equations,
-        lambda x, step: moved(task.model, x, step, free),
+    return minimum_from(
+        task.model,
         point,
-        step_sizes(task.model, point, free),
+        free,
+        lambda x: objective(task, x),
+        lambda x: information(task, x, free)[0],
         **stop,
     )
 
@@ -143,7 +131,7 @@ def _spread(fitted: Estimate) -> np.ndarray:
             [np.zeros(0), *(slew[np.isfinite(slew)] for slew in series[channel])]
         )
         if len(numbers):
-            spread[c] = max(_SD_OVER_MAD * float(np.median(np.abs(numbers))), 1e-3)
+            spread[c] = max(SD_OVER_MAD * float(np.median(np.abs(numbers))), 1e-3)
     return spread
 
 
@@ -177,12 +165,6 @@ def _effective_parameters(
     model: Model, point: Point, blocks: Information, hessian: np.ndarray
 ) -> np.ndarray:
     """Trace of the hat matrix over each channel's rows (3,), noise parameters left out."""
-    names, covariance = model.noise.names, inverse(hessian)
+    names = model.noise.names
     located = np.array([model.space.names[i] not in names for i in blocks.free], bool)
-    total, shared = np.zeros(len(CHANNELS)), len(blocks.free) + N_BIAS
-    for s, block in enumerate(blocks.matrix):
-        index = block_index(shared, point.n_local, s)
-        keep = np.concatenate([located, np.ones(len(index) - len(located), bool)])
-        of_slew = covariance[np.ix_(index[keep], index[keep])]
-        total += np.einsum("cpq,qp->c", block[:, keep][:, :, keep], of_slew)
-    return total
+    return hat_traces(blocks, point.n_local, inverse(hessian), located)

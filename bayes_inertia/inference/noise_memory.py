@@ -17,6 +17,7 @@ import numpy as np
 from jax import Array
 
 from bayes_inertia.campaign.hardware import CorrelatedNoise
+from bayes_inertia.inference.channel_rows import row_times
 from bayes_inertia.physics.forward_model import Model
 
 
@@ -110,14 +111,9 @@ def rate_noise_memory(model: Model) -> Memory | None:
     noise = model.campaign.rate_sensor.correlated_noise
     if noise is None:
         return None
-    telemetry = model.data.arrays.telemetry
-    valid, n = np.asarray(telemetry.rate_valid), telemetry.rate.shape[1]
-    times = [
-        np.concatenate([slew.time, np.full(n - len(slew.time), slew.time[-1])])
-        for slew in model.campaign.slews
-    ]
-    steps = np.stack([np.diff(time, append=time[-1]) for time in times])
-    return _filter(steps, valid, noise)
+    times = row_times(model)
+    steps = np.diff(times, axis=1, append=times[:, -1:])
+    return _filter(steps, np.asarray(model.data.arrays.telemetry.rate_valid), noise)
 
 
 def _filter(steps: np.ndarray, valid: np.ndarray, noise: CorrelatedNoise) -> Memory:

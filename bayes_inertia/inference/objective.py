@@ -12,13 +12,12 @@ import numpy as np
 
 from bayes_inertia.inference.likelihood import Information, padded_sensitivities, residuals
 from bayes_inertia.inference.noise_model import Whitening
-from bayes_inertia.inference.point import Point
+from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.linear_algebra import solve
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import prior_residual
 
-N_BIAS = 3
 # Second moment over trace: no step comes closer to a body without thickness. Beyond, rounding
 # rules.
 _SMALLEST_SECOND_MOMENT = 1e-7

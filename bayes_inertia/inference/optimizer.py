@@ -26,8 +26,8 @@ from bayes_inertia.inference.hyperparameters import (
 from bayes_inertia.inference.laplace import Estimate, Starts, residual_series
 from bayes_inertia.inference.noise_estimate import with_noise_model
 from bayes_inertia.inference.noise_model import Whitening, discounted, whitening
-from bayes_inertia.inference.objective import N_BIAS, normal_equations
-from bayes_inertia.inference.point import Point
+from bayes_inertia.inference.objective import normal_equations
+from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.inference.residual_tests import dispersion
 from bayes_inertia.inference.start_guess import guess_nuisances
 from bayes_inertia.physics.forward_model import Model

@@ -8,6 +8,8 @@ import jax
 
 from bayes_inertia.maths.values import array_dataclass
 
+N_BIAS = 3  # Components of the rate bias.
+
 
 @jax.tree_util.register_dataclass
 @array_dataclass

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.channel_names import FIELD_OF_CHANNEL
 from bayes_inertia.campaign.quantisation import quantisation_sigma, quantisation_step
 
 # Rounding that adds less to the noise than this factor is left alone.
@@ -18,7 +19,6 @@ ROUNDING_THAT_COUNTS = 1.005
 _COARSE = 2.5
 # Coarsely rounded readings are louder than their rounding where they are so by this factor.
 _LOUDER_THAN_COARSE = 1.5
-_KEY_OF_CHANNEL = {"rate": "rate", "momentum": "wheel_momentum"}
 
 
 def rounding_steps(campaign: Campaign) -> dict[str, np.ndarray]:
@@ -39,7 +39,7 @@ def rounding_steps(campaign: Campaign) -> dict[str, np.ndarray]:
     }
     steps = {}
     for channel, sigma in sigmas.items():
-        key = _KEY_OF_CHANNEL[channel]
+        key = FIELD_OF_CHANNEL[channel]
         tables = [getattr(s, key) for s in campaign.slews if getattr(s, key) is not None]
         steps[channel] = np.array(
             [

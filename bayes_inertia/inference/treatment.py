@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.channel_names import FIELD_OF_CHANNEL
 from bayes_inertia.campaign.dirt import Dirt, DirtKind
 from bayes_inertia.campaign.hardware import CorrelatedNoise, RateSensor
 from bayes_inertia.campaign.slew import Slew
@@ -16,7 +17,6 @@ from bayes_inertia.inference.measured_noise import with_measured_noise
 from bayes_inertia.inference.noise_colour import Colour, ColourOfAxis
 from bayes_inertia.physics.slew_input import Drive
 
-_KEY_OF_CHANNEL = {"rate": "rate", "attitude": "attitude", "momentum": "wheel_momentum"}
 _CALM: Mapping[str, float] = {"rate": 1.0, "attitude": 1.0, "momentum": 1.0}
 _SENSOR = {"rate": "rate sensor", "attitude": "star tracker", "momentum": "tachometers"}
 
@@ -172,7 +172,7 @@ def treated(campaign: Campaign, treatment: DirtTreatment, drive: Drive) -> Campa
 
 def _masked(slew: Slew, masks: tuple[Dirt, ...]) -> Slew:
     for mask in masks:
-        key = _KEY_OF_CHANNEL[mask.channel]
+        key = FIELD_OF_CHANNEL[mask.channel]
         if mask.slew == slew.name and getattr(slew, key) is not None:
             values = np.array(getattr(slew, key))
             values[list(mask.rows)] = np.nan

@@ -24,7 +24,8 @@ import numpy as np
 from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.objective import N_BIAS, block_index, prior_rows
+from bayes_inertia.inference.objective import block_index, prior_rows
+from bayes_inertia.inference.point import N_BIAS
 from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.observability.degeneracy import EXACT_BELOW, in_words, stated_degeneracies
 from bayes_inertia.observability.result import (
