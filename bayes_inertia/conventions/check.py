@@ -21,10 +21,11 @@ from bayes_inertia.conventions.clocks import Clocks, clocks, shifted_misfit
 from bayes_inertia.conventions.companions import with_companions
 from bayes_inertia.conventions.dirt_at_rest import dirt_of
 from bayes_inertia.conventions.invisible import invisible
+from bayes_inertia.conventions.linear_fit import worst
 from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.reading import Reading, stated_reading
 from bayes_inertia.conventions.sampled_slews import sampled
-from bayes_inertia.conventions.search import Remedy, judged, misfit_of, worst
+from bayes_inertia.conventions.search import Remedy, judged, misfit_of
 from bayes_inertia.conventions.stated import stated_columns
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import description_path, read_bytes, text_of

@@ -12,10 +12,11 @@ from bayes_inertia.conventions import limits
 from bayes_inertia.conventions.hypothesis import KeyChange, Mistake
 from bayes_inertia.conventions.lateness import Lateness, channels_of, gross_lateness, lateness
 from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE
+from bayes_inertia.conventions.linear_fit import worst
 from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.reading import Reading
 from bayes_inertia.conventions.sampled_slews import sampled
-from bayes_inertia.conventions.search import Remedy, worst
+from bayes_inertia.conventions.search import Remedy
 
 Columns = Mapping[str, Mapping[str, Any]]
 

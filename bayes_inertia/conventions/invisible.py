@@ -10,9 +10,9 @@ from bayes_inertia.conventions import limits
 from bayes_inertia.conventions.clocks import fixes_in_motion
 from bayes_inertia.conventions.hypothesis import Mistake
 from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE
+from bayes_inertia.conventions.linear_fit import worst
 from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.reading import Reading
-from bayes_inertia.conventions.search import worst
 
 _TENSOR = MappingProxyType(
     {

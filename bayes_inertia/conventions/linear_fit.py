@@ -61,6 +61,22 @@ class LinearFit:
         return max(float(self.misfit.max(initial=0.0)), self.departure)
 
 
+def worst(fits: dict[str, LinearFit]) -> float:
+    """The worst misfit of all laws.
+
+    Parameters
+    ----------
+    fits : dict of str to LinearFit
+        By law.
+
+    Returns
+    -------
+    float
+        In standard deviations; 0 without any law.
+    """
+    return max((fit.worst for fit in fits.values()), default=0.0)
+
+
 def fitted(
     data: np.ndarray,
     regressors: np.ndarray,

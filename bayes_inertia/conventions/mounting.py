@@ -15,6 +15,7 @@ import numpy as np
 from bayes_inertia.conventions.candidates import axes_mistake
 from bayes_inertia.conventions.hypothesis import Mistake
 from bayes_inertia.conventions.laws import wheel_momentum_B
+from bayes_inertia.conventions.linear_fit import worst
 from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.reading import Reading
 from bayes_inertia.conventions.rotations import angle_of, composed, turned_back
@@ -78,8 +79,7 @@ def turned_beside_bias(misfits: Misfits, reading: Reading) -> list[Mistake]:
         if not proposed:
             break
         mended = [with_own_bias(misfits, mistake.mend(reading)) for mistake in proposed]
-        left = [max(fit.worst for fit in misfits.of(m).values()) for m in mended]
-        k = int(np.argmin(left))
+        k = int(np.argmin([worst(misfits.of(m)) for m in mended]))
         best = [proposed[k]]
         back = reading.rate @ np.linalg.inv(mended[k].rate)
         reading = replace(reading, bias_B=back @ mended[k].bias_B)

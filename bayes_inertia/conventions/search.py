@@ -10,7 +10,7 @@ import numpy as np
 from bayes_inertia.conventions import limits
 from bayes_inertia.conventions.hypothesis import Mistake, both
 from bayes_inertia.conventions.laws import CLOSURE
-from bayes_inertia.conventions.linear_fit import LinearFit
+from bayes_inertia.conventions.linear_fit import LinearFit, worst
 from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.mounting import turned_beside_bias, turned_sensor
 from bayes_inertia.conventions.reading import Reading
@@ -35,22 +35,6 @@ class Remedy:
     mistake: Mistake
     before: float
     after: float
-
-
-def worst(fits: dict[str, LinearFit]) -> float:
-    """The worst misfit of all laws.
-
-    Parameters
-    ----------
-    fits : dict of str to LinearFit
-        By law.
-
-    Returns
-    -------
-    float
-        In standard deviations; 0 without any law.
-    """
-    return max((fit.worst for fit in fits.values()), default=0.0)
 
 
 @dataclass(frozen=True)
