@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from bayes_inertia.maths.quaternion_product import product_components
+
 
 def composed(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Hamilton product p * q of quaternions (..., 4).
@@ -27,17 +29,7 @@ def composed(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     >>> composed(np.array([0., 0., 0., 1.]), np.array([1., 0., 0., 0.])).tolist()
     [1.0, 0.0, 0.0, 0.0]
     """
-    p1, p2, p3, p4 = np.moveaxis(p, -1, 0)
-    q1, q2, q3, q4 = np.moveaxis(q, -1, 0)
-    return np.stack(
-        [
-            p4 * q1 + q4 * p1 + p2 * q3 - p3 * q2,
-            p4 * q2 + q4 * p2 + p3 * q1 - p1 * q3,
-            p4 * q3 + q4 * p3 + p1 * q2 - p2 * q1,
-            p4 * q4 - p1 * q1 - p2 * q2 - p3 * q3,
-        ],
-        axis=-1,
-    )
+    return np.stack(product_components(np.moveaxis(p, -1, 0), np.moveaxis(q, -1, 0)), axis=-1)
 
 
 def turned_back(q: np.ndarray) -> np.ndarray:

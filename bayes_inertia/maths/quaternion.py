@@ -18,6 +18,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from bayes_inertia.maths import jax_settings as jax_settings
+from bayes_inertia.maths.quaternion_product import product_components
 
 ComponentSequence = Sequence[Array]
 
@@ -138,17 +139,7 @@ def multiply(p: Array, q: Array) -> Array:
     >>> multiply(jnp.array([0., 0., 0., 1.]), jnp.array([1., 0., 0., 0.])).tolist()
     [1.0, 0.0, 0.0, 0.0]
     """
-    p1, p2, p3, p4 = p[..., 0], p[..., 1], p[..., 2], p[..., 3]
-    q1, q2, q3, q4 = q[..., 0], q[..., 1], q[..., 2], q[..., 3]
-    return jnp.stack(
-        [
-            p4 * q1 + q4 * p1 + p2 * q3 - p3 * q2,
-            p4 * q2 + q4 * p2 + p3 * q1 - p1 * q3,
-            p4 * q3 + q4 * p3 + p1 * q2 - p2 * q1,
-            p4 * q4 - p1 * q1 - p2 * q2 - p3 * q3,
-        ],
-        axis=-1,
-    )
+    return jnp.stack(product_components(_split(p), _split(q)), axis=-1)
 
 
 def conjugate(q: Array) -> Array:
