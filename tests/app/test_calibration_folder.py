@@ -36,7 +36,7 @@ def test_right_and_wrong_posteriors_are_told_apart(ranked, tmp_path: Path, capsy
     assert stop.value.code == 0
     printed = capsys.readouterr().out
     assert "40 fits" in printed
-    assert "Posteriors are right." in printed
+    assert "No quantity is rejected." in printed
     content = json.loads((tmp_path / "right" / "calibration.json").read_text())
     assert content["verdict"] == "right"
     assert content["cases"]["effects"]["fits"] == 20
