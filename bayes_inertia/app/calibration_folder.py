@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -10,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.app.result_folder import ResultFolder
+from bayes_inertia.app.result_folder import ResultFolder, write_json
 from bayes_inertia.errors import SettingsError
-from bayes_inertia.files import write_atomically
 from bayes_inertia.maths.values import json_ready
 from bayes_inertia.report.pictures.calibration import RankCurves, draw_calibration
 from bayes_inertia.report.pictures.figure_file import write_png
@@ -78,8 +76,7 @@ def run_calibration(
     calibration = calibration_of(chosen, result)
     write_png(calibration_picture(calibration), folder / "calibration.png")
     content = {"format": FORMAT, **options, **calibration_json(calibration)}
-    text = json.dumps(json_ready(content), indent=1, allow_nan=False)
-    write_atomically(folder / "calibration.json", text + "\n")
+    write_json(folder / "calibration.json", json_ready(content))
     return calibration
 
 

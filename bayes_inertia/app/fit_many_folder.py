@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import io
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.app.fit_campaign import fit
-from bayes_inertia.app.result_folder import ResultFolder
+from bayes_inertia.app.result_folder import ResultFolder, write_json
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.conventions.check import refuse_impossible
 from bayes_inertia.errors import BayesInertiaError, CampaignError
@@ -25,7 +24,7 @@ from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.studies.engine import Execution, Notice, Progress
 from bayes_inertia.studies.pools import Engine
-from bayes_inertia.studies.work import Row, Work, WorkResult
+from bayes_inertia.studies.work import Row, TaskFailure, Work, WorkResult
 
 FORMAT = "bayes-inertia-fit-many/1"
 # What a row says of each parameter, beside its mean.
@@ -170,8 +169,7 @@ def fit_many(
     result = execution.run(work, out / "shards")
     if result.rows:
         _write_table(result, out / "fits.parquet")
-    text = json.dumps(fits_json(result), indent=1, allow_nan=False)
-    write_atomically(out / "fit_many.json", text + "\n")
+    write_json(out / "fit_many.json", fits_json(result))
     return result
 
 
@@ -190,10 +188,25 @@ def fits_json(result: WorkResult) -> dict[str, Any]:
     """
     rows = [{k: v for k, v in row.items() if k != "task" and v is not None} for row in result.rows]
     failures = [
-        {"campaign": f.task.rpartition(_AT)[0], "error": f.error, "reason": f.reason}
-        for f in result.failures
+        {"campaign": campaign_of(f), "error": f.error, "reason": f.reason} for f in result.failures
     ]
     return json_ready({"format": FORMAT, "campaigns": rows, "failures": failures})
+
+
+def campaign_of(failure: TaskFailure) -> str:
+    """The campaign that could not be fitted.
+
+    Parameters
+    ----------
+    failure : TaskFailure
+        Of `fit_many`.
+
+    Returns
+    -------
+    str
+        Its folder, below the folder of all.
+    """
+    return failure.task.rpartition(_AT)[0]
 
 
 def _ids(folder: Path, out: Path) -> tuple[str, ...]:

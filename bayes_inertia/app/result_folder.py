@@ -22,6 +22,29 @@ from bayes_inertia.sealing import read_sealed_json, sealed
 _ADVICE = "choose another folder; nothing was overwritten"
 
 
+def write_json(path: Path, content: Mapping[str, Any]) -> Path:
+    """Write a JSON document of results, atomically.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    content : dict
+        What `json.dumps` accepts, without NaN.
+
+    Returns
+    -------
+    Path
+        Of the file.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    return write_atomically(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
 @dataclass(frozen=True)
 class ResultFolder:
     """A folder, and the work that wants to write in it.
@@ -122,8 +145,7 @@ class ResultFolder:
         options = self.options if self.flat else {"options": self.options}
         owner = {"format": self.format, "campaign_sha256": self.campaign_sha256}
         claim = sealed({**owner, **(content or {}), **options})
-        text = json.dumps(claim, indent=1, allow_nan=False)
-        write_atomically(self.path / self.claim_file, text + "\n")
+        write_json(self.path / self.claim_file, claim)
 
     def _free_or_error(self) -> None:
         names = list(self.results)

@@ -8,7 +8,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -18,7 +19,7 @@ from bayes_inertia.app.diagnosis_json import FORMAT as DIAGNOSIS_FORMAT
 from bayes_inertia.app.diagnosis_json import next_fit_from, to_json
 from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.app.investigation import investigate
-from bayes_inertia.app.result_folder import ResultFolder
+from bayes_inertia.app.result_folder import ResultFolder, write_json
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import campaign_sha256, copy_campaign, read_campaign
 from bayes_inertia.errors import CampaignError, SettingsError
@@ -248,9 +249,7 @@ def _finish(folder: Path, run: Run, report: bool, progress: Progress | None) -> 
         )
     posterior = _posterior(folder, run, progress)
     posterior.save(folder / "posterior.nc")
-    write_atomically(
-        folder / "summary.json", json.dumps(posterior.summary(), indent=1, allow_nan=False) + "\n"
-    )
+    write_json(folder / "summary.json", posterior.summary())
     if report:
         if progress:
             progress("writing the report", 0, 1)
@@ -294,7 +293,7 @@ def _posterior(folder: Path, run: Run, progress: Progress | None) -> Posterior:
     if run.kind == "diagnose":
         content = _diagnosed(folder, campaign, run, progress)
         # Always from the file's content, so that a run that was killed gives the same bits.
-        with blaming(folder / _DIAGNOSIS, intact=SEAL_KEY in content, advice=_NEW_DIAGNOSIS):
+        with blaming_diagnosis(folder, content):
             choice = next_fit_from(content)
         return fit_after_diagnosis(
             campaign,
@@ -335,6 +334,24 @@ def _diagnosed(
     text = json.dumps(content, indent=None, separators=(", ", ": "), allow_nan=False)
     write_atomically(folder / _DIAGNOSIS, text + "\n")
     return content
+
+
+def blaming_diagnosis(folder: Path, content: Mapping[str, Any]) -> AbstractContextManager[None]:
+    """Take any exception for damage of a run's diagnosis.json, where that has no seal.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the run.
+    content : dict
+        From `read_diagnosis`.
+
+    Returns
+    -------
+    context manager
+        See `blaming`.
+    """
+    return blaming(folder / _DIAGNOSIS, intact=SEAL_KEY in content, advice=_NEW_DIAGNOSIS)
 
 
 def read_diagnosis(folder: Path) -> dict[str, Any] | None:

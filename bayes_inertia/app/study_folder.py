@@ -8,7 +8,6 @@ kept in shards: a killed study goes on where it was.
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -17,16 +16,16 @@ import numpy as np
 from scipy import stats
 
 from bayes_inertia.app.named_plans import PAPER, plan_sha256, plans_named, prior_mission
-from bayes_inertia.app.result_folder import ResultFolder
+from bayes_inertia.app.result_folder import ResultFolder, write_json
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.design.simulated_fits import AchievedErrors
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.physics.parameters import BASE_NAMES
 from bayes_inertia.report.pictures.figure_file import write_png
 from bayes_inertia.report.pictures.study import draw_coverage
 from bayes_inertia.studies.engine import Execution
+from bayes_inertia.studies.rank_statistics import coverage_from
 from bayes_inertia.studies.simulated_fits import achieved_errors, simulated_fits
 from bayes_inertia.studies.work import TaskFailure
 
@@ -73,12 +72,8 @@ class Study:
             The share, and its 95 % interval.
         """
         held = np.abs(self.z) < stats.norm.ppf(0.5 + 0.5 * level)
-        tests = [stats.binomtest(int(h.sum()), len(h)) for h in held.T]
-        intervals = [t.proportion_ci(method="exact") for t in tests]
-        return [
-            (float(t.statistic), float(i.low), float(i.high))
-            for t, i in zip(tests, intervals, strict=True)
-        ]
+        counted = [coverage_from(int(h.sum()), len(h), level) for h in held.T]
+        return [(coverage.share, coverage.low, coverage.high) for coverage in counted]
 
     @property
     def too_small(self) -> tuple[str, ...]:
@@ -150,7 +145,7 @@ def run_study(
     study = Study(chosen, achieved_errors(result, least=2), result.failures)
     write_png(draw_coverage(BASE_NAMES, study.achieved, study.z), folder / "study.png")
     content = {"format": FORMAT, "campaign_sha256": digest, **options, **_content(study)}
-    write_atomically(folder / "study.json", json.dumps(content, indent=1, allow_nan=False) + "\n")
+    write_json(folder / "study.json", content)
     return study
 
 

@@ -173,5 +173,30 @@ def coverage_of(ranks: np.ndarray, ranked: int, level: float) -> Coverage:
     """
     outside = round((ranked + 1) * 0.5 * (1.0 - level))
     inside = int(((ranks >= outside) & (ranks <= ranked - outside)).sum())
-    interval = stats.binomtest(inside, len(ranks)).proportion_ci(0.95)
-    return Coverage(level, inside / len(ranks), float(interval.low), float(interval.high))
+    return coverage_from(inside, len(ranks), level)
+
+
+def coverage_from(inside: int, of: int, level: float) -> Coverage:
+    """How often intervals held the truth, counted.
+
+    Parameters
+    ----------
+    inside : int
+        Truths that were inside.
+    of : int
+        Of how many.
+    level : float
+        Of the intervals.
+
+    Returns
+    -------
+    Coverage
+        With its binomial interval.
+
+    Examples
+    --------
+    >>> round(coverage_from(9, 10, 0.95).low, 3)
+    0.555
+    """
+    interval = stats.binomtest(inside, of).proportion_ci(0.95)
+    return Coverage(level, inside / of, float(interval.low), float(interval.high))

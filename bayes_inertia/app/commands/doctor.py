@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from bayes_inertia.app.commands.options import AsJson
 from bayes_inertia.app.terminal import headed, plain_console
 
 if TYPE_CHECKING:
@@ -17,10 +18,9 @@ _CampaignOrNone = Annotated[
     Path | None,
     typer.Argument(help="Campaign folder; without it the installation is looked at."),
 ]
-_AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
 
 
-def doctor_command(campaign: _CampaignOrNone = None, as_json: _AsJson = False) -> None:
+def doctor_command(campaign: _CampaignOrNone = None, as_json: AsJson = False) -> None:
     """Hold a campaign's conventions against physics; without a campaign, check the installation.
 
     Units, signs, orders, frames and clocks are those of the data, or the change that makes them so

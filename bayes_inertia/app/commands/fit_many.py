@@ -12,6 +12,7 @@ from rich.table import Table
 
 from bayes_inertia.app.commands.options import (
     Anyway,
+    AsJson,
     AsStated,
     DriveName,
     EffectNames,
@@ -41,9 +42,7 @@ def fit_many_command(
     seed: Seed = 0,
     anyway: Anyway = False,
     as_stated: AsStated = False,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON document on stdout.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Fit every campaign in a folder: a fleet, or a mission's years.
 
@@ -86,6 +85,8 @@ def show_fits(result: WorkResult, folder: Path) -> None:
     folder : Path
         Where its files are.
     """
+    from bayes_inertia.app.fit_many_folder import campaign_of
+
     console = plain_console()
     table = Table(box=SIMPLE)
     table.add_column("campaign", overflow="fold")
@@ -101,7 +102,7 @@ def show_fits(result: WorkResult, folder: Path) -> None:
         if not row["trusted"]:
             console.print(f"{row['campaign']}: {row['reasons']}")
     for failure in result.failures:
-        console.print(f"{failure.task.rpartition('@')[0]} could not be fitted: {failure.reason}")
+        console.print(f"{campaign_of(failure)} could not be fitted: {failure.reason}")
     trusted = sum(row["trusted"] for row in result.rows)
     console.print(
         f"{trusted} of {len(result.rows) + len(result.failures)} campaigns give a result that can "

@@ -55,6 +55,7 @@ SampledNoise = Annotated[
         help="Channels whose noise level is estimated along, separated by commas.",
     ),
 ]
+AsJson = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout.")]
 Jobs = Annotated[int, typer.Option(help="Processes.", min=1)]
 EngineName = Annotated[
     Literal["process", "joblib", "dask"] | None,

@@ -11,7 +11,6 @@ from rich.table import Table
 from rich.text import Text
 
 from bayes_inertia.app.terminal import headed, plain_console, progress_bar
-from bayes_inertia.sealing import SEAL_KEY, blaming
 
 _COLUMNS = ("estimate", "± sd", "unit", "prior sd", "contraction", "determined")
 _DETERMINED = {"determined": "yes", "partly determined": "partly", "not determined": "no"}
@@ -40,8 +39,7 @@ def finish_and_show(folder: Path, report: bool) -> None:
         posterior = run_folder.finish(folder, report=report, progress=progress)
     content = run_folder.read_diagnosis(folder)
     if content is not None:
-        advice = "delete it and run `bayes-inertia resume`"
-        with blaming(folder / "diagnosis.json", intact=SEAL_KEY in content, advice=advice):
+        with run_folder.blaming_diagnosis(folder, content):
             show_diagnosis(content)
     show_summary(posterior.summary(), folder, report)
     if not posterior.trusted or (content is not None and content["verdict"] == "unknown"):
