@@ -17,7 +17,7 @@ from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.studies.engine import Notice, Progress
 from bayes_inertia.studies.pools import Engine, Pool, open_pool
-from bayes_inertia.studies.simulated_fits import fit_simulated_campaigns
+from bayes_inertia.studies.simulated_fits import fit_simulated_campaigns, simulated_fits
 
 
 def compare_plans(
@@ -118,13 +118,7 @@ class _Fits:
     def of_plan(self, plan: Plan, pool: Pool) -> AchievedErrors:
         """What fits to simulated campaigns of one plan achieved."""
         digest = joblib.hash(plan)
-        return fit_simulated_campaigns(
-            plan,
-            self.mission,
-            self.simulated,
-            self.seed,
-            pool=pool,
-            folder=None if self.folder is None else self.folder / digest,
-            options={"plan": digest, "mission": self.mission_digest},
-            **self.callbacks,
-        )
+        options = {"plan": digest, "mission": self.mission_digest}
+        work = simulated_fits(plan, self.mission, self.simulated, self.seed, options=options)
+        folder = None if self.folder is None else self.folder / digest
+        return fit_simulated_campaigns(work, pool, folder, **self.callbacks)

@@ -102,41 +102,21 @@ def achieved_errors(result: WorkResult, least: int = 1) -> AchievedErrors:
 
 
 def fit_simulated_campaigns(
-    plan: Plan,
-    mission: Mission,
-    campaigns: int | range,
-    seed: int = 0,
-    *,
+    work: Work,
     pool: Pool | None = None,
     folder: Path | None = None,
-    options: Mapping[str, Any] | None = None,
+    *,
     progress: Progress | None = None,
     notice: Notice | None = None,
 ) -> AchievedErrors:
-    """Fly a plan many times with noise, and fit each campaign in full.
-
-    Each campaign has another truth, drawn from the prior.
+    """Fly a plan many times with noise, and fit each campaign in full; none may fail.
 
     Parameters
     ----------
-    plan : Plan
-        What is flown.
-    mission : Mission
-        Wheels, sensors and prior.
-    campaigns : int or range
-        How many campaigns, or the numbers of those wanted.
-    seed : int, optional
-        Campaign i of two plans has the same truth for the same seed.
-    pool : Pool or None, optional
-        Where they are fitted; None: in this process.
-    folder : Path or None, optional
-        Where rows are kept; None: in memory.
-    options : mapping, optional
-        What tells plan and mission from others, where rows are kept in a folder.
-    progress : callable or None, optional
-        Called with (what, done, of).
-    notice : callable or None, optional
-        Called with what should be known of files and failures.
+    work : Work
+        From `simulated_fits`.
+    pool, folder, progress, notice
+        As of `run_work`; without a pool in this process.
 
     Returns
     -------
@@ -148,14 +128,14 @@ def fit_simulated_campaigns(
     StudyError
         If a campaign could not be fitted.
     """
-    work = simulated_fits(plan, mission, campaigns, seed, options=options)
     result = run_work(work, pool or InProcess(), folder, progress=progress, notice=notice)
     if result.failures:
-        first = result.failures[0]
+        first, task = result.failures[0], work.task
+        plan = f"{task.plan.name}, " if isinstance(task, SimulatedFit) else ""
         raise StudyError(
             f"{len(result.failures)} of {len(work.ids)} campaigns could not be fitted, the first "
             f"because of: {first.reason}",
-            where=f"{plan.name}, campaign {first.task}",
+            where=f"{plan}campaign {first.task}",
             advice="look at the plan and at the campaign's prior",
         )
     return achieved_errors(result)
