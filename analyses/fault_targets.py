@@ -35,6 +35,7 @@ from bayes_inertia.app.cli import main
 from bayes_inertia.campaign import array_child, isolated_arrays
 from bayes_inertia.campaign.reader import read_unmasked
 from bayes_inertia.campaign.writer import write_campaign
+from bayes_inertia.sealing import SEAL_KEY
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 SLEWS, ROWS = 2, 100
@@ -45,7 +46,6 @@ _SUFFIXES = {"parquet": ".parquet", "hdf5": ".h5", "mat": ".mat", "mat 7.3": ".7
 _TRUE_CHILDREN = 100
 # Of files of a run that are accepted, one in so many is made a whole report or flight.
 _WHOLE_COMMANDS = 100
-_SEAL = "content_sha256"
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ def _sound_text(corpus: Path, target: str, random: Random) -> bytes:
         return data[: data.rindex(b"\nbayes-inertia sha256")]
     if target.endswith(".json") and random.random() < 0.5:
         document = json.loads(data)
-        document.pop(_SEAL)
+        document.pop(SEAL_KEY)
         return json.dumps(document).encode()
     return data
 
@@ -220,11 +220,10 @@ def _read_posterior(path: Path) -> None:
 def _read_diagnosis(path: Path) -> None:
     from bayes_inertia.app.commands.run_result import show_diagnosis
     from bayes_inertia.app.diagnosis_json import next_fit_from
-    from bayes_inertia.app.run_folder import read_diagnosis
-    from bayes_inertia.sealing import SEAL_KEY, blaming
+    from bayes_inertia.app.run_folder import blaming_diagnosis, read_diagnosis
 
     content = read_diagnosis(path.parent) or {}
-    with blaming(path, intact=SEAL_KEY in content, advice="delete it"):
+    with blaming_diagnosis(path.parent, content):
         next_fit_from(content)
         show_diagnosis(content)
 
