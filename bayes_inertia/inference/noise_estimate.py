@@ -22,7 +22,7 @@ from bayes_inertia.inference.noise_tests import noise_tests
 from bayes_inertia.inference.objective import normal_equations
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_tests import ChannelTest
-from bayes_inertia.inference.student_t import squares_per_parameter
+from bayes_inertia.inference.student_t import WeightedSquares
 from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 from bayes_inertia.maths.values import array_dataclass
@@ -157,7 +157,7 @@ def _inflation(fitted: Estimate, point: Point) -> np.ndarray:
 def _lost(model: Model, point: Point, blocks: Information, hessian: np.ndarray) -> np.ndarray:
     """By how much fitting lowers each channel's weighted squares (3,)."""
     _, degrees = noise_values(channel_rules(model), point.theta)
-    shares = np.array([squares_per_parameter(float(nu)) for nu in degrees])
+    shares = np.array([WeightedSquares(float(nu)).per_parameter for nu in degrees])
     return shares * _effective_parameters(model, point, blocks, hessian)
 
 

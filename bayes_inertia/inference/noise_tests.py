@@ -17,11 +17,7 @@ from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.inference.noise_parameters import channel_rules, noise_values
 from bayes_inertia.inference.residual_tests import ChannelTest, chi2_test, whiteness
 from bayes_inertia.inference.rounding import has_one_error, rounding_steps
-from bayes_inertia.inference.student_t import (
-    normal_scores,
-    squares_per_parameter,
-    squares_worth,
-)
+from bayes_inertia.inference.student_t import WeightedSquares, normal_scores
 from bayes_inertia.physics.forward_model import Model
 
 # Normal quantile of the central 99 %.
@@ -61,9 +57,9 @@ def noise_tests(
         channel, degrees = CHANNELS[c], float(nu)
         y = [slew / scale for slew in series[channel]]
         p_white = None if channel in unordered else _whiteness(y, degrees)
-        squares = sum(weighted_squares(slew, degrees) for slew in y)
-        worth = squares_worth(degrees)
-        dof = numbers[c] - squares_per_parameter(degrees) * parameters[c]
+        weighted = WeightedSquares(degrees)
+        squares, worth = sum(map(weighted.sum, y)), weighted.worth
+        dof = numbers[c] - weighted.per_parameter * parameters[c]
         test = chi2_test(worth * squares, worth * dof, p_white)
         if test.reduced_chi2 is not None:
             total += worth * np.array([squares, dof])
@@ -73,31 +69,6 @@ def noise_tests(
         tests[channel] = test
     tests["total"] = chi2_test(float(total[0]), float(total[1]))
     return tests
-
-
-def weighted_squares(y: np.ndarray, degrees: float) -> float:
-    """Sum of the squares of residuals, each with the weight (nu + 1)/(nu + y^2).
-
-    Parameters
-    ----------
-    y : array
-        Residuals over their scale, NaN where nothing was measured.
-    degrees : float
-        Of freedom; infinite for Gaussian noise, where all weights are 1.
-
-    Returns
-    -------
-    float
-
-    Examples
-    --------
-    >>> weighted_squares(np.array([2.0, np.nan]), 4.0), weighted_squares(np.array([2.0]), np.inf)
-    (2.5, 4.0)
-    """
-    squares = np.square(y[np.isfinite(y)])
-    if not np.isfinite(degrees):
-        return float(squares.sum())
-    return float(np.sum((degrees + 1.0) * squares / (degrees + squares)))
 
 
 def _without_test_of_whiteness(model: Model) -> set[str]:

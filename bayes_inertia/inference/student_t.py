@@ -10,6 +10,7 @@ weighted squares w y^2 have mean 1 and variance 2 nu/(nu + 3), where those of Ga
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -152,48 +153,57 @@ def location_information(degrees: float | Array) -> float | Array:
     return (degrees + 1.0) / (degrees + 3.0)
 
 
-def squares_per_parameter(degrees: float) -> float:
-    """By how much each fitted parameter lowers the sum of weighted squares: (nu + 2)/(nu + 5).
-
-    To first order in parameters over numbers; 1 for a Gaussian.
-
-    Parameters
-    ----------
-    degrees : float
-        Of freedom.
-
-    Returns
-    -------
-    float
-
-    Examples
-    --------
-    >>> round(squares_per_parameter(1e9), 6)
-    1.0
-    """
-    return (degrees + 2.0) / (degrees + 5.0) if np.isfinite(degrees) else 1.0
-
-
-def squares_worth(degrees: float) -> float:
-    """The chi^2 degrees of freedom that one weighted square is worth: (nu + 3)/nu.
-
-    2 mean^2/variance; 1 for a Gaussian. Weighted squares scatter less, since they are bounded.
+@dataclass(frozen=True)
+class WeightedSquares:
+    """Squares of residuals, each with the weight (nu + 1)/(nu + y^2), and how their sum scatters.
 
     Parameters
     ----------
     degrees : float
-        Of freedom.
-
-    Returns
-    -------
-    float
+        Of freedom; infinite for Gaussian noise, where all weights are 1.
 
     Examples
     --------
-    >>> squares_worth(4.0)
-    1.75
+    >>> WeightedSquares(4.0).sum(np.array([2.0, np.nan])), WeightedSquares(4.0).worth
+    (2.5, 1.75)
     """
-    return (degrees + 3.0) / degrees if np.isfinite(degrees) else 1.0
+
+    degrees: float
+
+    @property
+    def per_parameter(self) -> float:
+        """By how much each fitted parameter lowers the sum: (nu + 2)/(nu + 5).
+
+        To first order in parameters over numbers; 1 for a Gaussian.
+        """
+        nu = self.degrees
+        return (nu + 2.0) / (nu + 5.0) if np.isfinite(nu) else 1.0
+
+    @property
+    def worth(self) -> float:
+        """The chi^2 degrees of freedom that one square is worth: (nu + 3)/nu.
+
+        2 mean^2/variance; 1 for a Gaussian. Weighted squares scatter less, since they are bounded.
+        """
+        nu = self.degrees
+        return (nu + 3.0) / nu if np.isfinite(nu) else 1.0
+
+    def sum(self, y: np.ndarray) -> float:
+        """The sum over residuals.
+
+        Parameters
+        ----------
+        y : array
+            Residuals over their scale, NaN where nothing was measured.
+
+        Returns
+        -------
+        float
+        """
+        squares, nu = np.square(y[np.isfinite(y)]), self.degrees
+        if not np.isfinite(nu):
+            return float(squares.sum())
+        return float(np.sum((nu + 1.0) * squares / (nu + squares)))
 
 
 def normal_scores(y: np.ndarray, degrees: float) -> np.ndarray:

@@ -27,11 +27,11 @@ from bayes_inertia.inference.noise_marginal import log_density_with_noise, noise
 from bayes_inertia.inference.noise_parameters import channel_rules
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.student_t import (
+    WeightedSquares,
     heavy_tail,
     log_norm,
     normal_scores,
     scale_information,
-    squares_worth,
 )
 from bayes_inertia.physics.channel_noise import (
     ChannelNoise,
@@ -81,7 +81,7 @@ def test_the_formulas_of_student_t_noise(degrees):
 
     assert expected(squares, degrees) == pytest.approx(1.0, abs=1e-6)
     variance = expected(lambda x: (squares(x) - 1.0) ** 2, degrees)
-    assert 2.0 / variance == pytest.approx(squares_worth(degrees), rel=1e-6)
+    assert 2.0 / variance == pytest.approx(WeightedSquares(degrees).worth, rel=1e-6)
     # The information of (log scale, degrees) is the covariance of their scores.
     towards = jax.jit(jax.jacfwd(lambda nu, x: heavy_tail(x, nu).loss + log_norm(nu)))
     across = expected(lambda x: (1.0 - squares(x)) * towards(degrees, x), degrees)
