@@ -14,9 +14,7 @@ from bayes_inertia.studies.calibration_cases import CalibrationCase
 from bayes_inertia.studies.rank_statistics import (
     LEVELS,
     Coverage,
-    coverage_of,
-    ecdf_departure,
-    rank_p_value,
+    Ranks,
 )
 from bayes_inertia.studies.work import TaskFailure, WorkResult
 
@@ -52,12 +50,12 @@ class CaseCalibration:
     @cached_property
     def p_values(self) -> np.ndarray:
         """Of the uniformity of the ranks (14,)."""
-        return np.array([rank_p_value(ranks, RANKED) for ranks in self.ranks.T])
+        return np.array([Ranks(ranks, RANKED).p_value for ranks in self.ranks.T])
 
     @property
     def departures(self) -> np.ndarray:
         """ECDFs minus that of uniform ranks, in standard errors (14, 199)."""
-        return np.array([ecdf_departure(ranks, RANKED) for ranks in self.ranks.T])
+        return np.array([Ranks(ranks, RANKED).departure for ranks in self.ranks.T])
 
     def coverage(self, quantity: int) -> tuple[Coverage, ...]:
         """How often intervals of each level held the truth.
@@ -72,7 +70,7 @@ class CaseCalibration:
         tuple of Coverage
             Of 50, 90 and 95 %.
         """
-        return tuple(coverage_of(self.ranks[:, quantity], RANKED, level) for level in LEVELS)
+        return tuple(map(Ranks(self.ranks[:, quantity], RANKED).coverage, LEVELS))
 
 
 @array_dataclass

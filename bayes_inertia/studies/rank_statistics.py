@@ -14,6 +14,8 @@ from scipy import stats
 from scipy.optimize import brentq
 from scipy.special import gammaln, xlog1py, xlogy
 
+from bayes_inertia.maths.values import array_dataclass
+
 LEVELS = (0.5, 0.9, 0.95)
 # Bands are looked for between these many standard errors.
 _NARROWEST, _WIDEST = 0.5, 12.0
@@ -38,24 +40,56 @@ class Coverage(NamedTuple):
     high: float
 
 
-def ecdf_departure(ranks: np.ndarray, ranked: int) -> np.ndarray:
-    """ECDF of ranks minus that of uniform ones, in standard errors.
+@array_dataclass
+class Ranks:
+    """Ranks of truths, each among the draws of its posterior.
 
     Parameters
     ----------
-    ranks : (n,) array of int
+    values : (n,) array of int
         From 0 to `ranked`.
     ranked : int
-        Draws that the truth was ranked among.
+        Draws that each truth was ranked among.
 
-    Returns
-    -------
-    (ranked,) array
-        At every possible rank but the last.
+    Examples
+    --------
+    >>> Ranks(np.arange(200), 199).coverage(0.9).share
+    0.9
     """
-    p = np.arange(1, ranked + 1) / (ranked + 1)
-    below = np.searchsorted(np.sort(ranks), np.arange(ranked), side="right") / len(ranks)
-    return (below - p) / np.sqrt(p * (1.0 - p) / len(ranks))
+
+    values: np.ndarray
+    ranked: int
+
+    @property
+    def departure(self) -> np.ndarray:
+        """ECDF of the ranks minus that of uniform ones, at all but the last [standard errors]."""
+        n, ranked = len(self.values), self.ranked
+        p = np.arange(1, ranked + 1) / (ranked + 1)
+        below = np.searchsorted(np.sort(self.values), np.arange(ranked), side="right") / n
+        return (below - p) / np.sqrt(p * (1.0 - p) / n)
+
+    @property
+    def p_value(self) -> float:
+        """Probability that uniform ranks depart as far as these."""
+        largest = float(np.abs(self.departure).max())
+        return max(0.0, 1.0 - probability_inside(len(self.values), self.ranked, largest - 1e-6))
+
+    def coverage(self, level: float) -> Coverage:
+        """How often the central interval between draws held the truth.
+
+        Parameters
+        ----------
+        level : float
+            Of the interval; `ranked` + 1 times half of what it leaves out is a whole number.
+
+        Returns
+        -------
+        Coverage
+            With its binomial interval.
+        """
+        outside = round((self.ranked + 1) * 0.5 * (1.0 - level))
+        inside = (self.values >= outside) & (self.values <= self.ranked - outside)
+        return coverage_from(int(inside.sum()), len(inside), level)
 
 
 @cache
@@ -128,52 +162,6 @@ def ecdf_band(n: int, ranked: int, level: float) -> float:
             xtol=1e-3,
         )
     )
-
-
-def rank_p_value(ranks: np.ndarray, ranked: int) -> float:
-    """Probability that uniform ranks depart as far as these.
-
-    Parameters
-    ----------
-    ranks : (n,) array of int
-        From 0 to `ranked`.
-    ranked : int
-        Draws that the truth was ranked among.
-
-    Returns
-    -------
-    float
-        Small if the ranks are not uniform.
-    """
-    largest = float(np.abs(ecdf_departure(ranks, ranked)).max())
-    return max(0.0, 1.0 - probability_inside(len(ranks), ranked, largest - 1e-6))
-
-
-def coverage_of(ranks: np.ndarray, ranked: int, level: float) -> Coverage:
-    """How often the central interval between draws held the truth.
-
-    Parameters
-    ----------
-    ranks : (n,) array of int
-        From 0 to `ranked`.
-    ranked : int
-        Draws that the truth was ranked among.
-    level : float
-        Of the interval; `ranked` + 1 times half of what it leaves out is a whole number.
-
-    Returns
-    -------
-    Coverage
-        With its binomial interval.
-
-    Examples
-    --------
-    >>> coverage_of(np.arange(200), 199, 0.9).share
-    0.9
-    """
-    outside = round((ranked + 1) * 0.5 * (1.0 - level))
-    inside = int(((ranks >= outside) & (ranks <= ranked - outside)).sum())
-    return coverage_from(inside, len(ranks), level)
 
 
 def coverage_from(inside: int, of: int, level: float) -> Coverage:

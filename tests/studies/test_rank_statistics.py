@@ -10,11 +10,9 @@ from bayes_inertia.studies.calibration import QUANTITIES, RANKED
 from bayes_inertia.studies.calibration_cases import cases_named
 from bayes_inertia.studies.calibration_result import Calibration, calibration_of
 from bayes_inertia.studies.rank_statistics import (
-    coverage_of,
+    Ranks,
     ecdf_band,
-    ecdf_departure,
     probability_inside,
-    rank_p_value,
 )
 from bayes_inertia.studies.work import WorkResult
 
@@ -32,7 +30,7 @@ def normal_ranks(n: int, seed: int, sd: float = 1.0, shift: float = 0.0) -> np.n
 def test_the_probability_of_the_band_is_exact(n, ranked, width):
     trials = 3000
     ranks = np.random.default_rng(3).integers(0, ranked + 1, (trials, n))
-    inside = np.mean([np.abs(ecdf_departure(r, ranked)).max() <= width + 1e-9 for r in ranks])
+    inside = np.mean([np.abs(Ranks(r, ranked).departure).max() <= width + 1e-9 for r in ranks])
     exact = probability_inside(n, ranked, width)
     assert abs(inside - exact) < 4.0 * np.sqrt(exact * (1.0 - exact) / trials)
     assert abs(inside - probability_inside(n, ranked, 0.8 * width)) > 0.05
@@ -48,7 +46,7 @@ def test_the_band_holds_what_it_says():
 
 def test_uniform_ranks_are_rejected_as_rarely_as_the_p_value_says():
     trials = 200
-    p = np.array([rank_p_value(normal_ranks(60, seed), RANKED) for seed in range(trials)])
+    p = np.array([Ranks(normal_ranks(60, seed), RANKED).p_value for seed in range(trials)])
     for level in (0.05, 0.3):
         assert np.sum(p < level) <= stats.binom.ppf(0.999, trials, level)
     assert np.median(p) < 0.7
@@ -56,20 +54,20 @@ def test_uniform_ranks_are_rejected_as_rarely_as_the_p_value_says():
 
 def test_wrong_sds_and_shifts_are_rejected():
     for seed in range(5):
-        assert rank_p_value(normal_ranks(1000, seed, sd=0.75), RANKED) < 1e-6
-        assert rank_p_value(normal_ranks(400, seed, shift=0.5), RANKED) < 1e-6
+        assert Ranks(normal_ranks(1000, seed, sd=0.75), RANKED).p_value < 1e-6
+        assert Ranks(normal_ranks(400, seed, shift=0.5), RANKED).p_value < 1e-6
     # Uniform ranks of as many fits, five times.
-    assert min(rank_p_value(normal_ranks(1000, seed), RANKED) for seed in range(5)) > 1e-4
+    assert min(Ranks(normal_ranks(1000, seed), RANKED).p_value for seed in range(5)) > 1e-4
 
 
 def test_coverage_counts_ranks():
     ranks = normal_ranks(2000, 5)
     for level in (0.5, 0.9, 0.95):
-        coverage = coverage_of(ranks, RANKED, level)
+        coverage = Ranks(ranks, RANKED).coverage(level)
         assert coverage.low < coverage.share < coverage.high
         error = np.sqrt(level * (1.0 - level) / 2000)
         assert abs(coverage.share - level) < 4.0 * error
-    small = coverage_of(normal_ranks(2000, 5, sd=0.75), RANKED, 0.9)
+    small = Ranks(normal_ranks(2000, 5, sd=0.75), RANKED).coverage(0.9)
     assert small.high < 0.9
 
 
