@@ -162,7 +162,7 @@ def _check(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> Non
 
 
 def _check_noise(campaign: Campaign, drive: Drive, noise: NoiseModel) -> None:
-    read = {
+    compared = {
         "rate": True,
         "attitude": campaign.star_tracker is not None
         and any(np.any(slew.fixes) for slew in campaign.slews),
@@ -170,8 +170,8 @@ def _check_noise(campaign: Campaign, drive: Drive, noise: NoiseModel) -> None:
         and any(slew.wheel_momentum is not None for slew in campaign.slews)
         and any(wheel.momentum_sigma for wheel in campaign.wheels),
     }
-    for channel, there in read.items():
-        if not there and not noise.of(channel).is_stated:
+    for channel, is_compared in compared.items():
+        if not is_compared and not noise.of(channel).is_stated:
             raise CampaignError(
                 f"no readings of the channel {channel} are compared with the model",
                 where=f"noise of {channel}",

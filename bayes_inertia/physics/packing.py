@@ -20,7 +20,7 @@ from bayes_inertia.campaign.fix_groups import fix_groups
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.physics.slew_context import SlewContext
-from bayes_inertia.physics.slew_input import SlewInput
+from bayes_inertia.physics.slew_input import SlewInput, Start
 
 # Rows are padded to a multiple of this so that campaigns of similar length share compiled code.
 _ROW_MULTIPLE = 32
@@ -63,24 +63,6 @@ class Telemetry(NamedTuple):
     tachometer_modes: Array
 
 
-class Reference(NamedTuple):
-    """Where the nuisance parameters of one slew are counted from.
-
-    Parameters
-    ----------
-    rate_B : (3,) array
-        Body rate [rad/s].
-    attitude : (4,) array
-        Quaternion, body from inertial, scalar last.
-    wheel_momentum : (wheels,) array
-        Wheel momentum relative to the body [N m s].
-    """
-
-    rate_B: Array
-    attitude: Array
-    wheel_momentum: Array
-
-
 class Arrays(NamedTuple):
     """All slews of a campaign, stacked.
 
@@ -90,13 +72,13 @@ class Arrays(NamedTuple):
         What the simulator is given.
     telemetry : Telemetry
         What was measured.
-    reference : Reference
+    reference : Start
         Where nuisances are counted from.
     """
 
     slews: SlewInput
     telemetry: Telemetry
-    reference: Reference
+    reference: Start
 
 
 def refined_grid(time: np.ndarray, max_step: float | None) -> tuple[np.ndarray, np.ndarray]:
@@ -295,7 +277,7 @@ def _pack_slew(campaign: Campaign, index: int, grid, sample, n_grid, n_rows, n_f
         boresight_B=np.array(boresight),
         rate_axes=campaign.rate_sensor.axes,
         **_lost_commands(campaign, slew, held, n_grid),
-        fix_group=_fix_groups(campaign, slew, grid, n_grid),
+        fix_group=_fix_groups(slew, grid, n_grid),
     )
     field, position = (
         _extend(_on_grid(slew, key, grid, 3), n_grid) for key in ("magnetic_field_N", "position_N")
@@ -317,7 +299,7 @@ def _lost_commands(campaign: Campaign, slew: Slew, held: np.ndarray, n: int) -> 
     return {"lost_command": pieces, "lost_command_sd": sd}
 
 
-def _fix_groups(campaign: Campaign, slew: Slew, grid: np.ndarray, n: int) -> np.ndarray:
+def _fix_groups(slew: Slew, grid: np.ndarray, n: int) -> np.ndarray:
     """The nearest group of fixes at each grid point (n,)."""
     groups, fixed = fix_groups(slew), slew.time[slew.fixes] - slew.time[0]
     if not len(groups):
@@ -362,7 +344,7 @@ def _pack_telemetry(campaign, slew, sample, n_grid, n_rows, n_fixes, modes, n) -
     )
 
 
-def _reference(campaign: Campaign, slew: Slew) -> Reference:
+def _reference(campaign: Campaign, slew: Slew) -> Start:
     """Rough start state from the first readings; what is not measured starts from zero."""
     sensor = campaign.rate_sensor
     _, readings = slew.complete_rates(campaign.valid_readings(slew))
@@ -379,4 +361,4 @@ def _reference(campaign: Campaign, slew: Slew) -> Reference:
     if slew.attitude is not None and len(fixes):
         attitude = slew.attitude[fixes[0]]
     momentum = _on_grid(slew, "wheel_momentum", np.zeros(1), len(campaign.wheels))[0]
-    return Reference(rate_B, attitude, momentum)
+    return Start(rate_B, attitude, momentum)

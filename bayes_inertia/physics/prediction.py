@@ -17,7 +17,7 @@ from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.components import Components
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.packing import Arrays, Reference, Telemetry
+from bayes_inertia.physics.packing import Arrays, Telemetry
 from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.physics.random_inputs import hyperparameters, with_coefficients
 from bayes_inertia.physics.simulator import simulate_slew
@@ -167,9 +167,7 @@ class Prediction(NamedTuple):
     momentum: Array
 
 
-def start_of(
-    structure: Structure, scale: NuisanceScale, reference: Reference, local: Array
-) -> Start:
+def start_of(structure: Structure, scale: NuisanceScale, reference: Start, local: Array) -> Start:
     """Start state of one slew from its nuisances.
 
     Parameters
@@ -178,7 +176,7 @@ def start_of(
         Of the model.
     scale : NuisanceScale
         Prior sd of the nuisances.
-    reference : Reference
+    reference : Start
         Where the nuisances are counted from.
     local : (n_start,) array
         Whitened nuisances of the slew, without coefficients.
@@ -232,7 +230,7 @@ def predict(
     bias: Array,
     slew: SlewInput,
     telemetry: Telemetry,
-    reference: Reference,
+    reference: Start,
     data: Data,
 ) -> Prediction:
     """Predicted telemetry of one slew.
@@ -251,7 +249,7 @@ def predict(
         One slew of `data.arrays`, as are `telemetry` and `reference`.
     telemetry : Telemetry
         Says where rows and fixes stand on the grid.
-    reference : Reference
+    reference : Start
         Where the nuisances are counted from.
     data : Data
         Sensors and scales of the model.

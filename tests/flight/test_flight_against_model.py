@@ -26,8 +26,8 @@ from bayes_inertia.physics.effects import (
     WheelCommandLag,
 )
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.packing import Reference
 from bayes_inertia.physics.prediction import predict
+from bayes_inertia.physics.slew_input import Start
 
 DIAGONAL = np.array([1.0, -2.0, 2.0]) / 3.0
 
@@ -57,7 +57,7 @@ def predicted_minus_flown(
         for p in e.parameters(flight.campaign)
     ]
     theta = jnp.asarray(np.concatenate([flight.mission.theta, *extra]))
-    truth = Reference(
+    truth = Start(
         *(
             jnp.stack([getattr(x, key)[0] for x in flight.truth])
             for key in ("rate_B", "attitude", "wheel_momentum")
