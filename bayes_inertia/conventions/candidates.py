@@ -51,7 +51,7 @@ def mistakes(campaign: Campaign, columns: Columns) -> list[Mistake]:
         The most common first.
     """
     every = [
-        *_unit_mistakes(campaign, columns),
+        *_unit_mistakes(columns),
         *_attitude_mistakes(columns),
         *_sense_of_torque(columns),
         *_rate_mistakes(campaign, columns),
@@ -88,7 +88,7 @@ def listed(values: np.ndarray) -> list:
     return [float(f"{value + 0.0:.12g}") for value in values.tolist()]
 
 
-def _unit_mistakes(campaign: Campaign, columns: Columns) -> Iterator[Mistake]:
+def _unit_mistakes(columns: Columns) -> Iterator[Mistake]:
     for quantity in ("time", "rate", "wheel_torque", "wheel_momentum", "wheel_speed"):
         if quantity not in columns:
             continue

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -226,7 +226,7 @@ def _checked(
     mending, clock = judgement.remedies, Clocks()
     if not mending:
         clock = clocks(misfits, judgement.reading, columns)
-        mending = _of_clocks(misfits, judgement.reading, clock, columns)
+        mending = _of_clocks(misfits, judgement.reading, clock)
     before = worst(misfits.of(judgement.reading))
     reading = judgement.mended(stated)
     wrong = bool(mending) or before > limits.HOPELESS
@@ -251,14 +251,12 @@ def _checked(
     )
 
 
-def _of_clocks(
-    misfits: Misfits, reading: Reading, clock: Clocks, columns: Mapping[str, Mapping[str, Any]]
-) -> tuple[Remedy, ...]:
+def _of_clocks(misfits: Misfits, reading: Reading, clock: Clocks) -> tuple[Remedy, ...]:
     """Wrong clocks whose mending makes all laws hold."""
     return tuple(
         remedy
         for remedy in clock.remedies
-        if shifted_misfit(misfits, reading, remedy, columns) < limits.ORDINARY
+        if shifted_misfit(misfits, reading, remedy) < limits.ORDINARY
     )
 
 

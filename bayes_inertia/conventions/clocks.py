@@ -84,7 +84,7 @@ def clocks(misfits: Misfits, reading: Reading, columns: Columns) -> Clocks:
     return Clocks(tuple(proposals), remarks)
 
 
-def shifted_misfit(misfits: Misfits, reading: Reading, remedy: Remedy, columns: Columns) -> float:
+def shifted_misfit(misfits: Misfits, reading: Reading, remedy: Remedy) -> float:
     """The worst misfit of all laws with a proposal's offsets.
 
     Parameters
@@ -95,8 +95,6 @@ def shifted_misfit(misfits: Misfits, reading: Reading, remedy: Remedy, columns: 
         Conventions as stated.
     remedy : Remedy
         A proposal of `clocks`.
-    columns : mapping
-        The campaign's `[columns]`.
 
     Returns
     -------

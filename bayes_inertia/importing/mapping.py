@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bayes_inertia.campaign.checked_toml import checked_document, toml_document
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.files import read_bytes, text_of
 from bayes_inertia.importing.alike_wheels import with_alike_wheels
 from bayes_inertia.importing.attitude_forms import COLUMNS_OF_FORM, AttitudeConvention, bad_attitude
 from bayes_inertia.importing.mapping_schema import (
@@ -25,28 +23,6 @@ from bayes_inertia.importing.questions import refuse_open_questions
 # Smallest determinant of three axes that do not lie in one plane.
 _INDEPENDENT = 1e-3
 _FORM_OF_KEY = {"scalar": "quaternion", "sequence": "euler", "turns": "euler", "unit": "euler"}
-
-
-def read_mapping(path: str | Path) -> MappingPart:
-    """The mapping in a file, every key checked.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-
-    Returns
-    -------
-    MappingPart
-        What it says.
-
-    Raises
-    ------
-    CampaignError
-        As `parse_mapping`, or if the file cannot be read.
-    """
-    path = Path(path)
-    return parse_mapping(text_of(read_bytes(path), str(path)), str(path))
 
 
 def parse_mapping(text: str, label: str) -> MappingPart:

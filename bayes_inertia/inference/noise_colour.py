@@ -36,8 +36,6 @@ _MOST_CORRELATION = 0.9985
 _STARTS = ((4.0, 0.5), (4.0, 2.5), (-1.0, 2.0), (-1.0, 5.0))
 # p-value below which noise at rest and in motion, or of the slews, is not alike.
 _ALIKE_ABOVE = 1e-3
-# Differences of the noise that matter for nothing [share of its power].
-_NO_MATTER = 0.25
 # Norm of the rates, as a share of the slew's largest, below which the body rests.
 _RESTS_BELOW = 0.05
 

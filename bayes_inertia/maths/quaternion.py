@@ -286,24 +286,3 @@ def error(q_predicted: Array, q_measured: Array) -> Array:
     [0.0, 0.25, 0.0]
     """
     return log(multiply(conjugate(q_predicted), q_measured))
-
-
-def normalise(q: Array) -> Array:
-    """q / |q| for quaternions (..., 4).
-
-    Parameters
-    ----------
-    q : (..., 4) array
-        Quaternion of any length but zero.
-
-    Returns
-    -------
-    (..., 4) array
-        Unit quaternion.
-
-    Examples
-    --------
-    >>> normalise(jnp.array([0., 0., 0., 2.])).tolist()
-    [0.0, 0.0, 0.0, 1.0]
-    """
-    return q / jnp.sqrt(jnp.sum(q**2, axis=-1, keepdims=True))

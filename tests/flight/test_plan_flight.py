@@ -214,6 +214,7 @@ def measured_error(slew) -> np.ndarray:
         jnp.asarray(slew.attitude[rows])
         for rows in (fixes[slew.time[fixes] < 20.0], fixes[slew.time[fixes] > 20.0])
     )
-    start = quaternion.normalise(jnp.mean(first * jnp.sign(first @ first[0])[:, None], axis=0))
+    mean = jnp.mean(first * jnp.sign(first @ first[0])[:, None], axis=0)
+    start = mean / jnp.linalg.norm(mean)
     goal = quaternion.multiply(start, quaternion.exp(slew.angle * jnp.asarray(slew.axis_B)))
     return np.asarray(quaternion.error(goal, last)).mean(axis=0)

@@ -77,8 +77,7 @@ def dense(rows_a_second: int = 8) -> Campaign:
                 ("position_N", slew.position_N),
             )
         }
-        attitude = np.full((len(time), 4), np.nan)
-        attitude[:] = quaternion.normalise(jnp.asarray(slew.attitude[held]))
+        attitude = slew.attitude[held]
         torque = slew.wheel_torque[held]
         slews.append(replace(slew, time=time, attitude=attitude, wheel_torque=torque, **rows))
     return replace(campaign, slews=tuple(slews))
