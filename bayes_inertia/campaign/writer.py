@@ -169,7 +169,7 @@ def _toml(campaign: Campaign, columns: dict[str, list[str]], files: list[str]) -
     tracker = campaign.star_tracker
     document["inertia"] = _table(**vars(campaign.inertia))
     if campaign.wheels:
-        document["wheels"] = _tables(_wheel_table(wheel) for wheel in campaign.wheels)
+        document["wheels"] = array_of_tables(_wheel_table(wheel) for wheel in campaign.wheels)
     document["rate_sensor"] = _table(**vars(campaign.rate_sensor))
     if tracker is not None:
         document["star_tracker"] = _table(
@@ -178,7 +178,7 @@ def _toml(campaign: Campaign, columns: dict[str, list[str]], files: list[str]) -
             sigma_roll=tracker.sigma_roll,
         )
     document["columns"] = _columns_toml(columns)
-    document["slews"] = _tables(
+    document["slews"] = array_of_tables(
         _slew_table(slew, file, columns) for slew, file in zip(campaign.slews, files, strict=True)
     )
     return tomlkit.dumps(document)
@@ -195,8 +195,18 @@ def _table(**entries: Any) -> Any:
     return part
 
 
-def _tables(parts: Iterable[Any]) -> Any:
-    """An array of tables of TOML."""
+def array_of_tables(parts: Iterable[Any]) -> Any:
+    """An array of tables of TOML.
+
+    Parameters
+    ----------
+    parts : iterable of tomlkit.items.Table
+        The tables.
+
+    Returns
+    -------
+    tomlkit.items.AoT
+    """
     import tomlkit
 
     listed = tomlkit.aot()

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from bayes_inertia.campaign.schema import FORMAT
+from bayes_inertia.campaign.writer import array_of_tables
 from bayes_inertia.importing.common_clock import Logs
 from bayes_inertia.importing.leap_seconds import tai_to_utc
 from bayes_inertia.importing.mapping import rate_sensor_axes, streams_that_hold
@@ -53,7 +54,7 @@ def description_text(
     document["format"], document["name"] = FORMAT, mapping.name
     document["inertia"] = _table(mapping.inertia.model_dump())
     if mapping.wheels:
-        document["wheels"] = _array_of_tables(
+        document["wheels"] = array_of_tables(
             _table(wheel.model_dump(), seen, f"wheels.{wheel.name}") for wheel in mapping.wheels
         )
     sensor = {**mapping.rate_sensor.model_dump(), "axes": rate_sensor_axes(mapping)}
@@ -61,7 +62,7 @@ def description_text(
     if mapping.star_tracker is not None:
         document["star_tracker"] = _table(mapping.star_tracker.model_dump(), seen, "star_tracker")
     document["columns"] = _columns(mapping, slews)
-    document["slews"] = _array_of_tables(
+    document["slews"] = array_of_tables(
         _slew(tables, files)
         for tables, files in zip(slews, _file_names(mapping, slews), strict=True)
     )
@@ -83,15 +84,6 @@ def _table(
         if comment:
             table[key].comment(comment)
     return table
-
-
-def _array_of_tables(tables: Iterable[Any]) -> Any:
-    import tomlkit
-
-    array = tomlkit.aot()
-    for table in tables:
-        array.append(table)
-    return array
 
 
 def _inline(entries: Mapping[str, Any]) -> Any:

@@ -7,11 +7,9 @@ from dataclasses import dataclass
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from support.effects import thrown_body
 
-from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.fix_groups import fix_groups
-from bayes_inertia.campaign.hardware import RateSensor
-from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import EffectError
 from bayes_inertia.physics.channel_noise import ChannelNoise, NoiseModel
@@ -48,14 +46,6 @@ def test_stochastic_effects_are_fitted_by_name_and_not_searched_for():
     names = [effect.name for effect in STOCHASTIC]
     assert [effect.name for effect in by_name(names)] == names
     assert not set(names) & {effect.name for effect in LIBRARY}
-
-
-def thrown_body() -> Campaign:
-    time = np.linspace(0.0, 0.5, 101)
-    rate = np.stack([10.0 * np.cos(3.0 * time), 10.0 * np.sin(3.0 * time), np.full(101, 2.0)], -1)
-    prior = InertiaPrior(1e-3 * np.diag([1.3, 1.1, 0.9]), 0.3, 1e-4)
-    slews = tuple(Slew(f"throw {i}", 60.0 * i, time, rate=rate) for i in range(2))
-    return Campaign("thrown", prior, (), RateSensor(sigma=0.01, bias_sigma=0.01), None, slews)
 
 
 @pytest.mark.parametrize("effect", STOCHASTIC, ids=lambda e: e.name)
