@@ -216,15 +216,15 @@ def _ids(folder: Path, out: Path) -> tuple[str, ...]:
             "no such folder", where=str(folder), advice="give a folder of campaign folders"
         )
     results = out.resolve()
-    found = sorted(path.parent for path in folder.rglob("campaign.toml"))
-    found = [path for path in found if not path.is_relative_to(results)]
-    if not found:
+    folders = sorted(path.parent for path in folder.rglob("campaign.toml"))
+    folders = [path for path in folders if not path.is_relative_to(results)]
+    if not folders:
         raise CampaignError(
             "holds no campaign.toml, at any depth",
             where=str(folder),
             advice="give a folder of campaign folders",
         )
-    return tuple(f"{path.relative_to(folder).as_posix()}{_AT}{_digest(path)}" for path in found)
+    return tuple(f"{path.relative_to(folder).as_posix()}{_AT}{_digest(path)}" for path in folders)
 
 
 def _digest(path: Path) -> str:

@@ -145,14 +145,14 @@ def _slope(streams: Sequence[StreamRows], columns: ColumnsPart) -> StampSlope:
 
 def _of_jitter(rows: StreamRows, record: Dirt, slope: StampSlope) -> StreamRows:
     """Rows whose stamps jitter, at the times that the readings show."""
-    seen = f"readings follow the jitter by {slope.value:.2f} +- {slope.sd:.2g}"
+    evidence = f"readings follow the jitter by {slope.value:.2f} +- {slope.sd:.2g}"
     clock, _ = regular_clock(rows.stamps)
     if clock is None or slope.sampling_is_uneven:
-        kept = f"; sampling is uneven ({seen})" if slope.sampling_is_uneven else ""
+        kept = f"; sampling is uneven ({evidence})" if slope.sampling_is_uneven else ""
         return rows.at(rows.stamps, replace(record, note=record.note + kept))
     if slope.sampling_is_regular:
         strays = _strays(rows.stamps, clock, rows.stream.time.unit)
-        note = f"{strays}, sampling does not ({seen}); the clock's times are taken"
+        note = f"{strays}, sampling does not ({evidence}); the clock's times are taken"
         return rows.at(clock, replace(record, treated="modelled", note=note))
     advice = (
         "; if the sensor samples at regular times, write regular = true beside the unit of this "

@@ -242,9 +242,9 @@ def outliers_in(estimate: Estimate) -> tuple[Dirt, ...]:
     noise = estimate.model.noise
     return tuple(
         Dirt("outliers", channel, slew.name, tuple(rows.tolist()), "masked")
-        for channel, found in hit.items()
+        for channel, of_slews in hit.items()
         if not noise.of(channel).heavy
-        for slew, rows in zip(slews, found, strict=True)
+        for slew, rows in zip(slews, of_slews, strict=True)
         if len(rows)
     )
 
@@ -266,8 +266,8 @@ def rounded_channels(estimate: Estimate) -> dict[str, float]:
     measured, rounded = noise_factors(estimate), {}
     for channel, steps in rounding_steps(estimate.model.campaign).items():
         factor = factor_of_rounding(steps)
-        seen = measured[channel] > 1.0 + 0.5 * (factor - 1.0)
-        if factor > ROUNDING_THAT_COUNTS and (is_coarse(steps) or seen):
+        louder = measured[channel] > 1.0 + 0.5 * (factor - 1.0)
+        if factor > ROUNDING_THAT_COUNTS and (is_coarse(steps) or louder):
             level = level_of_rounded(measured[channel], steps)
             if level < _MORE_THAN_ROUNDING * factor:
                 rounded[channel] = level

@@ -76,8 +76,8 @@ def outlying_fixes(
     # A quarter more: what others let expect scatters itself. Never below what is stated. Zeros do
     # not count: they are fixes between the others.
     beyond = np.abs(every[every != 0.0])
-    seen = float(np.median(beyond)) if len(beyond) >= READINGS_AROUND else 0.0
-    scale = _SCATTER_OF_MEDIAN * max(1.0, SD_OVER_MAD * seen)
+    scatter = float(np.median(beyond)) if len(beyond) >= READINGS_AROUND else 0.0
+    scale = _SCATTER_OF_MEDIAN * max(1.0, SD_OVER_MAD * scatter)
     flags = [(np.abs(np.nan_to_num(d)) > limit * scale).any(axis=1) for d in distances]
     for flag, parts in zip(flags, bursts, strict=True):
         for part in parts:

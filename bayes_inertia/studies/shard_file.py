@@ -18,7 +18,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 FORMAT = "bayes-inertia-shard/1"
-_ABOUT = "bayes_inertia"
+_DESCRIPTION = "bayes_inertia"
 _CHECKSUM = "sha256"
 _LABEL = "bayes-inertia-sha256:"
 _STATED = re.compile(_LABEL.encode() + b"([0-9a-f]{64})")
@@ -58,10 +58,12 @@ def shard_bytes(rows: Rows, *, study: str, name: str) -> bytes:
     bayes_inertia.studies.shard_file.ShardDamageError: was cut short or changed since it was written
     """
     table, sink = _table(rows), io.BytesIO()
-    about = json.dumps({"format": FORMAT, "study": study, "shard": name})
+    description = json.dumps({"format": FORMAT, "study": study, "shard": name})
     with pq.ParquetWriter(sink, table.schema, store_schema=False) as writer:
         writer.write_table(table)
-        writer.add_key_value_metadata({_ABOUT: about, _CHECKSUM: _LABEL + _ZEROS.decode()})
+        writer.add_key_value_metadata(
+            {_DESCRIPTION: description, _CHECKSUM: _LABEL + _ZEROS.decode()}
+        )
     data = sink.getvalue()
     place = data.rindex(_LABEL.encode()) + len(_LABEL)
     digest = hashlib.sha256(data).hexdigest().encode()
@@ -98,11 +100,11 @@ def shard_rows(data: bytes, *, study: str, name: str) -> dict[str, dict[str, Any
         raise ShardDamageError("was cut short or changed since it was written")
     # What passed the checksum was written by this module, and can be parsed without fear.
     table = pq.read_table(io.BytesIO(data))
-    about = json.loads(table.schema.metadata[_ABOUT.encode()])
-    if about["study"] != study:
+    description = json.loads(table.schema.metadata[_DESCRIPTION.encode()])
+    if description["study"] != study:
         raise ShardDamageError("is of another study")
-    if about["shard"] != name:
-        raise ShardDamageError(f"is a copy of {about['shard']}")
+    if description["shard"] != name:
+        raise ShardDamageError(f"is a copy of {description['shard']}")
     rows = table.to_pylist()
     return {row.pop("task"): row for row in rows}
 

@@ -88,11 +88,7 @@ def show_calibration(calibration: Calibration, folder: Path) -> None:
             table.add_row(name, *shares, *cells)
         console.print(table)
     names = ", ".join(f"{name} ({case})" for case, name in calibration.rejected)
-    verdict = (
-        f"Posteriors are WRONG in {names}."
-        if names
-        else "No quantity is rejected."
-    )
+    verdict = f"Posteriors are WRONG in {names}." if names else "No quantity is rejected."
     console.print(
         f"{calibration.fits} fits, p below {calibration.limit:.1g} would reject. {verdict}"
     )
