@@ -1,0 +1,228 @@
+"""The page of `engine_study.py`: kills, throughput, costs, and a fleet of 10,000 worked out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from engine_costs import Cost, UnitCosts
+from engine_kills import KilledStudy
+from engine_throughput import Throughput, gain
+
+FLEET = 10_000
+WORKERS = (1, 16, 256)
+# How often unfinished shards are written [s], and how many shards named campaigns have.
+_SAVE_EVERY = 5.0
+_NAMED_SHARDS = 256
+# More calls than this are kept submitted where there are more workers than this.
+_MANY_WORKERS = 100
+
+
+@dataclass(frozen=True)
+class FleetWeek:
+    """10,000 spacecraft fitted once, with so many workers.
+
+    Parameters
+    ----------
+    workers : int
+        One core each.
+    fits, diagnoses : float
+        Hours until all are fitted, and until all are diagnosed besides.
+    driver : float
+        Share of its core that driver and scheduler are busy while fits run.
+    shards : float
+        Share of its core that the driver writes shards, those that are not finished included.
+    read : float
+        Telemetry that workers read [bytes/s].
+    memory : float
+        Of all workers [bytes].
+    """
+
+    workers: int
+    fits: float
+    diagnoses: float
+    driver: float
+    shards: float
+    read: float
+    memory: float
+
+
+def fleet_weeks(costs: Sequence[Cost], units: UnitCosts) -> list[FleetWeek]:
+    """The fleet with each number of workers."""
+    by = {cost.what: cost for cost in costs}
+    call, wide = (_each(by[f"dask, one by one{x}"]) for x in ("", ", 512 at once"))
+    written, kept = by["into shards of 25"], by["in memory"]
+    shard = max(written.driver - kept.driver, 0.0) / written.files
+    weeks = []
+    for workers in WORKERS:
+        rate = workers / units.fit
+        rows = rate * _SAVE_EVERY
+        touched = _NAMED_SHARDS * (1.0 - (1.0 - 1.0 / _NAMED_SHARDS) ** rows)
+        weeks.append(
+            FleetWeek(
+                workers,
+                FLEET / rate / 3600.0,
+                FLEET * units.diagnosis / workers / 3600.0,
+                rate * (wide if workers > _MANY_WORKERS else call),
+                shard * touched / _SAVE_EVERY,
+                rate * units.campaign,
+                workers * units.memory,
+            )
+        )
+    return weeks
+
+
+def _each(cost: Cost) -> float:
+    """Processor time of the driver for one task [s]."""
+    return cost.driver / cost.count
+
+
+def page(
+    kills: KilledStudy, runs: Sequence[Throughput], costs: Sequence[Cost], units: UnitCosts
+) -> str:
+    """All of it."""
+    lines = [
+        "# The engine of studies under fire, and what it costs",
+        "",
+        "Made by `python analyses/engine_study.py` on two cores that others used too: processor "
+        "times and ratios hold elsewhere, times on the clock do not.",
+        "",
+        *_of_kills(kills),
+        *_of_throughput(runs),
+        *_of_costs(costs),
+        *_of_fleet(costs, units),
+        "",
+    ]
+    return "\n".join(lines)
+
+
+def _of_kills(kills: KilledStudy) -> list[str]:
+    lines = [
+        "## Killed",
+        "",
+        f"{kills.fits} fits: campaigns of two slews at one row a second, drawn from the prior, "
+        "flown in closed loop and fitted, as `bayes-inertia study` does (optimizer, no chain: the",
+        f"cheapest fit of the package, {kills.serial_seconds:.2f} s of processor time with all "
+        "starts). A local dask cluster of two workers.",
+        "Three times a worker and then the driver got SIGKILL at random moments; the same command "
+        "went on, and at last ran to its end.",
+        "",
+        "| worker killed after | driver killed | rows on the disk then | "
+        "processes alive 5 s later |",
+        "| --- | --- | --- | --- |",
+    ]
+    lines += [
+        f"| {kill.done} fits | {kill.seconds:.1f} s later | {kill.rows} | {kill.orphans} |"
+        for kill in kills.kills
+    ]
+    return [
+        *lines,
+        "",
+        f"Fits without a row at the end: {kills.failures}. Against an undisturbed serial run in "
+        f"one process: rows the same bits: **{_yes(kills.same_rows)}**; "
+        f"files the same bytes: **{_yes(kills.same_files)}**.",
+        "",
+    ]
+
+
+def _yes(right: bool) -> str:
+    return "yes" if right else "NO"
+
+
+def _of_throughput(runs: Sequence[Throughput]) -> list[str]:
+    lines = [
+        "## Two workers against one",
+        "",
+        "Tasks of a quarter of a second that keep a core busy. A worker's wait for a core that "
+        "others had is known from the kernel's account of it (schedstat);",
+        '"alone" is the throughput without that wait.',
+        "",
+        "| engine | workers | tasks | on the clock [s] | waited for a core [s] | "
+        "processor time a task [s] | tasks a second alone |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    lines += [
+        f"| {run.engine} | {run.jobs} | {run.tasks} | {run.wall:.1f} | {run.waited:.1f} | "
+        f"{run.ran / run.tasks:.3f} | {run.alone:.2f} |"
+        for run in sorted(runs, key=lambda run: (run.engine, run.jobs))
+    ]
+    lines.append("")
+    for engine in ("joblib", "dask"):
+        alone, wall = gain(runs, engine)
+        lines.append(
+            f"- {engine}: two workers do **{alone:.2f}** times the tasks of one "
+            f"({wall:.2f} on the clock of the busy machine)."
+        )
+    return [*lines, ""]
+
+
+def _of_costs(costs: Sequence[Cost]) -> list[str]:
+    lines = [
+        "## What tasks and rows cost",
+        "",
+        "Empty tasks (process: in the driver itself; joblib and dask: two workers). Then rows with "
+        "the keys of a row of `fit-many` and numbers of their own.",
+        "The driver's time includes the local dask scheduler, which lives in its process.",
+        "",
+        "| what | count | driver [ms each] | on the clock [s] | driver grew [bytes each] | files | "
+        "bytes a row |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for cost in costs:
+        size = f"{cost.size / cost.count:.0f}" if cost.files else ""
+        lines.append(
+            f"| {cost.what} | {cost.count:,} | {1e3 * _each(cost):.3g} | {cost.wall:.1f} | "
+            f"{max(cost.memory, 0) / cost.count:,.0f} | {cost.files or ''} | {size} |"
+        )
+    return [*lines, ""]
+
+
+def _of_fleet(costs: Sequence[Cost], units: UnitCosts) -> list[str]:
+    by = {cost.what: cost for cost in costs}
+    row, kept = by["into shards by name"], by["in memory"]
+    rows_size = FLEET * row.size / row.count
+    lines = [
+        "## 10,000 spacecraft, fitted every week",
+        "",
+        f"Measured on the example campaign (five slews, {units.campaign / 1e6:.2f} MB), in "
+        "processor time:",
+        "",
+        f"- a fit in a worker that is warm {units.fit:.1f} s, in one that is not "
+        f"{units.first_fit:.1f} s;",
+        f"- a diagnosis {units.diagnosis:.1f} s and {units.first_diagnosis:.1f} s;",
+        f"- the digest of a campaign's files, which the driver makes, {1e3 * units.digest:.1f} ms;",
+        f"- a row on the disk {row.size / row.count:.0f} bytes;",
+        f"- the process that did all this held {units.memory / 1e9:.2f} GB at most.",
+        "",
+        "From these, by arithmetic:",
+        "",
+        "| workers | all fitted [h] | all diagnosed [h] | driver and scheduler busy | "
+        "writing shards | telemetry read [MB/s] | memory of workers [GB] |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    weeks = fleet_weeks(costs, units)
+    lines += [
+        f"| {w.workers} | {w.fits:.2g} | {w.diagnoses:.3g} | {100 * w.driver:.2g} % | "
+        f"{100 * w.shards:.2g} % | {w.read / 1e6:.2g} | {w.memory / 1e9:.3g} |"
+        for w in weeks
+    ]
+    call = _each(by["dask, one by one, 512 at once"])
+    return [
+        *lines,
+        "",
+        "What binds:",
+        "",
+        f"- **The scheduler** and the driver take {1e3 * call:.1f} ms a call with 512 calls "
+        f"submitted: {units.fit / call:,.0f} workers would keep them busy with fits, "
+        f"{units.diagnosis / call:,.0f} with diagnoses.",
+        f"- **The file system**: rows of the whole fleet are {rows_size / 1e6:.0f} MB "
+        f"in {row.files} shards, which only the driver writes; before the first fit it reads "
+        f"all {FLEET * units.campaign / 1e9:.1f} GB of telemetry once for the digests "
+        f"({FLEET * units.digest / 60.0:.1f} minutes of processor time), and all "
+        "workers wait for that.",
+        f"- **Memory**: each worker holds {units.memory / 1e9:.1f} GB, so a machine has as many "
+        "workers as cores only with that much a core. The driver holds all rows: "
+        f"{max(kept.memory, 0) * FLEET / kept.count / 1e6:.0f} MB.",
+        "",
+        "Not measured: 256 real workers. Their connections cost the scheduler heartbeats besides.",
+    ]
