@@ -1,22 +1,25 @@
-"""How many effective samples a second? This package's sampler and five others on one posterior.
+"""A benchmark that remembers: samplers, evaluations, starts and workers, in ratios.
 
-    python analyses/benchmark.py [--quick] [--seed 2026] [--out FOLDER]
+    python analyses/benchmark.py [--parts samplers evaluation starts throughput] [--quick]
+    python analyses/benchmark.py --check
 
-writes `figures/benchmark.png` and `analyses/results/benchmark.{md,json}` within five minutes of an
-idle core. Needs the extra `benchmark`.
+adds a row of ratios, never of times, to `analyses/results/benchmark_history.csv`, and writes
+`figures/benchmark.png` and `analyses/results/benchmark.{md,json}`, within ten minutes of an idle
+core. `--check` compares the last two rows and ends with 1 if a ratio became worse by more than
+20 %. Needs the extras `benchmark` and `cluster`.
 
-The campaign: five simulated slews of a MOST-like spacecraft with telemetry at 2 Hz. The posterior:
-J and K, nine parameters. Everything runs on one core.
-
-Times are processor seconds of this process: other work on the machine does not enter. Compiling is
-not in them, nor is the optimizer, which gives every sampler its start and scale. Effective samples
-are those of the worst parameter: the smaller of ArviZ's bulk count and emcee's draws over
-autocorrelation time.
+Samplers: this package's and five others on one posterior, five simulated slews of a MOST-like
+spacecraft with telemetry at 2 Hz, J and K. Times are processor seconds of one core: other work on
+the machine does not enter. Compiling is not in them, nor is the optimizer, which gives every
+sampler its start and scale. Effective samples are those of the worst parameter: the smaller of
+ArviZ's bulk count and emcee's draws over autocorrelation time. The other parts are in
+`benchmark_parts.py`.
 """
 
 from __future__ import annotations
 
 import argparse
+import datetime
 import json
 import os
 import sys
@@ -42,10 +45,12 @@ from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.laplace import marginal
 from bayes_inertia.inference.marginal_posterior import log_density_of
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.version import __version__
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from benchmark_page import claims, picture, report
+from benchmark_history import append_row, read_history, worse_ratios
+from benchmark_page import claims, history_page, picture, report, sampler_ratios
 from benchmark_samplers import (
     DE,
     QUICK,
@@ -60,6 +65,8 @@ from benchmark_samplers import (
 )
 
 ROOT = Path(__file__).parents[1]
+HISTORY = "benchmark_history.csv"
+PARTS = ("samplers", "evaluation", "starts", "throughput")
 
 
 def the_campaign(effort: Effort, seed: int) -> tuple[Campaign, np.ndarray]:
@@ -118,7 +125,7 @@ def _said(result: Result) -> Result:
 
 
 def write(results: Sequence[Result], seed: int, seconds: float, out: Path) -> str:
-    """Write numbers, page and picture under `out`; returns the page."""
+    """Write the samplers' numbers, page and picture under `out`; returns the page."""
     folder, figures = out / "analyses" / "results", out / "figures"
     for path in (folder, figures):
         path.mkdir(parents=True, exist_ok=True)
@@ -131,30 +138,78 @@ def write(results: Sequence[Result], seed: int, seconds: float, out: Path) -> st
         "claims": claims(results),
     }
     write_atomically(folder / "benchmark.json", json.dumps(content, indent=1) + "\n")
-    text = report(results, seed, seconds)
-    write_atomically(folder / "benchmark.md", text)
     write_atomically(
         figures / "benchmark.png", lambda temporary: picture(results).savefig(temporary, dpi=150)
     )
+    return write_page(out)
+
+
+def write_page(out: Path) -> str:
+    """The page of the samplers that ran last, and of all rows of the table."""
+    folder = out / "analyses" / "results"
+    content = json.loads((folder / "benchmark.json").read_text())
+    results = [Result(**row) for row in content["results"]]
+    text = report(results, content["seed"])
+    text += history_page(read_history(folder / HISTORY))
+    write_atomically(folder / "benchmark.md", text)
     return text
 
 
+def other_ratios(parts: Sequence[str]) -> dict[str, float]:
+    """Ratios of the parts that are no samplers."""
+    ratios: dict[str, float] = {}
+    if set(parts) == {"samplers"}:
+        return ratios
+    # Only here: the kernel needs numba, the throughput dask.
+    import benchmark_parts
+
+    if "evaluation" in parts:
+        with one_core():
+            ratios |= benchmark_parts.evaluation_ratios()
+    if "starts" in parts:
+        ratios |= benchmark_parts.start_ratios()
+    if "throughput" in parts:
+        ratios |= benchmark_parts.throughput_ratios()
+    return ratios
+
+
+def check(out: Path) -> None:
+    """End with 1 if the last row of the table is worse than the one before."""
+    complaints = worse_ratios(read_history(out / "analyses" / "results" / HISTORY))
+    print("\n".join(complaints) or "no ratio became worse by more than 20 %")
+    raise SystemExit(1 if complaints else 0)
+
+
 def main(arguments: Sequence[str] | None = None) -> list[Result]:
-    """Run all samplers; write figure, report and numbers."""
+    """Measure, and write figure, page and numbers; or check the table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--seed", type=int, default=2026)
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=PARTS)
+    parser.add_argument("--check", action="store_true", help="compare the last two rows")
     parser.add_argument(
-        "--quick", action="store_true", help="hardly any samples: whether it runs, not how fast"
+        "--quick",
+        action="store_true",
+        help="samplers with hardly any samples, and no row: whether it runs, not how fast",
     )
     parser.add_argument(
         "--out", type=Path, default=ROOT, help="folder with figures/ and analyses/results/"
     )
     options = parser.parse_args(arguments)
-    began = process_time()
-    results = run(QUICK if options.quick else Effort(), options.seed)
-    print(write(results, options.seed, process_time() - began, options.out))
+    if options.check:
+        check(options.out)
+    parts = ("samplers",) if options.quick else options.parts
+    results: list[Result] = []
+    if "samplers" in parts:
+        began = process_time()
+        results = run(QUICK if options.quick else Effort(), options.seed)
+        write(results, options.seed, process_time() - began, options.out)
+    if not options.quick:
+        ratios = (sampler_ratios(results) if results else {}) | other_ratios(parts)
+        table = options.out / "analyses" / "results" / HISTORY
+        append_row(table, __version__, datetime.date.today().isoformat(), ratios)
+    print(write_page(options.out))
     return results
 
 

@@ -1,11 +1,12 @@
-"""What `benchmark.py` promises, and its page and picture, from the results of all samplers."""
+"""What `benchmark.py` promises, its page and its picture."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
-from benchmark_samplers import BATCH, LOOP, NUTS, OURS, Result
+from benchmark_history import history_table
+from benchmark_samplers import BATCH, DE, LOOP, NUTS, OURS, STRETCH, Result
 from matplotlib.figure import Figure
 
 from bayes_inertia.report.pictures.style import BLUE, INK, MUTED, ORANGE, styled
@@ -38,27 +39,23 @@ _TITLES = (
 )
 
 
+# Without and with warm-up.
+_BOTH = (False, True)
+
+
 def claims(results: Sequence[Result]) -> list[dict]:
     """What the package promises, and what was measured.
 
     With and without warm-up: the less favourable for the package is taken.
     """
-    by_name = {result.name: result for result in results}
-    ours = by_name[OURS]
-
-    def gain(name: str) -> float:
-        return min(
-            ours.per_second(warmup=w) / by_name[name].per_second(warmup=w) for w in (False, True)
-        )
-
-    per_evaluation = min(ours.per_evaluation(warmup=w) for w in (False, True))
-    rows = [("effective samples per evaluation", 0.5, per_evaluation)]
-    if NUTS in by_name:
-        rows.append(("times the effective samples per second of NUTS", 10.0, gain(NUTS)))
-    rows += [
-        ("times those of the do-it-yourself baseline, slew by slew", 1000.0, gain(LOOP)),
-        ("times those of the do-it-yourself baseline, 32 walkers at once", 1000.0, gain(BATCH)),
-    ]
+    measured = sampler_ratios(results)
+    rows = [("effective samples per evaluation", 0.5, measured["ess_per_evaluation"])]
+    if "ess_per_second_over_nuts" in measured:
+        nuts = measured["ess_per_second_over_nuts"]
+        rows.append(("times the effective samples per second of NUTS", 10.0, nuts))
+    for words, name in (("slew by slew", LOOP), ("32 walkers at once", BATCH)):
+        claim = f"times those of the do-it-yourself baseline, {words}"
+        rows.append((claim, 1000.0, _gain(results, name)))
     return [
         {
             "claim": claim,
@@ -70,16 +67,48 @@ def claims(results: Sequence[Result]) -> list[dict]:
     ]
 
 
-def report(results: Sequence[Result], seed: int, seconds: float) -> str:
+def sampler_ratios(results: Sequence[Result]) -> dict[str, float]:
+    """The samplers' columns of the table that remembers."""
+    names = {result.name for result in results}
+    ratios = {"ess_per_evaluation": min(results[0].per_evaluation(warmup=w) for w in _BOTH)}
+    for column, name in (("nuts", NUTS), ("stretch", STRETCH), ("de", DE)):
+        if name in names:
+            ratios[f"ess_per_second_over_{column}"] = _gain(results, name)
+    return ratios
+
+
+def _gain(results: Sequence[Result], name: str) -> float:
+    """Effective samples a second of this package over another sampler."""
+    by_name = {result.name: result for result in results}
+    ours, other = by_name[OURS], by_name[name]
+    return min(ours.per_second(warmup=w) / other.per_second(warmup=w) for w in _BOTH)
+
+
+def history_page(rows: Sequence[Mapping[str, str]]) -> str:
+    """The rows of the table that remembers."""
+    lines = [
+        "",
+        "# Remembered",
+        "",
+        "`benchmark_history.csv` gets a row of ratios with every run of `python "
+        "analyses/benchmark.py`; here are the last.",
+        "`--check` compares the last two and fails where one became worse by more than 20 %.",
+        "A worker's wait for cores that others had is taken off the throughput of workers.",
+        "",
+        *history_table(rows),
+    ]
+    return "\n".join(lines) + "\n" if rows else ""
+
+
+def report(results: Sequence[Result], seed: int) -> str:
     """The result as Markdown."""
     lines = [
         "# Effective samples per second",
         "",
         *_INTRODUCTION,
         "",
-        f"Made by `python analyses/benchmark.py` (seed {seed}) in {seconds:.0f} processor seconds, "
-        "compiling included.",
-        "Ratios are to this package; the absolute times are those of one core of one machine.",
+        f"Made by `python analyses/benchmark.py` (seed {seed}). Ratios are to this package; the "
+        "absolute times are those of one core of one machine.",
         "",
         f"| {' | '.join(_HEADER)} |",
         "|---" * len(_HEADER) + "|",
@@ -108,12 +137,11 @@ def report(results: Sequence[Result], seed: int, seconds: float) -> str:
 
 
 def _sampler_row(result: Result, ours: Result) -> str:
-    both = (False, True)
     cells = [
         f"{result.milliseconds:.3g}",
-        *(f"{result.per_evaluation(warmup=w):.3g}" for w in both),
-        *(f"{result.per_second(warmup=w):.3g}" for w in both),
-        *(f"{ours.per_second(warmup=w) / result.per_second(warmup=w):,.3g}" for w in both),
+        *(f"{result.per_evaluation(warmup=w):.3g}" for w in _BOTH),
+        *(f"{result.per_second(warmup=w):.3g}" for w in _BOTH),
+        *(f"{ours.per_second(warmup=w) / result.per_second(warmup=w):,.3g}" for w in _BOTH),
     ]
     return f"| {result.name} | {' | '.join(cells)} |"
 
