@@ -1,12 +1,13 @@
 """How well the diagnosis names hidden effects: every campaign simulated and diagnosed.
 
-    python analyses/diagnosis_study.py --kind clean --count 200
+    python analyses/diagnosis_study.py --kind clean --count 200 [--jobs 2]
 
 Every campaign has its own J, K, bias, start attitude, angles and senses of its slews, and wheel
 momenta, drawn from the prior, and is flown in closed loop with the hidden effect. The amplitude is
 set by the ideal test: the non-centrality of the hidden effect's score, from its sensitivities
 projected off everything that is fitted, in the same campaign without it. Results are one line a
-campaign in a file that is replaced atomically: a killed study goes on where it was.
+campaign, in the order of the campaigns; until all are there they are kept in `--work`, and a
+killed study goes on where it was.
 `diagnosis_figures.py` makes the page of them.
 """
 
@@ -15,7 +16,7 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +42,8 @@ from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.plan_flight import Flight
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY
+from bayes_inertia.studies.engine import Execution
+from bayes_inertia.studies.work import Row, Work
 
 HERE = Path(__file__).parent
 FOLDER = HERE / "results"
@@ -210,8 +213,34 @@ def arguments() -> argparse.Namespace:
         help="level of the ideal test",
     )
     parser.add_argument("--without-tachometers", action="store_true")
-    parser.add_argument("--minutes", type=float, default=60.0, help="stop after this time")
+    parser.add_argument("--jobs", type=int, default=1, help="worker processes")
+    parser.add_argument(
+        "--work", type=Path, default=HERE / "run_diagnosis", help="keeps rows of a killed study"
+    )
     return parser.parse_args()
+
+
+@dataclass(frozen=True)
+class DiagnosedCase:
+    """The task: one campaign simulated and diagnosed; its row is a line of JSON.
+
+    The tasks of all kinds have ids "label/index".
+    """
+
+    kind: str
+    tachometers: bool
+    power: float
+    level: float
+
+    def __call__(self, task_id: str, seed: np.random.SeedSequence) -> Row:
+        """The row. A case has its own seed, older than those of the engine."""
+        label, _, number = task_id.partition("/")
+        index = int(number)
+        (effects,) = (
+            e for name, i, e in tasks(self.kind, index + 1) if (name, i) == (label, index)
+        )
+        case = Case(self.kind, label, index, effects, self.tachometers)
+        return {"line": json.dumps(_row(case, self.power, self.level))}
 
 
 def main() -> None:
@@ -219,22 +248,22 @@ def main() -> None:
     options = arguments()
     tachometers = not options.without_tachometers
     measured = "tacho" if tachometers else "notacho"
-    path = FOLDER / f"diagnosis_{options.kind}_{options.power:g}_{measured}.jsonl"
-    rows = [json.loads(line) for line in path.read_text().splitlines()] if path.exists() else []
-    done = {(row["label"], row["index"]) for row in rows}
-    end = time.time() + 60.0 * options.minutes
-    for label, index, effects in tasks(options.kind, options.count):
-        if (label, index) in done:
-            continue
-        if time.time() > end:
-            print("time is up; run again to go on")
-            break
-        case = Case(options.kind, label, index, effects, tachometers)
-        row = _row(case, options.power, options.level)
-        rows.append(row)
-        write_atomically(path, "".join(json.dumps(r) + "\n" for r in rows))
-        shown = (row.get(key) for key in ("verdict", "named", "ambiguous_with"))
-        print(label, index, *shown, f"{row.get('seconds', 0):.1f} s", flush=True)
+    name = f"diagnosis_{options.kind}_{options.power:g}_{measured}"
+    path = FOLDER / f"{name}.jsonl"
+    lines = path.read_text().splitlines() if path.exists() else []
+    done = {(row["label"], row["index"]) for row in map(json.loads, lines)}
+    wanted = [task[:2] for task in tasks(options.kind, options.count)]
+    ids = tuple(f"{label}/{index}" for label, index in wanted if (label, index) not in done)
+    if not ids:
+        return
+    task = DiagnosedCase(options.kind, tachometers, options.power, options.level)
+    work = Work("campaigns", task, ids, options=asdict(task))
+    execution = Execution(
+        jobs=options.jobs, progress=lambda *told: print(*told, flush=True), notice=print
+    )
+    result = execution.run(work, options.work / name)
+    lines += [row["line"] for row in result.rows]
+    write_atomically(path, "".join(f"{line}\n" for line in lines))
 
 
 def _row(case: Case, power: float, level: float) -> dict:
