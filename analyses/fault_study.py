@@ -6,14 +6,15 @@ Each case damages one file of a sound campaign or run (bytes, tokens or structur
 `fault_mutations`), and gives it to a command that reads it. Wanted is a result, or one message
 that names the file. A case is drawn from the seed and its own number. Blocks of 250 cases run in
 a process of their own and are kept in the work folder: a study that was ended goes on there. It
-writes analyses/results/fault_study.json and fault_study.md. The processor time of a case is 5 to
-30 ms.
+writes analyses/results/faults.json, with the digests of all sound files, and faults.md. The
+processor time of a case is 5 to 30 ms.
 """
 
 from __future__ import annotations
 
 import argparse
 import contextlib
+import hashlib
 import io
 import json
 import os
@@ -223,12 +224,22 @@ def summary(work: Path, seed: int) -> dict:
         "version": __version__,
         "seed": seed,
         "cases": sum(counts.values()),
+        "corpus": corpus_digests(work / "corpus"),
         "counts": table,
         "slowest_seconds": slowest,
         "peak_MB": max((e["peak_kb"] for e in ends), default=0) / 1024,
         "peak_child_MB": max((e["peak_child_kb"] for e in ends), default=0) / 1024,
         "processor_seconds": seconds,
         "faults": faults[:50],
+    }
+
+
+def corpus_digests(corpus: Path) -> dict[str, str]:
+    """SHA-256 of every sound file: damage of a number and seed is the same for the same files."""
+    files = sorted(path for path in corpus.rglob("*") if path.is_file())
+    return {
+        path.relative_to(corpus).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in files
     }
 
 
@@ -242,6 +253,7 @@ def page(result: dict) -> str:
         "`analyses/fault_study.py`, version " + result["version"] + ".",
         "Each is one file of a sound campaign or run with bytes, tokens or structure changed, "
         "given to the command that reads it.",
+        "The sound files are made from the example campaign; their digests stand in faults.json.",
         "Accepted: the damage does not show, or makes another valid file. Refused: exit code 2 and "
         "one line that names the file.",
         "",
@@ -299,6 +311,6 @@ if __name__ == "__main__":
         run_block(given.block, given.seed, given.work, given.first)
     else:
         found = study(given.cases, given.seed, given.work.resolve(), given.minutes)
-        write_atomically(given.out / "fault_study.json", json.dumps(found, indent=1) + "\n")
-        write_atomically(given.out / "fault_study.md", page(found))
+        write_atomically(given.out / "faults.json", json.dumps(found, indent=1) + "\n")
+        write_atomically(given.out / "faults.md", page(found))
         print(page(found))
