@@ -90,7 +90,7 @@ def fit_one(study: Study, seed: int, i: int) -> pd.DataFrame:
     J = craft.inertia_B
     truth = np.array([J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2], *craft.scale_factor])
     estimate = optimizer.estimate(Model(flight.campaign), seed=i)
-    chains = sample(estimate, replace(SETTINGS, seed=seed + i), shared_code=True)
+    chains = sample(estimate, replace(SETTINGS, seed=seed + i))
     return _rows(
         estimate, chains.samples, truth, np.random.default_rng([seed, study.number, i])
     ).assign(

@@ -153,31 +153,11 @@ def log_posterior_of(structure: Structure, marginal: Marginal, theta: Array) -> 
     return jnp.where(physical & jnp.isfinite(value), value, -jnp.inf)
 
 
-def log_posterior(structure: Structure, marginal: Marginal) -> Callable[[Array], Array]:
+@partial(jax.jit, static_argnums=0)
+def log_posterior(structure: Structure, marginal: Marginal, thetas: Array) -> Array:
     """The compiled marginal log posterior.
 
-    The data are constants of the compiled code, which makes it twice as fast as passing them each
-    time.
-
-    Parameters
-    ----------
-    structure : Structure
-    marginal : Marginal
-
-    Returns
-    -------
-    callable
-        From thetas (batch, d) to log densities (batch,).
-    """
-    return jax.jit(jax.vmap(partial(log_posterior_of, structure, marginal)))
-
-
-@partial(jax.jit, static_argnums=0)
-def shared_log_posterior(structure: Structure, marginal: Marginal, thetas: Array) -> Array:
-    """The marginal log posterior with the data as arguments.
-
-    Compiled once for all campaigns of one shape: for studies of many short fits, where compiling
-    takes longer than sampling.
+    The data are arguments: it is compiled once for all campaigns of one shape.
 
     Parameters
     ----------
@@ -234,9 +214,7 @@ def conditional_point(
     return Point(theta, bias + step[:3], local + step[3:].reshape(local.shape))
 
 
-def log_density_of(
-    structure: Structure, marginal: Marginal, *, batch: int, shared_code: bool = False
-) -> LogDensity:
+def log_density_of(structure: Structure, marginal: Marginal, *, batch: int) -> LogDensity:
     """The compiled marginal log posterior for arrays of numpy of any length.
 
     Parameters
@@ -245,21 +223,13 @@ def log_density_of(
     marginal : Marginal
     batch : int
         Draws evaluated at once.
-    shared_code : bool
-        Compile once for all campaigns of one shape, at half the speed afterwards.
 
     Returns
     -------
     callable
         From thetas (n, d) to log densities (n,).
     """
-    compiled: Callable[[Any], Array] = (
-        partial(shared_log_posterior, structure, marginal)
-        if shared_code
-        else log_posterior(structure, marginal)
-    )
-
-    return in_batches(compiled, batch)
+    return in_batches(partial(log_posterior, structure, marginal), batch)
 
 
 def in_batches(compiled: Callable[[Any], Array], batch: int) -> LogDensity:

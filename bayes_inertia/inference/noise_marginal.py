@@ -303,12 +303,11 @@ def log_density_with_noise(estimate: Estimate, *, batch: int) -> LogDensity:
         From thetas (n, d) to log densities (n,).
     """
     structure, rules = estimate.model.structure, channel_rules(estimate.model)
-    frozen = noise_marginal(estimate)
+    return in_batches(partial(_log_density, structure, rules, noise_marginal(estimate)), batch)
 
-    # Data that are constants of the compiled code make it faster; the products are too large.
-    @jax.jit
-    def compiled(products: tuple[Array, ...], thetas: Array) -> Array:
-        complete = frozen._replace(products=products)
-        return jax.vmap(partial(log_posterior_with_noise, structure, rules, complete))(thetas)
 
-    return in_batches(partial(compiled, frozen.products), batch)
+@partial(jax.jit, static_argnums=(0, 1))
+def _log_density(
+    structure: Structure, rules: NoiseRules, frozen: NoiseMarginal, thetas: Array
+) -> Array:
+    return jax.vmap(partial(log_posterior_with_noise, structure, rules, frozen))(thetas)

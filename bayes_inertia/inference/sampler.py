@@ -173,7 +173,6 @@ def sample(
     *,
     folder: Path | None = None,
     progress: Progress | None = None,
-    shared_code: bool = False,
 ) -> Chains:
     """Sample the marginal posterior around an estimate.
 
@@ -188,8 +187,6 @@ def sample(
         on.
     progress : callable, optional
         Called with (what, done, of).
-    shared_code : bool
-        Compile once for all campaigns of one shape (studies of many short fits).
 
     Returns
     -------
@@ -203,7 +200,7 @@ def sample(
         If `folder` holds a chain that cannot be read, or one of another shape.
     """
     settings, began = settings or Settings(), perf_counter()
-    log_density = log_density_at(estimate, shared_code=shared_code)
+    log_density = log_density_at(estimate)
     seeds = np.random.SeedSequence(settings.seed).spawn(settings.ensembles + 1)
     pilot_random = np.random.RandomState(np.random.MT19937(seeds[-1]))
     move, share, spent = find_proposal(estimate, log_density, pilot_random)
@@ -226,15 +223,13 @@ def sample(
         steps = wanted
 
 
-def log_density_at(estimate: Estimate, *, shared_code: bool = False) -> LogDensity:
+def log_density_at(estimate: Estimate) -> LogDensity:
     """The compiled density that is sampled around an estimate.
 
     Parameters
     ----------
     estimate : Estimate
         Of all parameters.
-    shared_code : bool, optional
-        As of `sample`.
 
     Returns
     -------
@@ -244,9 +239,7 @@ def log_density_at(estimate: Estimate, *, shared_code: bool = False) -> LogDensi
     batch = batch_size(estimate)
     if not estimate.model.noise.is_stated:
         return log_density_with_noise(estimate, batch=batch)
-    return log_density_of(
-        estimate.model.structure, marginal(estimate), batch=batch, shared_code=shared_code
-    )
+    return log_density_of(estimate.model.structure, marginal(estimate), batch=batch)
 
 
 def steps_wanted(diagnostics: Diagnostics, settings: Settings) -> int:

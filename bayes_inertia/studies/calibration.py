@@ -75,10 +75,10 @@ class CalibrationFit:
         model = Model(campaign, case.effects)
         estimate = optimizer.estimate(model, seed=number, starts=1)
         settings = replace(SETTINGS, seed=number)
-        chains = sample(estimate, settings, shared_code=True)
+        chains = sample(estimate, settings)
         # The last draws of different walkers: hardly correlated, nearly every step proposes anew.
         draws = chains.samples[:, :, -1].reshape(-1, chains.samples.shape[-1])[:RANKED]
-        density = log_density_at(estimate, shared_code=True)
+        density = log_density_at(estimate)
         values = _quantities(case, density, _changed(draws, self.pipeline))
         truth = _quantities(case, density, _truth(flight, model)[None])[0]
         return {

@@ -73,7 +73,7 @@ def test_the_integral_is_that_of_the_dense_gaussian(wandered):
     rng = np.random.default_rng(6)
     thetas = np.tile(wandered.theta, (9, 1))
     thetas[1:, learnt] *= np.exp(1.5 * rng.normal(size=(8, len(learnt))))
-    ours = np.asarray(log_posterior(model.structure, marginal(wandered))(jnp.asarray(thetas)))
+    ours = np.asarray(log_posterior(model.structure, marginal(wandered), jnp.asarray(thetas)))
     ours = ours - np.asarray(log_prior(model.space.constants(), jnp.asarray(thetas)))
     dense = np.array([dense_log_integral(wandered, theta) for theta in thetas])
     assert np.ptp(dense) > 10.0

@@ -123,7 +123,7 @@ def test_gaussian_noise_of_scale_one_has_the_plain_marginal(small_flown):
     rng = np.random.default_rng(3)
     thetas = plain.theta + rng.normal(size=(8, 9)) @ np.linalg.cholesky(plain.covariance).T
     ours = log_density_with_noise(scaled, batch=8)(np.column_stack([thetas, np.ones(8)]))
-    theirs = np.asarray(log_posterior(plain.model.structure, marginal(plain))(jnp.asarray(thetas)))
+    theirs = np.asarray(log_posterior(plain.model.structure, marginal(plain), jnp.asarray(thetas)))
     assert np.ptp(theirs) > 1.0
     assert np.ptp(ours - theirs) < 1e-3
 
@@ -181,7 +181,7 @@ def test_nuisances_under_student_t_noise_are_integrated_as_by_brute_force(small_
     assert np.all(np.abs(gap) < 4.0 * np.hypot(errors, errors[0]) + 0.02), (gap, errors)
     # The same integral as of Gaussian noise is another one.
     gaussian = fitted(estimate.model.campaign, discount=False)
-    plain = log_posterior(gaussian.model.structure, marginal(gaussian))(jnp.asarray(thetas[:, :9]))
+    plain = log_posterior(gaussian.model.structure, marginal(gaussian), jnp.asarray(thetas[:, :9]))
     assert np.max(np.abs(np.asarray(plain - plain[0]) - (np.array(exact) - exact[0]))) > 1.0
 
 

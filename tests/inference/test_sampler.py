@@ -6,11 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from jax import monitoring
 from support.chains import SHORT, D, _chain
 
 from bayes_inertia.errors import SettingsError
 from bayes_inertia.inference.convergence import Diagnostics
 from bayes_inertia.inference.fit_context import FitContext
+from bayes_inertia.inference.marginal_posterior import log_posterior
 from bayes_inertia.inference.noise_model import rate_noise_covariance
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.posterior_groups import build_posterior
@@ -73,10 +75,23 @@ def test_more_steps_are_taken_as_need_be_and_never_more_than_twice_as_many():
     )  # something else failed: go on a little
 
 
-def test_shared_code_samples_the_same_posterior(small_at):
-    own, shared = sample(small_at, SHORT), sample(small_at, SHORT, shared_code=True)
-    # Rounding differs in the last digits of the density: hardly a decision of the sampler does.
-    assert np.mean(np.isclose(own.samples, shared.samples, rtol=1e-9).all(-1)) > 0.9
+def test_a_second_campaign_of_one_shape_compiles_nothing(flying, small_at):
+    sample(small_at, SHORT)
+    compiled = []
+
+    def note(event: str, *_, **__) -> None:
+        if "backend_compile" in event:
+            compiled.append(event)
+
+    monitoring.register_event_duration_secs_listener(note)
+    try:
+        sample(estimate(Model(flying(11).campaign), starts=1), SHORT)
+        assert compiled == []
+        log_posterior.clear_cache()
+        sample(small_at, SHORT)
+        assert compiled != []
+    finally:
+        monitoring.unregister_event_duration_listener(note)
 
 
 @pytest.mark.parametrize(
