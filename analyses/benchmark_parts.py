@@ -83,7 +83,7 @@ def start_ratios() -> dict[str, float]:
         runs = Path(folder)
         # The user's cache of compiled code is not touched.
         plain = {k: v for k, v in os.environ.items() if not k.startswith("JAX_")}
-        environment = plain | {"XDG_CACHE_HOME": str(runs / "cache")}
+        environment = plain | {"BAYES_INERTIA_CACHE": str(runs / "cache")}
 
         def fit(out: str) -> float:
             words = ["fit", str(EXAMPLE), "-o", str(runs / out), "--no-report"]

@@ -2,7 +2,7 @@
 
     python analyses/calibration_study.py --work FOLDER [--minutes 10] [--wrong 30]
 
-The command's own study, all its cases, in rounds of 25 fits a case until the processor time is
+The command's own study, all its cases, in rounds of ten fits a case until the processor time is
 used up; then as many fits of weak data by three wrong pipelines: posterior sds times 0.75, scale
 factors forgotten, products of inertia with the wrong sign. What is in the work folder is kept, so
 that the same command goes on. Writes analyses/results/calibration_study.{json,md}.
@@ -25,8 +25,8 @@ from bayes_inertia.studies.calibration import RANKED, Pipeline
 from bayes_inertia.studies.calibration_cases import calibration_cases
 
 RESULTS = Path(__file__).parent / "results" / "calibration_study.json"
-# Fits of a case and round: whole shards.
-ROUND = 25
+# Fits of a case and round.
+ROUND = 10
 # Wrong pipelines see the case in which the prior counts most.
 _WRONG_CASE = "two-slews"
 _SAYS = {

@@ -84,8 +84,8 @@ def page(
     lines = [
         "# The engine of studies under fire, and what it costs",
         "",
-        "Made by `python analyses/engine_study.py` on two cores that others used too: processor "
-        "times and ratios hold elsewhere, times on the clock do not.",
+        "Made by `python analyses/engine_study.py` on two cores shared with ten processes "
+        "and more: processor times and ratios hold elsewhere, times on the clock do not.",
         "",
         *_of_kills(kills),
         *_of_throughput(runs),
@@ -187,9 +187,8 @@ def _of_fleet(costs: Sequence[Cost], units: UnitCosts) -> list[str]:
         f"Measured on the example campaign (five slews, {units.campaign / 1e6:.2f} MB), in "
         "processor time:",
         "",
-        f"- a fit in a worker that is warm {units.fit:.1f} s, in one that is not "
-        f"{units.first_fit:.1f} s;",
-        f"- a diagnosis {units.diagnosis:.1f} s and {units.first_diagnosis:.1f} s;",
+        f"- a fit {units.fit:.1f} s, the first of a worker {units.first_fit:.1f} s;",
+        f"- a diagnosis {units.diagnosis:.1f} s, the first {units.first_diagnosis:.1f} s;",
         f"- the digest of a campaign's files, which the driver makes, {1e3 * units.digest:.1f} ms;",
         f"- a row on the disk {row.size / row.count:.0f} bytes;",
         f"- the process that did all this held {units.memory / 1e9:.2f} GB at most.",
