@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Any
 
 
-def product_components(p: Sequence[Any], q: Sequence[Any]) -> tuple[Any, Any, Any, Any]:
+def product_components(p: Iterable[Any], q: Iterable[Any]) -> tuple[Any, Any, Any, Any]:
     """Hamilton product p * q of two quaternions, scalar last.
 
     Parameters
     ----------
-    p, q : sequence of array
+    p, q : iterable of array
         Components e1, e2, e3, eta.
 
     Returns
