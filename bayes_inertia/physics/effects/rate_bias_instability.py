@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from bayes_inertia.physics.parameters import LogNormal, scalar
+from bayes_inertia.physics.effects.scales import sd_and_time
 from bayes_inertia.physics.random_basis import (
     hat_functions,
     on_axes,
@@ -55,11 +55,7 @@ class RateBiasInstability(StochasticEffect):
 
     def parameters(self, campaign):
         sd = self.median_sd or float(np.max(campaign.rate_sensor.sigma))
-        time = self.median_time or 0.2 * campaign.scale_of_motion()[1]
-        return (
-            scalar("sd", unit="rad/s", prior=LogNormal(sd, self.factor_sd)),
-            scalar("time", unit="s", prior=LogNormal(time, 0.7), null=time),
-        )
+        return sd_and_time(campaign, "rad/s", sd, self.median_time, self.factor_sd)
 
     def coefficient_count(self, campaign):
         return 3 * self.knots

@@ -8,7 +8,7 @@ disturbances are stated as fractions of it.
 from __future__ import annotations
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.physics.parameters import Parameter, Prior, vector
+from bayes_inertia.physics.parameters import LogNormal, Parameter, Prior, scalar, vector
 
 
 def torque_scale(campaign: Campaign) -> float:
@@ -70,3 +70,33 @@ def per_wheel(
     """
     names = [wheel.name for wheel in campaign.wheels]
     return (vector(name, names, unit=unit, prior=prior, null=null),) if names else ()
+
+
+def sd_and_time(
+    campaign: Campaign, unit: str, sd: float, time: float | None, factor_sd: float
+) -> tuple[Parameter, Parameter]:
+    """Size and correlation time of a random process, with log-normal priors.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What was flown.
+    unit : str
+        Of the process.
+    sd : float
+        Median of its standard deviation.
+    time : float or None
+        Median of its correlation time [s]; None takes a fifth of a slew.
+    factor_sd : float
+        Sd of the logarithm of the sd. The time is known to a factor of 2.
+
+    Returns
+    -------
+    tuple of Parameter
+        "sd" and "time"; nothing acts where the sd is zero.
+    """
+    time = time or 0.2 * campaign.scale_of_motion()[1]
+    return (
+        scalar("sd", unit=unit, prior=LogNormal(sd, factor_sd)),
+        scalar("time", unit="s", prior=LogNormal(time, 0.7), null=time),
+    )

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from bayes_inertia.physics.effects.scales import torque_scale
-from bayes_inertia.physics.parameters import LogNormal, scalar
+from bayes_inertia.physics.effects.scales import sd_and_time, torque_scale
 from bayes_inertia.physics.random_basis import (
     on_axes,
     on_each_axis,
@@ -51,11 +50,7 @@ class WheelTorqueNoise(StochasticEffect):
         if not campaign.wheels:
             return ()
         sd = self.median_sd or 0.01 * torque_scale(campaign)
-        time = self.median_time or 0.2 * campaign.scale_of_motion()[1]
-        return (
-            scalar("sd", unit="N m", prior=LogNormal(sd, self.factor_sd)),
-            scalar("time", unit="s", prior=LogNormal(time, 0.7), null=time),
-        )
+        return sd_and_time(campaign, "N m", sd, self.median_time, self.factor_sd)
 
     def coefficient_count(self, campaign):
         return len(campaign.wheels) * self.pieces
