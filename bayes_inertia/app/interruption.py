@@ -18,6 +18,8 @@ from pathlib import Path
 from threading import Event, Thread, current_thread, main_thread
 from types import FrameType
 
+from bayes_inertia.app.commands.options import DEMO_FOLDER
+
 _GRACE = 3.0  # [s] in which the main thread may save and end by itself.
 _WORKERS_GRACE = 0.5  # [s] for worker processes.
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -65,7 +67,7 @@ def _folder(words: Sequence[str], command: str) -> Path | None:
         if word.startswith("-o") and not word.startswith("--"):
             return Path(word.removeprefix("-o"))
     if command == "demo":
-        return Path("demo_run")
+        return DEMO_FOLDER
     if command in ("resume", "report"):
         after = words[words.index(command) + 1 :]
         return next((Path(word) for word in after if not word.startswith("-")), None)

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-from bayes_inertia.app.commands.options import OutputFolder, Seed
+from bayes_inertia.app.commands.options import DEMO_FOLDER, OutputFolder, Seed
 
 
-def demo_command(out: OutputFolder = Path("demo_run"), seed: Seed = 1) -> None:
+def demo_command(out: OutputFolder = DEMO_FOLDER, seed: Seed = 1) -> None:
     """Simulate a campaign of five slews, fit it, write the report."""
     from bayes_inertia.app import run_folder
     from bayes_inertia.app.commands.run_result import finish_and_show

@@ -70,6 +70,8 @@ SchedulerAddress = Annotated[
     typer.Option("--scheduler", help="Address of a dask scheduler, such as tcp://host:8786."),
 ]
 
+# Where `demo` works unless told otherwise.
+DEMO_FOLDER = Path("demo_run")
 # The word that stands for a plan of the paper's five slews.
 PAPER_HELP = "or the word paper for five slews like the paper's"
 
