@@ -154,9 +154,7 @@ def runge_kutta_4(slope: Callable[[Any, Any], Any], x: Any, step: Array) -> Any:
     return jax.lax.scan(stage, (still, x), stages)[0][1]
 
 
-def runge_kutta_6(
-    slope: Callable[[Any, Any], Any], x: Any, step: Array, *, unrolled: bool = False
-) -> Any:
+def runge_kutta_6(slope: Callable[[Any, Any], Any], x: Any, step: Array) -> Any:
     """One step of Butcher's Runge-Kutta method of sixth order (1964, seven stages).
 
     Parameters
@@ -167,9 +165,6 @@ def runge_kutta_6(
         The state at the step's beginning.
     step : () array
         Length of the step [s].
-    unrolled : bool, optional
-        Write the stages out: faster code where `slope` is short. With many effects compiling would
-        take minutes, and the stages are a loop.
 
     Returns
     -------
@@ -181,8 +176,6 @@ def runge_kutta_6(
     >>> print(f"{runge_kutta_6(lambda fraction, x: -x, jnp.array(1.0), 0.1):.9f}")
     0.904837418
     """
-    if unrolled:
-        return _written_out(slope, x, step)
 
     def stage(slopes, row):
         index, fraction, taken = row
@@ -197,18 +190,3 @@ def runge_kutta_6(
 def _moved(x: Any, slopes: Any, shares: Array) -> Any:
     """The state, moved along the slopes of all stages (7, ...) by so much of each."""
     return jax.tree.map(lambda a, k: a + jnp.tensordot(shares, k, 1), x, slopes)
-
-
-def _written_out(slope: Callable[[Any, Any], Any], x: Any, step: Array) -> Any:
-    def moved(shares: np.ndarray) -> Any:
-        used = [(float(share), k) for share, k in zip(shares, slopes, strict=False) if share]
-        total = used and jax.tree.map(
-            lambda *k: sum(share * b for (share, _), b in zip(used, k, strict=True)),
-            *(k for _, k in used),
-        )
-        return jax.tree.map(lambda a, b: a + step * b, x, total) if used else x
-
-    slopes: list = []
-    for fraction, taken in zip(_FRACTIONS, _STAGES, strict=True):
-        slopes.append(slope(float(fraction), moved(taken)))
-    return moved(_SUM)

@@ -77,8 +77,6 @@ def attitude_path(
     """
     n, momentum_N = len(known.at_rows), first.momentum_N
     wheels = _WheelsInBody.of(mass, first, known, drive)
-    # Row by row a loop of the stages compiles in half the time.
-    many_rows = known.left_out is not None
 
     def step(attitude: Components, row: tuple) -> tuple[Components, Components]:
         cubic_B, duration = row
@@ -88,7 +86,7 @@ def attitude_path(
             rate = wheels.rate(momentum_B, value(tuple(cubic_B), fraction))
             return quaternion.rate_of_components(q, rate)
 
-        return unit(runge_kutta_6(slope_of, attitude, duration, unrolled=many_rows)), attitude
+        return unit(runge_kutta_6(slope_of, attitude, duration)), attitude
 
     last, begin = jax.lax.scan(step, first.attitude, (wheels.cubic_B, known.steps.length))
     states = jax.tree.map(lambda x: jnp.broadcast_to(x, (n, *x.shape)), first.effect_states)
@@ -99,6 +97,7 @@ def attitude_path(
     q0, body0 = wheels.derivatives(begin, momentum_N, length, 0.0)
     q1, body1 = wheels.derivatives(_followed(begin, last), momentum_N, length, 1.0)
     angle = _within_step(mass, known)
+    q0, q1, body0, body1, angle = _once((q0, q1, body0, body1, angle))
     attitude = turned(_at_rows(q0, q1, known), angle)
     smooth_B = _at_rows(body0, body1, known)
     carried = quaternion.cross_components(smooth_B, angle)
@@ -199,7 +198,7 @@ def full_path(
         return attitude_derivatives(state.attitude, rate, rate_change), change
 
     final = _followed(begin, last)
-    (q0, change0), (q1, change1) = end(begin, 0.0), end(final, 1.0)
+    (q0, change0), (q1, change1) = _once((end(begin, 0.0), end(final, 1.0)))
     attitude = turned(_at_rows(q0, q1, known), _within_step(mass, known))
     rest = _cubics_at_rows(begin, change0, final, change1, known.steps.fraction)
     momentum_B = quaternion.to_body_components([q.reshape(-1) for q in attitude], rest.momentum_N)
@@ -261,6 +260,14 @@ def _spin(
     moved = mass.axes_B @ gained + bend
     free = [turn[i] + torque[i] - moved[i] for i in range(3)]
     return rate, tuple(row.length * w for w in rate_of_momentum(mass, free))
+
+
+def _once(ends: Any) -> Any:
+    """What holds at the ends of the steps, computed once.
+
+    Compiled code would compute it anew at every row, and take half as long again to compile.
+    """
+    return jax.lax.optimization_barrier(ends)
 
 
 def _followed(begin: Any, last: Any) -> Any:
