@@ -12,6 +12,7 @@ from jax import Array
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import EffectError
 from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.integration_plan import integration_plan
 from bayes_inertia.physics.packing import pack
 from bayes_inertia.physics.slew_input import SlewInput
 
@@ -62,8 +63,7 @@ def integration_grid(campaign: Campaign, effects: Sequence[Effect]) -> Integrati
                     where=effect.name,
                     advice="give the plan an [orbit], or leave the effect out",
                 )
-    steps = [step for step in (effect.max_step(campaign) for effect in effects) if step is not None]
-    arrays = pack(campaign, max_step=min(steps) if steps else None)
+    arrays = pack(campaign, max_step=integration_plan(campaign, effects, "commanded").spacing)
     n_rows = arrays.telemetry.rate.shape[1]
     substeps = int(arrays.telemetry.sample[0, 1])
     missing = n_rows * substeps - arrays.slews.context.time.shape[1]
