@@ -213,5 +213,7 @@ def dispersion(slew: np.ndarray, *, bursts: bool = False) -> float:
     size = float(np.mean(finite**2))
     if bursts:
         return max(1.0, size * len(finite) / slew.shape[1] / 2.0) if size > 1.0 else 1.0
-    taus = [float(integrated_time(x, quiet=True, tol=0)[0]) for x in _columns([slew])]
+    # A series that never changes has no correlation to measure.
+    varying = [x for x in _columns([slew]) if np.ptp(x) > 0.0]
+    taus = [float(integrated_time(x, quiet=True, tol=0)[0]) for x in varying]
     return max(1.0, size * max(1.0, float(np.mean(taus)) if taus else 1.0))
