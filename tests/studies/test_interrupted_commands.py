@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import psutil
@@ -70,7 +71,8 @@ def test_a_signal_ends_driver_and_workers_and_nothing_is_lost(tmp_path, engine, 
     try:
         _, said = driver.communicate(timeout=60)
     finally:
-        driver.kill()
+        with suppress(psutil.NoSuchProcess):
+            driver.kill()
     seconds = time.monotonic() - began
     assert driver.returncode == code
     if code > 0:
