@@ -194,10 +194,14 @@ def move_to(previous: Estimate, model: Model) -> Estimate:
     for i, name in enumerate(model.space.names):
         theta[i] = fitted_values.get(name, theta[i])
     free = np.array([i for i, name in enumerate(model.space.names) if name in free_names])
+    # Its integration steps may be others, and its rows padded to another length.
+    stated = whitening(model, theta)
     return replace(
         previous,
         model=model,
         point=replace(previous.point, theta=theta),
+        stated=stated,
+        white=discounted(stated, previous.discount),
         information=previous.information._replace(free=free),
     )
 

@@ -11,10 +11,13 @@ import pytest
 
 import bayes_inertia
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.inference.likelihood import information_blocks
-from bayes_inertia.inference.optimizer import distinct_optima, estimate
+from bayes_inertia.inference.laplace import Estimate, Starts
+from bayes_inertia.inference.likelihood import Information, information_blocks
+from bayes_inertia.inference.noise_model import discounted, whitening
+from bayes_inertia.inference.optimizer import distinct_optima, estimate, move_to
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
@@ -130,3 +133,22 @@ def test_telemetry_of_an_independent_simulator_is_explained():
     result = estimate(Model(read_campaign(EXAMPLE)), starts=1)
     assert not result.discounted
     assert not result.tests["total"].rejected
+
+
+def test_a_point_moves_to_a_model_whose_rows_are_padded_otherwise():
+    campaign = read_campaign(EXAMPLE)
+    small, large = Model(campaign), Model(campaign, by_name(("flexible_mode",)))
+    rows = [model.data.arrays.telemetry.rate.shape[:2] for model in (small, large)]
+    assert rows[0] != rows[1]
+    theta, discount = np.array(small.space.mean), np.full((small.n_slews, 3), 0.25)
+    stated = whitening(small, theta)
+    empty = np.zeros((small.n_slews, 3))
+    information = Information(empty, empty, empty, empty, np.arange(9))
+    point = Point(theta, np.zeros(3), np.zeros((small.n_slews, small.structure.n_local)))
+    parts = (discounted(stated, discount), discount, information, np.eye(9), 0.0, Starts(1, 1))
+    moved = move_to(Estimate(small, point, stated, *parts), large)
+    assert moved.stated.rate.shape[:2] == moved.white.rate.shape[:2] == rows[1]
+    length = min(rows[0][1], rows[1][1])
+    np.testing.assert_array_equal(moved.stated.rate[:, :length], stated.rate[:, :length])
+    np.testing.assert_allclose(moved.white.rate, 0.5 * np.asarray(moved.stated.rate), rtol=1e-15)
+    np.testing.assert_array_equal(moved.theta[:9], theta)
