@@ -32,9 +32,6 @@ from bayes_inertia.physics.channel_noise import NoiseModel, noise_model_from_jso
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.slew_input import Drive
-from bayes_inertia.report.diagnosis_sections import diagnosis_sections
-from bayes_inertia.report.fit_sections import standard_sections
-from bayes_inertia.report.page import write_report
 from bayes_inertia.sealing import SEAL_KEY, blaming, read_sealed_json, sealed
 from bayes_inertia.version import __version__
 
@@ -279,6 +276,11 @@ def write_run_report(posterior: Posterior, folder: Path, *, intact: bool) -> Pat
     CampaignError
         If the diagnosis, or a posterior that may be damaged, cannot be shown.
     """
+    # Plots take half a second to load: not before sampling.
+    from bayes_inertia.report.diagnosis_sections import diagnosis_sections
+    from bayes_inertia.report.fit_sections import standard_sections
+    from bayes_inertia.report.page import write_report
+
     content = read_diagnosis(folder)
     sealed_diagnosis = content is None or SEAL_KEY in content
     with blaming(folder, intact=intact and sealed_diagnosis, advice=_NEW_RUN):

@@ -276,3 +276,7 @@ def information_blocks(
         n_data(white),
         free,
     )
+
+
+# What is compiled for each shape of campaign, largest first.
+PROGRAMS = (_plain_sensitivities, _plain_residuals, _normal_equations, _remembered)

@@ -174,6 +174,8 @@ def log_posterior(structure: Structure, marginal: Marginal, thetas: Array) -> Ar
 
 
 _compiled_elimination = jax.jit(_eliminated_at, static_argnums=0)
+# What is compiled for each shape of campaign, largest first.
+PROGRAMS = (log_posterior, _compiled_elimination)
 
 
 def conditional_point(

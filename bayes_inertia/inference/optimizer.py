@@ -17,6 +17,7 @@ import numpy as np
 
 from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.errors import EstimateError
+from bayes_inertia.inference.compiled_programs import forget_surplus
 from bayes_inertia.inference.descent import descend
 from bayes_inertia.inference.distinct_optima import distinct_optima
 from bayes_inertia.inference.hyperparameters import (
@@ -85,6 +86,7 @@ def estimate(
     EstimateError
         If no start gave a finite posterior.
     """
+    forget_surplus()
     free = np.arange(model.space.size) if free is None else np.asarray(free)
     if start is None:
         descents = _from_starts(model, seed, starts, free)
