@@ -57,6 +57,9 @@ class Marginal(NamedTuple):
         The noise as used.
     coefficients : CoefficientPart, optional
         What the integral over coefficients needs whose prior is sampled; None where there are none.
+    unexplained : () array, optional
+        chi^2 of what was taken out of the readings because no model can explain it
+        (`reading_compression`).
     """
 
     optimum: Point
@@ -68,6 +71,7 @@ class Marginal(NamedTuple):
     data: Data
     white: Whitening
     coefficients: CoefficientPart | None = None
+    unexplained: Array | float = 0.0
 
 
 def point_on_ridge(marginal: Marginal, theta: Array) -> Point:
@@ -105,7 +109,7 @@ def _project(structure: Structure, marginal: Marginal, theta: Array) -> tuple[Ar
         [slew_gradient[:, :3].sum(0) + bias, (slew_gradient[:, 3:] + local).ravel()]
     )
     chi2 = sum(jnp.sum(channel**2) for channel in r) + jnp.sum(bias**2) + jnp.sum(local**2)
-    return chi2, gradient
+    return chi2 + marginal.unexplained, gradient
 
 
 def _eliminated_at(structure: Structure, marginal: Marginal, theta: Array) -> EliminatedSlews:

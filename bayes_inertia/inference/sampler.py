@@ -35,7 +35,9 @@ from bayes_inertia.inference.marginal_posterior import LogDensity, log_density_o
 from bayes_inertia.inference.moves import IndependenceMove
 from bayes_inertia.inference.noise_marginal import log_density_with_noise
 from bayes_inertia.inference.proposal import find_proposal, finite_starts, walkers_needed
+from bayes_inertia.inference.reading_compression import compressed
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.physics.prediction import Data
 
 Progress = Callable[[str, int, int], None]
 
@@ -163,7 +165,11 @@ def batch_size(estimate: Estimate) -> int:
     int
         A power of two from 8 to 32; emcee's half-ensemble moves ask for 32 at a time.
     """
-    slews, rows = estimate.model.data.arrays.telemetry.rate.shape[:2]
+    return _batch(estimate.model.data)
+
+
+def _batch(data: Data) -> int:
+    slews, rows = data.arrays.telemetry.rate.shape[:2]
     return int(np.clip(2 ** int(np.log2(max(1.0, _CACHED_ROWS / (slews * rows)))), 8, 32))
 
 
@@ -236,10 +242,11 @@ def log_density_at(estimate: Estimate) -> LogDensity:
     callable
         From thetas (n, d) to log densities (n,).
     """
-    batch = batch_size(estimate)
     if not estimate.model.noise.is_stated:
-        return log_density_with_noise(estimate, batch=batch)
-    return log_density_of(estimate.model.structure, marginal(estimate), batch=batch)
+        return log_density_with_noise(estimate, batch=batch_size(estimate))
+    structure = estimate.model.structure
+    few = compressed(structure, marginal(estimate))
+    return log_density_of(structure, few, batch=_batch(few.data))
 
 
 def steps_wanted(diagnostics: Diagnostics, settings: Settings) -> int:

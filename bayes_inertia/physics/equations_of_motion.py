@@ -114,7 +114,7 @@ def prepare(
         torque = effect.delivered_torque(p, context, torque)
     effect_states = tuple(effect.initial_state(p, context, start.rate_B) for effect, p in active)
     locked = with_wheel_spin(inertia_B, axes, context.spin_inertia)
-    relative = start.wheel_momentum if drive == "commanded" else slew.momentum[0]
+    relative = start.wheel_momentum if drive == "commanded" else slew.momentum_at(0)
     internal = internal_momentum(active, context, effect_states)
     momentum_B = locked @ start.rate_B + axes @ relative + internal
     wheel = relative + context.spin_inertia * (axes.T @ start.rate_B)

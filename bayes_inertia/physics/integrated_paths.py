@@ -23,6 +23,7 @@ from bayes_inertia.physics.motion_step import StepInputs, state_slope, wheel_mom
 from bayes_inertia.physics.slew_input import Drive, SlewInput
 from bayes_inertia.physics.step_drive import (
     KnownMomentum,
+    StepPoints,
     derivative,
     polynomials,
     step_ends,
@@ -31,12 +32,12 @@ from bayes_inertia.physics.step_drive import (
 
 
 class MotionHistory(NamedTuple):
-    """What was integrated, at the n rows of the grid.
+    """What was integrated, at the n rows of the grid, or where it is wanted.
 
     Parameters
     ----------
     attitude : (n, 4) array
-        Quaternions, body from inertial, scalar last.
+        Quaternions, body from inertial, scalar last; (f, 4) where only fixes are wanted.
     momentum_B : (n, 3) array
         Total momentum in the body frame [N m s].
     wheel : tuple of (n,) or () arrays
@@ -98,7 +99,10 @@ def attitude_path(
     q1, body1 = wheels.derivatives(_followed(begin, last), momentum_N, length, 1.0)
     angle = _within_step(mass, known)
     q0, q1, body0, body1, angle = _once((q0, q1, body0, body1, angle))
-    attitude = turned(_at_rows(q0, q1, known), angle)
+    if known.fixes is None:
+        attitude = turned(_at_rows(q0, q1, known), angle)
+    else:
+        attitude = turned(*_at_points(q0, q1, known.fixes, mass))
     smooth_B = _at_rows(body0, body1, known)
     carried = quaternion.cross_components(smooth_B, angle)
     all_B = tuple(m + c for m, c in zip(smooth_B, carried, strict=True))
@@ -288,6 +292,16 @@ def _at_rows(first: list, last: list, known: KnownMomentum) -> Components:
         value(tuple(c[:, None] for c in quintic(a, b)), known.steps.fraction)
         for a, b in zip(first, last, strict=True)
     )
+
+
+def _at_points(
+    first: list, last: list, points: StepPoints, mass: MassProperties
+) -> tuple[Components, Components]:
+    """Quintics at some points, and how far the body turns there by what the cubics leave out."""
+    ends = zip(first, last, strict=True)
+    pieces = [quintic(*([x[points.step] for x in end] for end in pair)) for pair in ends]
+    angle = -(mass.inverse @ mass.axes_B) @ points.left_out.T
+    return tuple(value(p, points.fraction) for p in pieces), tuple(angle)
 
 
 def _rows(components: Components) -> Array:

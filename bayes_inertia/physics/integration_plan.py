@@ -18,7 +18,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.packing import bridged, longest_step, refined_grid
-from bayes_inertia.physics.simulator import MOVING_HOOKS
+from bayes_inertia.physics.simulator import LOOKING_BACK, MOVING_HOOKS
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.step_drive import left_out, polynomials, step_ends, step_grid
 
@@ -41,8 +41,6 @@ _ROWS_WORTH_A_STEP = 20.0
 # Slews of fewer rows are integrated row by row: steps of several rows take longer to compile than
 # they save.
 _FEW_ROWS = 256
-# Hooks that are given the whole slew, and may look between its rows.
-LOOKING_BACK = ("rate_output", "attitude_output", "momentum_output")
 
 
 class IntegrationPlan(NamedTuple):

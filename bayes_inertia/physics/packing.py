@@ -20,7 +20,7 @@ from bayes_inertia.campaign.fix_groups import fix_groups
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.physics.slew_context import SlewContext
-from bayes_inertia.physics.slew_input import SlewInput, Start
+from bayes_inertia.physics.slew_input import ReadingProjection, SlewInput, Start
 
 # Rows are padded to a multiple of this so that campaigns of similar length share compiled code.
 _ROW_MULTIPLE = 32
@@ -50,6 +50,9 @@ class Telemetry(NamedTuple):
         Which of these count.
     tachometer_modes : (grid, modes) array
         Orthonormal shapes of slow tachometer noise.
+    projection : ReadingProjection, optional
+        Where readings are combined: n is m q then, and a row no instant. None where each row is a
+        reading.
     """
 
     sample: Array
@@ -61,6 +64,7 @@ class Telemetry(NamedTuple):
     momentum: Array
     momentum_valid: Array
     tachometer_modes: Array
+    projection: ReadingProjection | None = None
 
 
 class Arrays(NamedTuple):

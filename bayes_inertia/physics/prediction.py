@@ -20,9 +20,15 @@ from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.packing import Arrays, Telemetry
 from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.physics.random_inputs import hyperparameters, with_coefficients
-from bayes_inertia.physics.simulator import simulate_slew
+from bayes_inertia.physics.simulator import LOOKING_BACK, MOVING_HOOKS, simulate_slew
 from bayes_inertia.physics.slew_context import SlewContext, Trajectory
-from bayes_inertia.physics.slew_input import Drive, SlewInput, Start, without_slow_error
+from bayes_inertia.physics.slew_input import (
+    Drive,
+    OutputRows,
+    SlewInput,
+    Start,
+    without_slow_error,
+)
 
 
 @dataclass(frozen=True)
@@ -73,6 +79,15 @@ class Structure:
     def n_local(self) -> int:
         """Number of one slew's nuisances: `n_start`, then the effects' whitened coefficients."""
         return self.n_start + sum(self.coefficients)
+
+    @property
+    def has_sparse_output(self) -> bool:
+        """Whether only the attitude changes in a slew, and no sensor looks at more than a row.
+
+        The motion is then worked out only where it is compared.
+        """
+        hooks = (*MOVING_HOOKS, *LOOKING_BACK)
+        return self.rows_per_step > 1 and not any(e.acts(h) for e in self.effects for h in hooks)
 
     @property
     def hyperparameters(self) -> tuple[int, ...]:
@@ -268,6 +283,8 @@ def predict(
     if structure.drive == "measured" and structure.wheels:
         noise = (local[6:] * data.scale.local[6:]).reshape(structure.wheels, structure.modes)
         slew = without_slow_error(slew, telemetry.tachometer_modes, noise)
+    if structure.has_sparse_output:
+        slew = slew._replace(output=_output_rows(structure, telemetry))
     start = start_of(structure, data.scale, reference, local)
     trajectory, effect_states = simulate_slew(
         slew, start, J, active, structure.drive, structure.rows_per_step
@@ -280,6 +297,14 @@ def predict(
     return _sensed(
         structure, theta[6:N_BASE], rate_S, active, slew, telemetry, trajectory, effect_states
     )
+
+
+def _output_rows(structure: Structure, telemetry: Telemetry) -> OutputRows:
+    """Where readings and fixes stand on the grid."""
+    fixes, projection = telemetry.fix_row, telemetry.projection
+    if structure.refined:
+        fixes = telemetry.sample[fixes]
+    return OutputRows(None if projection is None else projection.rows, fixes)
 
 
 def _sensed(
@@ -299,11 +324,21 @@ def _sensed(
         rate_S = effect.rate_output(p, slew.context, with_states, rate_S)
         attitude = effect.attitude_output(p, slew.context, with_states, attitude)
         momentum = effect.momentum_output(p, slew.context, with_states, momentum)
-    fixes = telemetry.fix_row
-    if structure.refined:
-        rows = telemetry.sample
-        rate_S, momentum, fixes = rate_S[rows], momentum[rows], rows[fixes]
-    return Prediction(rate_S / scale_factor, attitude[fixes], momentum)
+    if not structure.has_sparse_output:
+        attitude = attitude[_output_rows(structure, telemetry).fixes]
+    rate_S = rate_S / scale_factor
+    if telemetry.projection is not None:
+        rate_S = _combined(telemetry.projection.rate, rate_S)
+        momentum = _combined(telemetry.projection.momentum, momentum)
+    elif structure.refined:
+        rate_S, momentum = rate_S[telemetry.sample], momentum[telemetry.sample]
+    return Prediction(rate_S, attitude, momentum)
+
+
+def _combined(factor: Array, rows: Array) -> Array:
+    """Combinations (m q, c) of each step's rows (m q, c)."""
+    pieces = rows.reshape(*factor.shape[:2], -1)
+    return jnp.einsum("mpq,mqc->mpc", factor, pieces).reshape(rows.shape)
 
 
 def predict_all(

@@ -20,10 +20,12 @@ from bayes_inertia.physics.equations_of_motion import internal_momentum, prepare
 from bayes_inertia.physics.integrated_paths import attitude_path, full_path
 from bayes_inertia.physics.slew_context import Trajectory
 from bayes_inertia.physics.slew_input import Drive, SlewInput, Start
-from bayes_inertia.physics.step_drive import known_momentum
+from bayes_inertia.physics.step_drive import at_output, known_momentum
 
 # Hooks that make more than the attitude change during a slew.
 MOVING_HOOKS = ("wheel_torque", "body_torque", "initial_state", "internal_momentum")
+# Hooks that are given the whole slew, and may look between its rows.
+LOOKING_BACK = ("rate_output", "attitude_output", "momentum_output")
 
 
 def simulate_slew(
@@ -56,7 +58,8 @@ def simulate_slew(
     Returns
     -------
     trajectory : Trajectory
-        The slew on the grid; its `effect_states` is empty.
+        The slew on the grid, or where `slew.output` wants it (its `time` is always the grid's);
+        its `effect_states` is empty.
     effect_states : tuple of (n, k) arrays
         Each effect's own states.
 
@@ -72,11 +75,11 @@ def simulate_slew(
     context = slew.context
     mass, state, torque = prepare(slew, start, inertia_B, active, drive)
     known = known_momentum(slew, torque, drive, rows_per_step)
-    path = (
-        full_path(slew, mass, state, known, active, drive)
-        if active.act(*MOVING_HOOKS)
-        else attitude_path(mass, state, known, drive)
-    )
+    if active.act(*MOVING_HOOKS):
+        path = full_path(slew, mass, state, known, active, drive)
+    else:
+        known = at_output(known, slew)
+        path = attitude_path(mass, state, known, drive)
     wheel = known.at_rows
     if drive == "commanded":
         wheel = wheel + stacked(path.wheel)

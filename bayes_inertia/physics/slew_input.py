@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -31,6 +31,40 @@ class SlowError(NamedTuple):
     size: Array
 
 
+class OutputRows(NamedTuple):
+    """Grid points at which a trajectory is wanted, where that is not everywhere.
+
+    Parameters
+    ----------
+    readings : (k,) array of int or None
+        Of body rate and wheel momentum: as many in each integration step, step after step; None
+        for all.
+    fixes : (f,) array of int
+        Of the attitude.
+    """
+
+    readings: Array | None
+    fixes: Array
+
+
+class ReadingProjection(NamedTuple):
+    """Readings of one slew replaced by few combinations of them, in m steps.
+
+    Parameters
+    ----------
+    rows : (m q,) array of int
+        Grid points at which the model is evaluated, q a step.
+    rate : (m, q, q) array
+        From body rates there to what the combined rate readings tell of.
+    momentum : (m, q, q) array
+        The same of the tachometers.
+    """
+
+    rows: Array
+    rate: Array
+    momentum: Array
+
+
 class SlewInput(NamedTuple):
     """Everything the simulator needs of one slew, on its grid of n points.
 
@@ -48,6 +82,9 @@ class SlewInput(NamedTuple):
     slow_error : SlowError, optional
         What was taken off the readings to give `momentum`; draws of one slew then share what the
         integration makes of the readings.
+    output : OutputRows, optional
+        Where the trajectory is wanted; everywhere by default. Heeded where nothing but the
+        attitude changes during the slew, in steps of several rows.
     """
 
     context: SlewContext
@@ -55,6 +92,25 @@ class SlewInput(NamedTuple):
     magnetic_field_N: Array
     position_N: Array
     slow_error: SlowError | None = None
+    output: OutputRows | None = None
+
+    def momentum_at(self, rows: Any) -> Array:
+        """`momentum` at some grid points, without working out the others.
+
+        Parameters
+        ----------
+        rows : int or (k,) array of int
+            Grid points.
+
+        Returns
+        -------
+        (wheels,) or (k, wheels) array
+            Wheel momentum relative to the body [N m s].
+        """
+        if self.slow_error is None:
+            return self.momentum[rows]
+        readings, modes, size = self.slow_error
+        return readings[rows] - modes[rows] @ size.T
 
 
 def without_slow_error(slew: SlewInput, modes: Array, size: Array) -> SlewInput:

@@ -197,6 +197,24 @@ def left_out(grid: StepGrid, pieces: Any, coefficients: Any, xp: ModuleType = jn
     return grid.length[:, None, None] * (passed - of_cubic)
 
 
+class StepPoints(NamedTuple):
+    """Grid points, and what is known beforehand there.
+
+    Parameters
+    ----------
+    step : (k,) array of int
+        The integration step of each.
+    fraction : (k,) array
+        Part of the step that has passed.
+    left_out : (k, wheels) array
+        Integral of what the cubics leave out [N m s^2].
+    """
+
+    step: Array
+    fraction: Array
+    left_out: Array
+
+
 class KnownMomentum(NamedTuple):
     """Momentum of the wheels that is known before the integration.
 
@@ -214,16 +232,63 @@ class KnownMomentum(NamedTuple):
     left_out : (m, r, wheels) array or None
         Integral of what the cubics leave out [N m s^2]; None for steps of one row, where that is
         nothing.
+    fixes : StepPoints, optional
+        Where the attitude is wanted; None for the rows.
     """
 
     steps: StepGrid
     at_rows: Array
     cubic: Array
     left_out: Array | None
+    fixes: StepPoints | None = None
+
+    def at_points(self, rows: Array) -> StepPoints:
+        """What is known at some grid points.
+
+        Parameters
+        ----------
+        rows : (k,) array of int
+            Of the n points of the grid.
+
+        Returns
+        -------
+        StepPoints
+        """
+        fraction = self.steps.fraction
+        assert self.left_out is not None
+        lacking = self.left_out.reshape(fraction.size, -1)
+        return StepPoints(rows // fraction.shape[1], fraction.ravel()[rows], lacking[rows])
+
+
+def at_output(known: KnownMomentum, slew: SlewInput) -> KnownMomentum:
+    """Known momentum at the rows at which a trajectory is wanted.
+
+    Parameters
+    ----------
+    known : KnownMomentum
+        At all rows.
+    slew : SlewInput
+        Says which are wanted.
+
+    Returns
+    -------
+    KnownMomentum
+        The same integration steps, with fewer rows each.
+    """
+    if slew.output is None or known.left_out is None:
+        return known
+    fixes, rows = known.at_points(slew.output.fixes), slew.output.readings
+    if rows is None:
+        return known._replace(fixes=fixes)
+    points, shape = known.at_points(rows), (len(known.steps.length), -1)
+    steps = known.steps._replace(fraction=points.fraction.reshape(shape))
+    at_rows = known.at_rows[rows] if slew.slow_error is None else slew.momentum_at(rows)
+    lacking = points.left_out.reshape(*steps.fraction.shape, -1)
+    return known._replace(steps=steps, at_rows=at_rows, left_out=lacking, fixes=fixes)
 
 
 def known_momentum(
-    slew: SlewInput, torque: Array, drive: Drive, rows_per_step: int
+    slew: SlewInput, torque: Array, drive: Drive, rows_per_step: int, xp: ModuleType = jnp
 ) -> KnownMomentum:
     """Wheel momentum that follows from held commands, or from tachometers.
 
@@ -237,6 +302,8 @@ def known_momentum(
         Which of the two counts.
     rows_per_step : int
         Grid points that one integration step spans.
+    xp : module, optional
+        `jax.numpy` or `numpy`.
 
     Returns
     -------
@@ -252,29 +319,30 @@ def known_momentum(
     [0.0, 1.0, 1.0, 1.0]
     """
     context = slew.context
-    steps = step_grid(context.time, context.step, rows_per_step)
+    steps = step_grid(context.time, context.step, rows_per_step, xp)
     if drive == "commanded":
         # Kept apart from the start value, so that draws of one slew share these rows.
-        gained = jnp.cumsum(torque * context.step[:, None], axis=0)
-        at_rows = jnp.concatenate([jnp.zeros((1, torque.shape[1])), gained[:-1]])
-        return KnownMomentum(steps, at_rows, *_over_steps(steps, at_rows, gained[-1]))
+        gained = xp.cumsum(torque * context.step[:, None], axis=0)
+        at_rows = xp.concatenate([xp.zeros((1, torque.shape[1])), gained[:-1]])
+        return KnownMomentum(steps, at_rows, *_over_steps(steps, at_rows, gained[-1], xp))
     if slew.slow_error is None:
-        return KnownMomentum(
-            steps, slew.momentum, *_over_steps(steps, slew.momentum, slew.momentum[-1])
-        )
+        read = slew.momentum
+        return KnownMomentum(steps, read, *_over_steps(steps, read, read[-1], xp))
     readings, modes, size = slew.slow_error
-    cubic, lacking = _over_steps(steps, readings, readings[-1])
-    of_modes, _ = _over_steps(steps, modes, modes[-1])
+    cubic, lacking = _over_steps(steps, readings, readings[-1], xp)
+    of_modes, _ = _over_steps(steps, modes, modes[-1], xp)
     cubic = cubic - jnp.einsum("mlk,wk->mlw", of_modes, size)
     return KnownMomentum(steps, slew.momentum, cubic, lacking)
 
 
-def _over_steps(steps: StepGrid, at_rows: Array, last: Array) -> tuple[Array, Array | None]:
+def _over_steps(
+    steps: StepGrid, at_rows: Array, last: Array, xp: ModuleType
+) -> tuple[Array, Array | None]:
     """The cubics of all steps, and the integral of what they leave out (None for single rows)."""
     rows_per_step = steps.fraction.shape[1]
-    pieces = step_ends(at_rows, last, rows_per_step)
-    cubic = polynomials(steps, pieces)
-    return cubic, left_out(steps, pieces, cubic) if rows_per_step > 1 else None
+    pieces = step_ends(at_rows, last, rows_per_step, xp)
+    cubic = polynomials(steps, pieces, xp)
+    return cubic, left_out(steps, pieces, cubic, xp) if rows_per_step > 1 else None
 
 
 def value(coefficients: tuple, fraction: Any) -> Any:

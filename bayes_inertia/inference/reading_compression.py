@@ -1,0 +1,295 @@
+"""Readings of a high rate replaced by few combinations of them that tell as much.
+
+Within one integration step every rate and wheel momentum that the model can predict is a
+combination of a few known functions of time: a quintic, what the wheels did beyond the cubic that
+the integrator was given times a quintic, and the wheels' momentum itself. Readings with white noise
+tell of the model only through their projections on the span of these functions (the sufficient
+statistics of linear regression; Golub and Van Loan 2013, section 5.3). With U an orthonormal basis
+of the span, the model is evaluated at as many rows p as it has functions, chosen by QR with column
+pivoting, and U U_p^-1 = Q R leads from there to all rows:
+|z - m|^2 = |Q^T z - R m_p|^2 + |z - Q Q^T z|^2. The last term does not depend on the model.
+
+A chosen row's value is exact for any model in the span; functions are left out of it only where the
+model holds less of them than `_NEGLIGIBLE` of the noise.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.polynomial.legendre import legvander
+from scipy.linalg import qr
+from scipy.special import factorial2
+
+from bayes_inertia.inference.likelihood import Residuals
+from bayes_inertia.inference.marginal_posterior import Marginal
+from bayes_inertia.inference.noise_model import Whitening
+from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.physics.prediction import Structure
+from bayes_inertia.physics.slew_input import ReadingProjection, SlewInput
+from bayes_inertia.physics.step_drive import KnownMomentum, known_momentum
+
+# Functions of which the model holds less than this share of one reading's noise are left out.
+_NEGLIGIBLE = 1e-6
+_DEGREE = 5  # of the dense output
+# Nuisances and parameters may make what the model holds of a function so many times as large.
+_MARGIN = 10.0
+# Rows a step with which compression is tried, and the share of them that is worth it.
+_FEWEST_ROWS = 12
+_WORTHWHILE = 0.6
+
+
+class _Channel(NamedTuple):
+    """One channel on the integration grid; noise and weights are the same in all rows of a slew."""
+
+    valid: np.ndarray  # (slews, grid)
+    readings: np.ndarray  # (slews, grid, components)
+    whiten: np.ndarray  # (slews, components, components)
+    columns: np.ndarray  # (slews, grid, components, nuisances), whitened
+
+
+class _Rows(NamedTuple):
+    """Rows at which the model is evaluated, and what leads from there to all rows of a step."""
+
+    chosen: np.ndarray  # (slews, m, q), within each step
+    to_all: np.ndarray  # (slews, m, r, q)
+
+
+class _Combined(NamedTuple):
+    """One channel in few combinations of its readings."""
+
+    factor: np.ndarray  # (slews, m, q, q)
+    readings: np.ndarray  # (slews, m q, components)
+    columns: np.ndarray  # (slews, m q components, nuisances)
+    unexplained: float
+
+
+def compressed(structure: Structure, marginal: Marginal) -> Marginal:
+    """The same marginal posterior from fewer numbers, where the rate of telemetry is high.
+
+    Parameters
+    ----------
+    structure : Structure
+    marginal : Marginal
+
+    Returns
+    -------
+    Marginal
+        The one given, where `why_not_compressed` has a reason or little would be gained.
+    """
+    if why_not_compressed(structure, marginal) is not None:
+        return marginal
+    channels = _rates(marginal), _momenta(marginal)
+    rows = _chosen_rows(structure, marginal, channels[0].valid | channels[1].valid)
+    if rows is None:
+        return marginal
+    rate, momentum = (_combined(channel, rows) for channel in channels)
+    telemetry, white = marginal.data.arrays.telemetry, marginal.white
+    first = structure.rows_per_step * np.arange(rows.chosen.shape[1])
+    grid_rows = (rows.chosen + first[:, None]).reshape(len(rows.chosen), -1)
+    n = grid_rows.shape[1]
+    telemetry = telemetry._replace(
+        rate=jnp.asarray(rate.readings),
+        momentum=jnp.asarray(momentum.readings),
+        projection=ReadingProjection(*map(jnp.asarray, (grid_rows, rate.factor, momentum.factor))),
+    )
+    wheels = np.diagonal(channels[1].whiten, axis1=1, axis2=2)
+    white = Whitening(
+        jnp.asarray(np.repeat(channels[0].whiten[:, None], n, axis=1)),
+        white.attitude,
+        jnp.asarray(np.repeat(wheels[:, None], n, axis=1)),
+    )
+    columns = [jnp.asarray(rate.columns), marginal.columns.attitude, jnp.asarray(momentum.columns)]
+    if structure.drive == "measured":
+        columns[2] = marginal.columns.momentum
+    arrays = marginal.data.arrays._replace(telemetry=telemetry)
+    return marginal._replace(
+        columns=Residuals(*columns),
+        data=marginal.data._replace(arrays=arrays),
+        white=white,
+        unexplained=jnp.asarray(rate.unexplained + momentum.unexplained),
+    )
+
+
+def why_not_compressed(structure: Structure, marginal: Marginal) -> str | None:
+    """Why the readings of a campaign are compared one by one.
+
+    Parameters
+    ----------
+    structure : Structure
+    marginal : Marginal
+
+    Returns
+    -------
+    str or None
+        The reason; None where nothing speaks against combining them.
+    """
+    if structure.rows_per_step < _FEWEST_ROWS:
+        return "integration steps span few rows"
+    acting = any(effect.acts("delivered_torque") for effect in structure.effects)
+    if acting or not structure.has_sparse_output:
+        return "an effect acts on the motion within a step, or on a sensor"
+    if marginal.coefficients is not None:
+        return "effects without a fixed shape are integrated out"
+    white = marginal.white
+    if white.memory is not None:
+        return "the noise of the rates is correlated"
+    rates = np.asarray(white.rate)
+    if not _even(rates.reshape(*rates.shape[:2], 9)):
+        return "the noise of the rates differs between rows, or some lack the reading of an axis"
+    if not _even(np.asarray(white.momentum)):
+        return "the tachometers' noise differs between rows, or some lack the reading of a wheel"
+    return None
+
+
+def _even(factors: np.ndarray) -> bool:
+    """Whether all rows (slews, n, k) of each slew that are not zero are equal."""
+    valid = (factors != 0.0).any(axis=-1)
+    same = (factors == _of_slews(factors, valid)[:, None]).all(axis=-1)
+    return bool((same | ~valid).all())
+
+
+def _rates(marginal: Marginal) -> _Channel:
+    telemetry, whiten = marginal.data.arrays.telemetry, np.asarray(marginal.white.rate)
+    valid = (whiten != 0.0).any(axis=(-2, -1))
+    return _channel(marginal, valid, telemetry.rate, _of_slews(whiten, valid), 0)
+
+
+def _momenta(marginal: Marginal) -> _Channel:
+    telemetry, whiten = marginal.data.arrays.telemetry, np.asarray(marginal.white.momentum)
+    valid = (whiten != 0.0).any(axis=-1)
+    diagonal = _of_slews(whiten, valid)[..., None] * np.eye(whiten.shape[-1])
+    return _channel(marginal, valid, telemetry.momentum, diagonal, 2)
+
+
+def _of_slews(whiten: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """The first factor of each slew that is not zero."""
+    return whiten[np.arange(len(whiten)), valid.argmax(axis=1)]
+
+
+def _channel(
+    marginal: Marginal, valid: np.ndarray, readings: Any, whiten: np.ndarray, channel: int
+) -> _Channel:
+    """A channel moved from the rows of the telemetry to those of the grid."""
+    arrays = marginal.data.arrays
+    sample, grid = np.asarray(arrays.telemetry.sample), arrays.slews.context.time.shape[1]
+
+    def on_grid(rows: np.ndarray) -> np.ndarray:
+        moved = np.zeros((len(rows), grid, *rows.shape[2:]), rows.dtype)
+        for s, counts in enumerate(valid):
+            moved[s, sample[s, counts]] = rows[s, counts]
+        return moved
+
+    columns = np.asarray(marginal.columns[channel])
+    # In the measured drive tachometers are not compared.
+    shape = *valid.shape, readings.shape[-1], columns.shape[-1]
+    columns = columns.reshape(shape) if columns.size else np.zeros(shape)
+    return _Channel(on_grid(valid), on_grid(np.asarray(readings)), whiten, on_grid(columns))
+
+
+def _known(structure: Structure, slews: SlewInput) -> KnownMomentum:
+    """What is known beforehand of all slews, arrays of numpy: compiling would take longer."""
+    drive, rows = structure.drive, structure.rows_per_step
+    arrays = jax.tree.map(np.asarray, slews)
+
+    def of(k: int) -> KnownMomentum:
+        slew = jax.tree.map(lambda x: x[k], arrays)
+        return known_momentum(slew, slew.context.torque, drive, rows, np)
+
+    parts = [of(k) for k in range(len(arrays.context.time))]
+    return jax.tree.map(lambda *x: np.stack(x), *parts)
+
+
+def _chosen_rows(structure: Structure, marginal: Marginal, valid: np.ndarray) -> _Rows | None:
+    """As many rows of each step as the model has functions there; None where most are needed."""
+    slews, r = marginal.data.arrays.slews, structure.rows_per_step
+    known = _known(structure, slews)
+    counts = valid.reshape(known.steps.fraction.shape)[..., None]
+    basis, size, _ = np.linalg.svd(_functions(structure, marginal, known) * counts, False)
+    rank = (size > _NEGLIGIBLE * np.sqrt(r)).sum(axis=-1)
+    q = int(rank.max())
+    if q > _WORTHWHILE * r:
+        return None
+    chosen = np.zeros((*rank.shape, q), int)
+    to_all = np.zeros((*rank.shape, r, q))
+    for at in np.ndindex(rank.shape):
+        of_step = basis[at][:, : rank[at]]
+        order = qr(of_step.T, mode="r", pivoting=True)[1] if rank[at] else np.arange(r)
+        chosen[at] = np.sort(order[:q])
+        to_all[at] = of_step @ np.linalg.pinv(of_step[chosen[at]])
+    return _Rows(chosen, to_all)
+
+
+def _functions(structure: Structure, marginal: Marginal, known: KnownMomentum) -> np.ndarray:
+    """What predictions may consist of (slews, m, r, functions), as large as it may be in sigmas."""
+    motion = _Motion.of(marginal)
+    fraction = known.steps.fraction
+    legendre = legvander(2.0 * fraction - 1.0, _DEGREE)
+    order = np.arange(_DEGREE + 1)
+    half_turn = 0.5 * motion.frequency * known.steps.length.max()
+    # Expansion coefficients of a plane wave (Abramowitz and Stegun 1972, 10.1.2 and 10.1.47).
+    fading = np.minimum(1.0, half_turn**order / factorial2(np.maximum(2 * order - 1, 1)))
+    assert known.left_out is not None
+    kicked = (known.left_out * motion.per_kick)[..., None] * fading * legendre[..., None, :]
+    wheels = known.at_rows.reshape(known.left_out.shape) * motion.per_momentum
+    parts = [
+        legendre * motion.rate,
+        _MARGIN * kicked.reshape(*fraction.shape, kicked[0, 0, 0].size),
+        wheels,
+    ]
+    if structure.drive == "measured":
+        modes = np.asarray(marginal.data.arrays.telemetry.tachometer_modes)
+        sd = np.asarray(marginal.data.scale.local)[6:].max(initial=0.0)
+        size = _MARGIN * sd * motion.per_momentum.max(initial=0.0)
+        parts.append(size * modes.reshape(*fraction.shape, modes.shape[-1]))
+    return np.concatenate(parts, axis=-1)
+
+
+class _Motion(NamedTuple):
+    """How large the parts of predictions are, in sigmas of whichever sensor sees them best."""
+
+    frequency: float  # fastest change of the rates [rad/s]
+    rate: float
+    per_kick: np.ndarray  # (wheels,) of momentum integrated over time [1/(N m s^2)]
+    per_momentum: np.ndarray  # (wheels,) [1/(N m s)]
+
+    @classmethod
+    def of(cls, marginal: Marginal) -> _Motion:
+        """From readings, and J of the optimum."""
+        slews, telemetry, _ = marginal.data.arrays
+        hardware = slews.context.wheel_axes_B[0], slews.context.spin_inertia[0]
+        axes, spin = (np.asarray(part) for part in hardware)
+        tensor = np.asarray(inertia_tensor.tensor(marginal.optimum.theta[:6]))
+        moments = np.linalg.eigvalsh(tensor)
+        rate = np.sqrt(3.0) * float(np.abs(np.asarray(telemetry.rate)).max(initial=0.0))
+        held = np.abs(np.asarray(slews.momentum)).max(axis=(0, 1), initial=0.0)
+        momentum = float(moments[-1] * rate + held.sum())
+        frequency = rate + momentum / float(np.sqrt(moments[0] * moments[1]))
+        by_wheel = np.asarray(marginal.white.momentum).max(axis=(0, 1), initial=0.0)
+        by_gyro = float(np.abs(np.asarray(marginal.white.rate)).max(initial=0.0))
+        sigmas = max(by_gyro, float((by_wheel * spin).max(initial=0.0)))
+        turned = sigmas * np.linalg.norm(np.linalg.solve(tensor, axes), axis=0)
+        kick = turned * momentum / moments[0]
+        return cls(frequency, rate * sigmas, kick, turned + by_wheel)
+
+
+def _combined(channel: _Channel, rows: _Rows) -> _Combined:
+    """A channel's readings and columns projected on what the model can predict."""
+    slews, m, r, q = rows.to_all.shape
+    shape = slews, m, r
+    factors = np.linalg.qr(rows.to_all * channel.valid.reshape(*shape, 1))
+    readings = channel.readings.reshape(*shape, channel.readings.shape[-1])
+    combined = np.einsum("smrq,smrc->smqc", factors.Q, readings)
+    rest = readings - factors.Q @ combined
+    unexplained = np.einsum("scd,smrd->smrc", channel.whiten, rest)
+    columns = channel.columns.reshape(*shape, *channel.columns.shape[2:])
+    columns = np.einsum("smrq,smrck->smqck", factors.Q, columns)
+    return _Combined(
+        factors.R,
+        combined.reshape(slews, m * q, readings.shape[-1]),
+        columns.reshape(slews, m * q * readings.shape[-1], columns.shape[-1]),
+        float(np.sum(unexplained**2)),
+    )
