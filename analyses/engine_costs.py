@@ -60,34 +60,47 @@ class Cost:
 
 
 @dataclass(frozen=True)
-class UnitCosts:
-    """What one spacecraft costs a week, measured on the example campaign.
+class FitCosts:
+    """What `fit-many` costs for one spacecraft, measured on the example campaign.
 
     Parameters
     ----------
-    fit, first_fit : float
-        Processor time of a fit in a worker that has fitted such a campaign before, and that has
+    fit, first : float
+        Processor time of a fit in a process that has fitted such a campaign before, and that has
         not [s].
-    diagnosis, first_diagnosis : float
-        Of a diagnosis, likewise [s].
     digest : float
         Of the digest of a campaign's files, which the driver makes before it begins [s].
     campaign : int
         Size of the campaign [bytes].
     memory : int
-        Largest memory of the process that did all this [bytes].
+        Largest memory of the process [bytes].
     row : dict
         The row of `fit-many`.
     """
 
     fit: float
-    first_fit: float
-    diagnosis: float
-    first_diagnosis: float
+    first: float
     digest: float
     campaign: int
     memory: int
     row: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class DiagnosisCosts:
+    """What a diagnosis of the example campaign costs.
+
+    Parameters
+    ----------
+    diagnosis, first : float
+        Processor time in a process that has diagnosed such a campaign before, and that has not [s].
+    memory : int
+        Largest memory of the process [bytes].
+    """
+
+    diagnosis: float
+    first: float
+    memory: int
 
 
 class WideWindow:
@@ -174,33 +187,42 @@ def costs_of_rows(row: dict[str, Any], count: int, folder: Path) -> list[Cost]:
     ]
 
 
-def unit_costs(work: Path) -> UnitCosts:
-    """Fit the example twice and diagnose it twice, in this process."""
+def costs_of_fits(work: Path) -> FitCosts:
+    """Fit the example twice, in this process."""
     folder = work / "units"
     shutil.rmtree(folder, ignore_errors=True)
     for name in ("first", "second"):
         shutil.copytree(EXAMPLE, folder / "fleet" / name)
-        # Another name is another campaign.
+        # Another text is another campaign.
         toml = folder / "fleet" / name / "campaign.toml"
         toml.write_text(f"# {name}\n" + toml.read_text())
     clock = [time.process_time()]
     result = fit_many(
         folder / "fleet", folder / "out", progress=lambda *_: clock.append(time.process_time())
     )
-    fits = [after - before for before, after in pairwise(clock)]
-    diagnoses = []
-    for seed in (1, 2):
-        began = time.process_time()
-        diagnose(read_campaign(EXAMPLE), seed=seed)
-        diagnoses.append(time.process_time() - began)
+    first, second = (after - before for before, after in pairwise(clock))
     began = time.process_time()
     for _ in range(10):
         campaign_sha256(EXAMPLE)
     digest = (time.process_time() - began) / 10
     row = {key: value for key, value in result.rows[0].items() if key != "task"}
     size = sum(path.stat().st_size for path in EXAMPLE.iterdir())
-    peak = 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return UnitCosts(min(fits[1:]), fits[0], diagnoses[1], diagnoses[0], digest, size, peak, row)
+    return FitCosts(second, first, digest, size, _peak(), row)
+
+
+def costs_of_diagnoses() -> DiagnosisCosts:
+    """Diagnose the example twice, in this process."""
+    seconds = []
+    for seed in (1, 2):
+        began = time.process_time()
+        diagnose(read_campaign(EXAMPLE), seed=seed)
+        seconds.append(time.process_time() - began)
+    return DiagnosisCosts(seconds[1], seconds[0], _peak())
+
+
+def _peak() -> int:
+    """Largest memory of this process so far [bytes]."""
+    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def _memory() -> int:

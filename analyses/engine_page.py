@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from engine_costs import Cost, UnitCosts
+from engine_costs import Cost, DiagnosisCosts, FitCosts
 from engine_kills import KilledStudy
 from engine_throughput import Throughput, gain
 
@@ -27,7 +27,8 @@ class FleetWeek:
     workers : int
         One core each.
     fits, diagnoses : float
-        Hours until all are fitted, and until all are diagnosed besides.
+        Hours until all are fitted, and until all are diagnosed besides; NaN where that was not
+        measured.
     driver : float
         Share of its core that driver and scheduler are busy while fits run.
     shards : float
@@ -47,26 +48,29 @@ class FleetWeek:
     memory: float
 
 
-def fleet_weeks(costs: Sequence[Cost], units: UnitCosts) -> list[FleetWeek]:
+def fleet_weeks(
+    costs: Sequence[Cost], fits: FitCosts, diagnoses: DiagnosisCosts | None
+) -> list[FleetWeek]:
     """The fleet with each number of workers."""
     by = {cost.what: cost for cost in costs}
     call, wide = (_each(by[f"dask, one by one{x}"]) for x in ("", ", 512 at once"))
     written, kept = by["into shards of 25"], by["in memory"]
     shard = max(written.driver - kept.driver, 0.0) / written.files
+    diagnosis = float("nan") if diagnoses is None else diagnoses.diagnosis
     weeks = []
     for workers in WORKERS:
-        rate = workers / units.fit
+        rate = workers / fits.fit
         rows = rate * _SAVE_EVERY
         touched = _NAMED_SHARDS * (1.0 - (1.0 - 1.0 / _NAMED_SHARDS) ** rows)
         weeks.append(
             FleetWeek(
                 workers,
                 FLEET / rate / 3600.0,
-                FLEET * units.diagnosis / workers / 3600.0,
+                FLEET * diagnosis / workers / 3600.0,
                 rate * (wide if workers > _MANY_WORKERS else call),
                 shard * touched / _SAVE_EVERY,
-                rate * units.campaign,
-                workers * units.memory,
+                rate * fits.campaign,
+                workers * fits.memory,
             )
         )
     return weeks
@@ -78,7 +82,11 @@ def _each(cost: Cost) -> float:
 
 
 def page(
-    kills: KilledStudy, runs: Sequence[Throughput], costs: Sequence[Cost], units: UnitCosts
+    kills: KilledStudy,
+    runs: Sequence[Throughput],
+    costs: Sequence[Cost],
+    fits: FitCosts,
+    diagnoses: DiagnosisCosts | None,
 ) -> str:
     """All of it."""
     lines = [
@@ -90,7 +98,7 @@ def page(
         *_of_kills(kills),
         *_of_throughput(runs),
         *_of_costs(costs),
-        *_of_fleet(costs, units),
+        *_of_fleet(costs, fits, diagnoses),
         "",
     ]
     return "\n".join(lines)
@@ -130,6 +138,8 @@ def _yes(right: bool) -> str:
 
 
 def _of_throughput(runs: Sequence[Throughput]) -> list[str]:
+    if not runs:
+        return []
     lines = [
         "## Two workers against one",
         "",
@@ -177,21 +187,21 @@ def _of_costs(costs: Sequence[Cost]) -> list[str]:
     return [*lines, ""]
 
 
-def _of_fleet(costs: Sequence[Cost], units: UnitCosts) -> list[str]:
+def _of_fleet(costs: Sequence[Cost], fits: FitCosts, diagnoses: DiagnosisCosts | None) -> list[str]:
     by = {cost.what: cost for cost in costs}
     row, kept = by["into shards by name"], by["in memory"]
     rows_size = FLEET * row.size / row.count
     lines = [
         "## 10,000 spacecraft, fitted every week",
         "",
-        f"Measured on the example campaign (five slews, {units.campaign / 1e6:.2f} MB), in "
+        f"Measured on the example campaign (five slews, {fits.campaign / 1e6:.2f} MB), in "
         "processor time:",
         "",
-        f"- a fit {units.fit:.1f} s, the first of a worker {units.first_fit:.1f} s;",
-        f"- a diagnosis {units.diagnosis:.1f} s, the first {units.first_diagnosis:.1f} s;",
-        f"- the digest of a campaign's files, which the driver makes, {1e3 * units.digest:.1f} ms;",
+        f"- a fit {fits.fit:.1f} s, the first of a worker {fits.first:.1f} s;",
+        *_of_diagnoses(diagnoses),
+        f"- the digest of a campaign's files, which the driver makes, {1e3 * fits.digest:.1f} ms;",
         f"- a row on the disk {row.size / row.count:.0f} bytes;",
-        f"- the process that did all this held {units.memory / 1e9:.2f} GB at most.",
+        f"- the process that fitted held {fits.memory / 1e9:.2f} GB at most.",
         "",
         "From these, by arithmetic:",
         "",
@@ -199,7 +209,7 @@ def _of_fleet(costs: Sequence[Cost], units: UnitCosts) -> list[str]:
         "writing shards | telemetry read [MB/s] | memory of workers [GB] |",
         "|---|---|---|---|---|---|---|",
     ]
-    weeks = fleet_weeks(costs, units)
+    weeks = fleet_weeks(costs, fits, diagnoses)
     lines += [
         f"| {w.workers} | {w.fits:.2g} | {w.diagnoses:.3g} | {100 * w.driver:.2g} % | "
         f"{100 * w.shards:.2g} % | {w.read / 1e6:.2g} | {w.memory / 1e9:.3g} |"
@@ -212,16 +222,24 @@ def _of_fleet(costs: Sequence[Cost], units: UnitCosts) -> list[str]:
         "What binds:",
         "",
         f"- **The scheduler** and the driver take {1e3 * call:.1f} ms a call with 512 calls "
-        f"submitted: {units.fit / call:,.0f} workers would keep them busy with fits, "
-        f"{units.diagnosis / call:,.0f} with diagnoses.",
+        f"submitted: {fits.fit / call:,.0f} workers would keep them busy with fits.",
         f"- **The file system**: rows of the whole fleet are {rows_size / 1e6:.0f} MB "
         f"in {row.files} shards, which only the driver writes; before the first fit it reads "
-        f"all {FLEET * units.campaign / 1e9:.1f} GB of telemetry once for the digests "
-        f"({FLEET * units.digest / 60.0:.1f} minutes of processor time), and all "
+        f"all {FLEET * fits.campaign / 1e9:.1f} GB of telemetry once for the digests "
+        f"({FLEET * fits.digest / 60.0:.1f} minutes of processor time), and all "
         "workers wait for that.",
-        f"- **Memory**: each worker holds {units.memory / 1e9:.1f} GB, so a machine has as many "
+        f"- **Memory**: a worker that fits holds {fits.memory / 1e9:.1f} GB: a machine has as many "
         "workers as cores only with that much a core. The driver holds all rows: "
         f"{max(kept.memory, 0) * FLEET / kept.count / 1e6:.0f} MB.",
         "",
         "Not measured: 256 real workers. Their connections cost the scheduler heartbeats besides.",
+    ]
+
+
+def _of_diagnoses(diagnoses: DiagnosisCosts | None) -> list[str]:
+    if diagnoses is None:
+        return ["- a diagnosis: not measured in this run;"]
+    return [
+        f"- a diagnosis {diagnoses.diagnosis:.1f} s, the first {diagnoses.first:.1f} s, "
+        f"{diagnoses.memory / 1e9:.2f} GB at most;"
     ]

@@ -150,9 +150,8 @@ def mat73_bytes(columns: Columns, random: Random | None = None) -> bytes:
         with h5py.File(file, "w", userblock_size=512) as store:
             changed = dict(columns) if random is None else changed_columns(columns, random)
             for name, values in changed.items():
-                array = np.asarray(values)
-                text = array.dtype.kind == "U"
-                store[name] = array.astype("S") if text else np.atleast_2d(array)
+                array = _as_hdf5(values)
+                store[name] = array if array.dtype.kind == "S" else np.atleast_2d(array)
                 matlab = "double"
                 if random is not None and random.random() < 0.1:
                     matlab = str(random.choice(["char", "cell", "struct", "string", "logical"]))
@@ -161,12 +160,18 @@ def mat73_bytes(columns: Columns, random: Random | None = None) -> bytes:
                     store[name].attrs["MATLAB_empty"] = np.uint8(1)
             if random is not None and random.random() < 0.3:
                 extra = store.create_group("#refs#")
-                extra["a"] = mutated_array(np.arange(5.0), random).real
+                extra["a"] = _as_hdf5(mutated_array(np.arange(5.0), random)).real
                 store["cells"] = np.array([[extra["a"].ref]], dtype=h5py.ref_dtype)
                 store["cells"].attrs["MATLAB_class"] = np.bytes_("cell")
 
     made = as_bytes(write)
     return _MATLAB_HEAD + made[len(_MATLAB_HEAD) :]
+
+
+def _as_hdf5(values) -> np.ndarray:
+    """An array of a kind that HDF5 has: text as bytes."""
+    array = np.asarray(values)
+    return array.astype("S") if array.dtype.kind == "U" else array
 
 
 WRITERS: dict[str, Callable[..., bytes]] = {
