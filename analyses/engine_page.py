@@ -85,10 +85,11 @@ def page(
     kills: KilledStudy,
     runs: Sequence[Throughput],
     costs: Sequence[Cost],
-    fits: FitCosts,
+    fits: FitCosts | None,
     diagnoses: DiagnosisCosts | None,
 ) -> str:
-    """All of it."""
+    """All that was measured; the fleet needs the costs of rows and of fits."""
+    fleet = fits is not None and any(cost.files for cost in costs)
     lines = [
         "# The engine of studies under fire, and what it costs",
         "",
@@ -98,7 +99,7 @@ def page(
         *_of_kills(kills),
         *_of_throughput(runs),
         *_of_costs(costs),
-        *_of_fleet(costs, fits, diagnoses),
+        *(_of_fleet(costs, fits, diagnoses) if fleet else ()),
         "",
     ]
     return "\n".join(lines)
@@ -110,8 +111,8 @@ def _of_kills(kills: KilledStudy) -> list[str]:
         "",
         f"{kills.fits} fits: campaigns of two slews at one row a second, drawn from the prior, "
         "flown in closed loop and fitted, as `bayes-inertia study` does (optimizer, no chain: the",
-        f"cheapest fit of the package, {kills.serial_seconds:.2f} s of processor time with all "
-        "starts). A local dask cluster of two workers.",
+        f"cheapest fit of the package, {kills.serial_seconds:.2f} s of processor time, the start "
+        "of the process included). A local dask cluster of two workers.",
         "Three times a worker and then the driver got SIGKILL at random moments; the same command "
         "went on, and at last ran to its end.",
         "",

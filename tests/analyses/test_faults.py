@@ -42,6 +42,15 @@ def test_a_case_is_drawn_from_its_number_and_judged(study):
     assert "refused" in outcomes
 
 
+def test_every_format_can_be_damaged_in_its_structure(study):
+    _, fault_targets, corpus = study
+    columns = fault_targets.sound_columns(corpus)
+    for suffix, write in fault_targets.WRITERS.items():
+        random = np.random.default_rng(5)
+        drawn = {write(columns, random) for _ in range(100)}
+        assert len(drawn) > 90, suffix
+
+
 def judged(fault_study, fault_targets, case, corpus, random) -> str:
     folder = corpus.parent / "case"
     folder.mkdir(exist_ok=True)
