@@ -94,6 +94,7 @@ def history_page(rows: Sequence[Mapping[str, str]]) -> str:
         "analyses/benchmark.py`; here are the last.",
         "`--check` compares the last two and fails where one became worse by more than 20 %.",
         "A worker's wait for cores that others had is taken off the throughput of workers.",
+        "The first two rows are what benchmark.json and evaluation_benchmark.json of then held.",
         "",
         *history_table(rows),
     ]
