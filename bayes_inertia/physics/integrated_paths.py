@@ -298,8 +298,12 @@ def _at_points(
     first: list, last: list, points: StepPoints, mass: MassProperties
 ) -> tuple[Components, Components]:
     """Quintics at some points, and how far the body turns there by what the cubics leave out."""
-    ends = zip(first, last, strict=True)
-    pieces = [quintic(*([x[points.step] for x in end] for end in pair)) for pair in ends]
+
+    def of_step(end: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        x, v, a = end
+        return x[points.step], v[points.step], a[points.step]
+
+    pieces = [quintic(of_step(a), of_step(b)) for a, b in zip(first, last, strict=True)]
     angle = -(mass.inverse @ mass.axes_B) @ points.left_out.T
     return tuple(value(p, points.fraction) for p in pieces), tuple(angle)
 
