@@ -120,7 +120,7 @@ def calibration_json(calibration: Calibration) -> dict[str, Any]:
         Verdict, and for every case and quantity p-value, z and coverage.
     """
     return {
-        "verdict": "rejected" if calibration.rejected else "right",
+        "verdict": "rejected" if calibration.rejected else "not rejected",
         "rejected": [{"case": case, "quantity": name} for case, name in calibration.rejected],
         "p_value_limit": calibration.limit,
         "fits": calibration.fits,

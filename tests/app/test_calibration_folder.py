@@ -38,7 +38,7 @@ def test_right_and_wrong_posteriors_are_told_apart(ranked, tmp_path: Path, capsy
     assert "40 fits" in printed
     assert "No quantity is rejected." in printed
     content = json.loads((tmp_path / "right" / "calibration.json").read_text())
-    assert content["verdict"] == "right"
+    assert content["verdict"] == "not rejected"
     assert content["cases"]["effects"]["fits"] == 20
     assert set(content["cases"]["effects"]["quantities"]) == set(QUANTITIES)
     assert (tmp_path / "right" / "calibration.png").stat().st_size > 10_000
