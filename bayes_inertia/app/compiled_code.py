@@ -30,7 +30,9 @@ VARIABLE = "BAYES_INERTIA_CACHE"
 _OFF = ("off", "0", "no", "false")
 # Who sets this has a cache of his own.
 _OF_JAX = "JAX_COMPILATION_CACHE_DIR"
-_LARGEST = 2**29  # [bytes] of one version; what was not used for longest goes first.
+# [bytes] of one version: some thirty shapes. What was not used for longest goes first; JAX looks at
+# every entry when it writes one, so that a larger cache would be slow.
+_LARGEST = 2**27
 _LEAST_SECONDS = 0.05  # What compiles faster is not kept.
 _UNUSED_AFTER = 30 * 86_400.0  # [s] after which the code of another version is deleted.
 _FAILURE = re.compile(

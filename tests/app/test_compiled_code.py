@@ -29,6 +29,24 @@ with compiled_code_kept("no-cache" not in sys.argv):
 print(json.dumps([bits, seen.count("cache_hits"), seen.count("cache_misses")]))
 """
 
+# Estimate and density of a small campaign, to the last bit.
+FIT = """
+import hashlib, json, sys
+from bayes_inertia.app.compiled_code import compiled_code_kept
+with compiled_code_kept():
+    from jax import monitoring
+    hits = []
+    monitoring.register_event_listener(lambda name, **_: hits.append("cache_hits" in name))
+    from bayes_inertia.inference.optimizer import estimate
+    from bayes_inertia.inference.sampler import log_density_at
+    from bayes_inertia.physics.forward_model import Model
+    from bayes_inertia.physics.small_campaign import small_campaign
+    fitted = estimate(Model(small_campaign()), starts=1)
+    density = log_density_at(fitted)(fitted.theta[None] * 1.01)
+    bits = hashlib.sha256(fitted.theta.tobytes() + density.tobytes()).hexdigest()
+print(json.dumps([bits, sum(hits)]))
+"""
+
 
 def environment(cache: Path | str) -> dict[str, str]:
     """That of a user who keeps compiled code in a folder."""
@@ -36,10 +54,10 @@ def environment(cache: Path | str) -> dict[str, str]:
     return own | {VARIABLE: str(cache)}
 
 
-def run(cache: Path | str, *words: str) -> tuple[str, int, int, str]:
+def run(cache: Path | str, *words: str, program: str = PROGRAM) -> tuple:
     """Bits, hits and misses of a run, and what it said on stderr."""
     done = subprocess.run(
-        [sys.executable, "-c", PROGRAM, *words],
+        [sys.executable, "-c", program, *words],
         env=environment(cache),
         capture_output=True,
         text=True,
@@ -148,3 +166,13 @@ def test_a_program_that_uses_jax_keeps_its_configuration(monkeypatch, tmp_path):
     with compiled_code_kept():
         assert "JAX_COMPILATION_CACHE_DIR" not in os.environ
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_a_fit_has_the_same_bits_with_kept_code(tmp_path):
+    bits, hits, said = run(tmp_path, program=FIT)
+    assert said == ""
+    assert hits < 10  # Of one run, too: equal programs of two functions.
+    again, hits, said = run(tmp_path, program=FIT)
+    assert hits > 50
+    assert (again, said) == (bits, "")
