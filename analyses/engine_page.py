@@ -190,7 +190,8 @@ def _of_costs(costs: Sequence[Cost]) -> list[str]:
 
 def _of_fleet(costs: Sequence[Cost], fits: FitCosts, diagnoses: DiagnosisCosts | None) -> list[str]:
     by = {cost.what: cost for cost in costs}
-    row, kept = by["into shards by name"], by["in memory"]
+    row = by.get("into shards by name", by["into shards of 25"])
+    kept = by["in memory"]
     rows_size = FLEET * row.size / row.count
     lines = [
         "## 10,000 spacecraft, fitted every week",
@@ -212,7 +213,7 @@ def _of_fleet(costs: Sequence[Cost], fits: FitCosts, diagnoses: DiagnosisCosts |
     ]
     weeks = fleet_weeks(costs, fits, diagnoses)
     lines += [
-        f"| {w.workers} | {w.fits:.2g} | {w.diagnoses:.3g} | {100 * w.driver:.2g} % | "
+        f"| {w.workers} | {w.fits:.2g} | {_hours(w.diagnoses)} | {100 * w.driver:.2g} % | "
         f"{100 * w.shards:.2g} % | {w.read / 1e6:.2g} | {w.memory / 1e9:.3g} |"
         for w in weeks
     ]
@@ -244,3 +245,7 @@ def _of_diagnoses(diagnoses: DiagnosisCosts | None) -> list[str]:
         f"- a diagnosis {diagnoses.diagnosis:.1f} s, the first {diagnoses.first:.1f} s, "
         f"{diagnoses.memory / 1e9:.2f} GB at most;"
     ]
+
+
+def _hours(hours: float) -> str:
+    return "not measured" if hours != hours else f"{hours:.3g}"
