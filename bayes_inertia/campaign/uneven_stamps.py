@@ -97,8 +97,8 @@ def clock_through(time: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
     Examples
     --------
     >>> fitted, rows, step = clock_through(np.array([5.0, 6.0, 7.0, 9.0]))
-    >>> fitted.round(9).tolist(), rows.tolist(), round(step, 9)
-    ([0.0, 1.0, 2.0, 4.0], [0.0, 1.0, 2.0, 4.0], 1.0)
+    >>> fitted.round(9).tolist(), [round(row) for row in rows], round(float(step), 9)
+    ([0.0, 1.0, 2.0, 4.0], [0, 1, 2, 4], 1.0)
     """
     rows = row_numbers(time)
     for _ in range(2):

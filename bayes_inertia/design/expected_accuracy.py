@@ -95,8 +95,9 @@ def expected_sd(plan: Plan, mission: Mission, *, truths: int = 8, seed: int = 0)
     Examples
     --------
     >>> from bayes_inertia.flight.mission import most_like_mission
-    >>> from bayes_inertia.flight.plan import paper_like_plan
-    >>> bool(expected_sd(paper_like_plan(), most_like_mission(), truths=2)[3] < 1e-4)
+    >>> from bayes_inertia.flight.plan import PlannedSlew
+    >>> plan = Plan("one", (PlannedSlew((1.0, 0.0, 0.0), 0.5),))
+    >>> bool(expected_sd(plan, most_like_mission(), truths=1)[0] < 0.01)
     True
     """
     controller = mission.controller()
