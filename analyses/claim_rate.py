@@ -257,10 +257,10 @@ def rate_notes(
 
 def rate_curves(rates: np.ndarray, sds: np.ndarray, quick: bool) -> dict[str, np.ndarray]:
     """rms sd (rates,) of the products of inertia: both parts, either alone, slow ramps."""
-    without = sds * np.nan
+    without = slow = sds * np.nan
     if not quick:
         without = np.array([sd_of(r * DEG, (WithoutGyricTorque(),)) for r in rates])
-    slow = np.array([sd_of(r * DEG, ramp=SLOW) for r in rates])
+        slow = np.array([sd_of(r * DEG, ramp=SLOW) for r in rates])
     curves = {
         key: np.array([rms(row) for row in values])
         for key, values in (("both", sds), ("acceleration", without), ("slow", slow))

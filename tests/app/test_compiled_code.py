@@ -174,5 +174,6 @@ def test_a_fit_has_the_same_bits_with_kept_code(tmp_path):
     assert said == ""
     assert hits < 10  # Of one run, too: equal programs of two functions.
     again, hits, said = run(tmp_path, program=FIT)
-    assert hits > 50
+    # What takes less time to compile than to read is not kept.
+    assert hits >= len(entries(tmp_path)) > 0
     assert (again, said) == (bits, "")
