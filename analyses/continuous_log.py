@@ -194,6 +194,6 @@ def _window(log: Slew, k: int) -> Slew:
         attitude=np.asarray(log.attitude)[rows],
         wheel_torque=np.asarray(log.wheel_torque)[rows],
         wheel_momentum=np.asarray(log.wheel_momentum)[rows],
-        axis_B=np.sign(angle) * np.array(axis),
+        axis_B=np.sign(angle) * np.array(axis) / np.linalg.norm(axis),
         angle=float(np.radians(abs(angle))),
     )
