@@ -58,21 +58,18 @@ def noncentrality(power: float, dof: int, level: float) -> float:
     return float(optimize.brentq(lambda nc: stats.ncx2.sf(limit, dof, nc) - power, 1e-3, 1e4))
 
 
-def degrees_of_freedom(effect: Effect) -> int:
+def degrees_of_freedom(effect: Effect, campaign: Campaign) -> int:
     """Of the ideal test of an effect: its parameters but those that only give it its shape."""
-    return sum(
-        len(p.names) for p in effect.parameters(template_campaign()) if not p.priors[0].logarithmic
-    )
+    return sum(len(p.names) for p in effect.parameters(campaign) if not p.priors[0].logarithmic)
 
 
-def direction(effect: Effect, rng: np.random.Generator) -> dict:
-    """Values of an effect's parameters one prior sd from null in a random direction.
+def direction(effect: Effect, rng: np.random.Generator, campaign: Campaign) -> dict:
+    """Values of an effect's parameters one prior sd of a campaign from null, in a random direction.
 
     Shape parameters at their null.
     """
-    parameters = effect.parameters(template_campaign())
     values = {}
-    for p in parameters:
+    for p in effect.parameters(campaign):
         step = rng.normal(size=len(p.names))
         if p.priors[0].lower == p.null:
             step = np.abs(step)
@@ -168,7 +165,7 @@ def ideal_powers(
         for i, j in ((0, 1), (1, 0)):
             apart, alone = _noncentralities(scores, i, j, steps[i])
             left[i] = wanted[i] * apart / alone
-    dofs = [degrees_of_freedom(e) for e in effects]
+    dofs = [degrees_of_freedom(e, campaign) for e in effects]
     return [
         float(stats.ncx2.sf(stats.chi2.isf(level, dof), dof, max(nc, 0.0)))
         for dof, nc in zip(dofs, left, strict=True)

@@ -28,6 +28,7 @@ from diagnosis_campaigns import (
     ideal_powers,
     noncentrality,
     scaled,
+    template_campaign,
     without_tachometers,
 )
 from independent import Deadband, Disturbance, Leak, RateSquared, Ripple, Swirl, Wander, replayed
@@ -95,8 +96,8 @@ def run_one(case: Case, power: float, level: float) -> dict:
     values, sizes, wanted, directions = {}, {}, [], {}
     for effect in case.effects:
         name = effect.name
-        directions[name] = direction(effect, rng)
-        wanted.append(noncentrality(power, degrees_of_freedom(effect), level))
+        directions[name] = direction(effect, rng, template_campaign())
+        wanted.append(noncentrality(power, degrees_of_freedom(effect, template_campaign()), level))
         sizes[name] = amplitude_for(
             effect, directions[name], wanted[-1], case.seed, case.tachometers
         )

@@ -128,9 +128,9 @@ def strengths(spacecraft: str) -> dict[str, dict]:
     scores = score_tests(everything, tuple(e.name for e in effects))
     values = {}
     for effect, own in zip(effects, scores.indices, strict=True):
-        along = direction(effect, rng)
+        along = direction(effect, rng, template(spacecraft))
         step = unit_step(effect, along, campaign)
-        wanted = noncentrality(_POWER, degrees_of_freedom(effect), _LEVEL)
+        wanted = noncentrality(_POWER, degrees_of_freedom(effect, campaign), _LEVEL)
         unit = max(float(step @ scores.matrix[np.ix_(own, own)] @ step), 1e-12)
         values[effect.name] = scaled(along, float(np.clip(np.sqrt(wanted / unit), 1e-9, 30.0)))
     return values
@@ -157,7 +157,9 @@ def written(folder: Path, spacecraft: str, index: int, hidden: str = "", strengt
     if not (path / "truth.json").is_file():
         effects = by_name((hidden,)) if hidden else ()
         values = {
-            e.name: stronger(e, kept_strengths(folder, spacecraft)[hidden], strength)
+            e.name: stronger(
+                e, template(spacecraft), kept_strengths(folder, spacecraft)[hidden], strength
+            )
             for e in effects
         }
         flight = flown(spacecraft, index, effects, values)
@@ -170,9 +172,8 @@ def written(folder: Path, spacecraft: str, index: int, hidden: str = "", strengt
     return path
 
 
-def stronger(effect: Effect, values: dict, factor: float) -> dict:
+def stronger(effect: Effect, campaign: Campaign, values: dict, factor: float) -> dict:
     """An effect's values `factor` times as far from their null."""
-    campaign = template("three_wheels")
     nulls = {p.name: p.null for p in effect.parameters(campaign) if not p.priors[0].logarithmic}
     return {
         key: nulls[key] + factor * (np.asarray(value) - nulls[key]) if key in nulls else value

@@ -10,6 +10,7 @@ import pytest
 
 import bayes_inertia
 from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.physics.effects import by_name
 
 ANALYSES = Path(__file__).parents[2] / "analyses"
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
@@ -65,6 +66,22 @@ def test_every_kind_changes_the_campaign_leaves_its_input_and_is_seeded(dirt, ra
         assert not same(first, raw), kind.name
         assert same(raw, pristine), kind.name
         assert kind.sizes[0] <= kind.size(np.random.default_rng(1)) <= kind.sizes[1]
+
+
+def test_hidden_effects_are_drawn_for_as_many_wheels_as_a_spacecraft_has(module_paths):
+    import diagnosis_campaigns
+    import dirt_campaigns
+
+    for spacecraft, wheels in (("three_wheels", 3), ("four_wheels", 4)):
+        campaign = dirt_campaigns.template(spacecraft)
+        for effect in by_name(dirt_campaigns.HIDDEN):
+            along = diagnosis_campaigns.direction(effect, np.random.default_rng(1), campaign)
+            step = diagnosis_campaigns.unit_step(effect, along, campaign)
+            assert np.count_nonzero(step) == diagnosis_campaigns.degrees_of_freedom(
+                effect, campaign
+            )
+        (gain,) = by_name(["wheel_torque_gain"])
+        assert diagnosis_campaigns.degrees_of_freedom(gain, campaign) == wheels
 
 
 def test_half_a_percent_of_outliers_are_half_a_percent(dirt, raw, kinds):
