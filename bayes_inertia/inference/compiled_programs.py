@@ -21,7 +21,9 @@ def forget_surplus(
 ) -> None:
     """Forget the programs of every function that has more than so many of them.
 
-    What is needed again is compiled again, or comes from the cache on disk.
+    What is needed again is compiled again, or comes from the cache on disk. JAX has no public count
+    of a function's programs, and `jax.clear_caches` would forget those of all functions: hence
+    `_cache_size`.
 
     Parameters
     ----------
