@@ -14,7 +14,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.design.after_campaign import draw_bodies, plan_after
 from bayes_inertia.design.feasibility import axes_of_control
 from bayes_inertia.flight.final_errors import predict_correction_slew
-from bayes_inertia.flight.follow_on import spacecraft_at
+from bayes_inertia.flight.follow_on import following_plan, spacecraft_at
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.flight.plan import Plan, PlannedSlew
@@ -54,6 +54,27 @@ class CorrectionForecast:
     promised: tuple[float, float]
     expected: tuple[float, float]
     updated: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class UpdateForecast:
+    """Correction slew after a slew of 60 degrees about the worst body axis, without effects.
+
+    All angles are (median, 95 % quantile) over draws from the fit [rad].
+
+    Parameters
+    ----------
+    axis : str
+        "x", "y" or "z": the axis with the largest correction before.
+    before : (float, float)
+        Flown with the old J and K.
+    after : (float, float)
+        Flown with the new ones.
+    """
+
+    axis: str
+    before: tuple[float, float]
+    after: tuple[float, float]
 
 
 @array_dataclass
@@ -113,6 +134,42 @@ def correction_forecast(
         return None
     worst = int(np.argmax([f[1][0] for f in forecasts]))
     return CorrectionForecast("xyz"[worst], *forecasts[worst])
+
+
+def correction_with_update(
+    campaign: Campaign, draws: np.ndarray, old: np.ndarray, new: np.ndarray
+) -> UpdateForecast | None:
+    """Predict the next correction slew with the old and with the new J and K on board.
+
+    Every draw is the truth once. Effects and noise are left out.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What was flown.
+    draws : (n, 9) array
+        Draws of J's elements [kg m^2] and K from a posterior, as the campaign's prior names them.
+    old, new : (9,) array
+        J and K that the controller knows before and after.
+
+    Returns
+    -------
+    UpdateForecast or None
+        None without star tracker or wheels about three axes, or where a predicted slew does not
+        end.
+    """
+    if not _can_slew(campaign):
+        return None
+    crafts = [replace(spacecraft_at(campaign, x), bias=(0.0, 0.0, 0.0)) for x in (old, new)]
+    mission = Mission(crafts[1], campaign.inertia)
+    forecasts = []
+    for axis in np.eye(3):
+        one = replace(following_plan(campaign), slews=(PlannedSlew(tuple(axis), _SLEW_ANGLE),))
+        forecasts.append([_quantiles(_Case(draws, {}, craft), one, mission) for craft in crafts])
+    if not np.isfinite(forecasts).all():
+        return None
+    worst = int(np.argmax([before[0] for before, _ in forecasts]))
+    return UpdateForecast("xyz"[worst], *forecasts[worst])
 
 
 def _can_slew(campaign: Campaign) -> bool:

@@ -1,0 +1,160 @@
+"""A run folder as an `ExportedResult`, and its export to a file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from bayes_inertia.app.run_folder import blaming_diagnosis, read_diagnosis
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.design.correction_slew import correction_with_update
+from bayes_inertia.files import write_new_files
+from bayes_inertia.flight.spacecraft import spin_tensor, without_spin
+from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.physics.parameters import N_BASE
+from bayes_inertia.report.criteria import criteria_of
+from bayes_inertia.report.export.content import (
+    ExportedCorrection,
+    ExportedParameter,
+    ExportedResult,
+)
+from bayes_inertia.report.export.formats import ExportFormat
+from bayes_inertia.report.uncertainty import determination_of, interval_90, quoted_sd
+from bayes_inertia.sealing import blaming, is_sealed
+
+_FORECAST_DRAWS = 48  # of the posterior, in the forecast of the correction slew
+_DAMAGED = "start a new run in another folder"
+_CORRECTION_SAYS = (
+    "after a slew of 60 deg about the worst body axis, noise and effects left out; "
+    "old and new J and K on board; median and 95 % quantile over the posterior"
+)
+
+
+def exported_result(run: Path, *, with_correction: bool) -> ExportedResult:
+    """Read a finished run.
+
+    Parameters
+    ----------
+    run : Path
+        Folder of the run.
+    with_correction : bool
+        Whether to forecast the correction slew, which takes seconds.
+
+    Returns
+    -------
+    ExportedResult
+        With a warning's reasons where the result is not trusted.
+
+    Raises
+    ------
+    CampaignError
+        If the folder holds no finished run, or a file of it is damaged.
+    """
+    stored = run / "posterior.nc"
+    posterior = Posterior.load(stored)
+    campaign = read_campaign(run / "campaign")
+    with blaming(stored, intact=is_sealed(stored, _DAMAGED), advice=_DAMAGED):
+        summary = posterior.summary()
+        parameters = _parameters(posterior, summary)
+        correction = _correction(campaign, posterior, parameters) if with_correction else None
+        locked = bool(summary.get("includes_wheel_spin", campaign.inertia.includes_wheel_spin))
+        means = jnp.array([p.new for p in parameters[:6]])
+        J = without_spin(np.array(inertia_tensor.tensor(means)), locked, campaign.wheels)
+    reasons = [*summary["reasons"], *_reasons_of_diagnosis(run)]
+    return ExportedResult(
+        campaign=str(summary["campaign"] or campaign.name),
+        source=_source(summary),
+        trusted=summary["trusted"] and not reasons,
+        reasons=tuple(dict.fromkeys(reasons)),
+        parameters=parameters,
+        covariance=np.cov(posterior.averaged_samples, rowvar=False),
+        includes_wheel_spin=locked,
+        inertia_B=J,
+        inertia_locked_B=J + spin_tensor(campaign.wheels),
+        correction=correction,
+    )
+
+
+def write_export(result: ExportedResult, form: ExportFormat, path: Path) -> Path:
+    """Write a result in one format.
+
+    Parameters
+    ----------
+    result : ExportedResult
+        Of `exported_result`.
+    form : ExportFormat
+        The format.
+    path : Path
+        Of the file; its folder is made if absent.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    OutputError
+        If another content is in the way, or the file cannot be written.
+    """
+    write_new_files(path.parent, {path.name: form.text(result).encode()}, holds="file")
+    return path
+
+
+def _parameters(posterior: Posterior, summary: dict[str, Any]) -> tuple[ExportedParameter, ...]:
+    criteria, tree = criteria_of(summary), posterior.tree
+    prior_means: Any = tree["estimate"]["prior_mean"]
+    exported = []
+    for i, (name, row) in enumerate(summary["parameters"].items()):
+        low, high = interval_90(row)
+        # The prior of an effect's parameter may be one of its logarithm.
+        drawn: Any = tree["prior"][name]
+        old = float(prior_means[i]) if i < N_BASE else float(np.median(drawn))
+        exported.append(
+            ExportedParameter(
+                name=name,
+                unit=row["unit"],
+                old=old,
+                old_sd=row["prior_sd"],
+                new=row["mean"],
+                sd=quoted_sd(row["sd"], row["robust_sd"]).sd,
+                low=low,
+                high=high,
+                determined=determination_of(row, criteria),
+            )
+        )
+    return tuple(exported)
+
+
+def _correction(
+    campaign: Campaign, posterior: Posterior, parameters: tuple[ExportedParameter, ...]
+) -> ExportedCorrection | None:
+    samples = posterior.averaged_samples[:, :N_BASE]
+    draws = samples[np.linspace(0, len(samples) - 1, _FORECAST_DRAWS).astype(int)]
+    old, new = (np.array([getattr(p, key) for p in parameters[:N_BASE]]) for key in ("old", "new"))
+    forecast = correction_with_update(campaign, draws, old, new)
+    if forecast is None:
+        return None
+    return ExportedCorrection(forecast.axis, forecast.before, forecast.after, _CORRECTION_SAYS)
+
+
+def _reasons_of_diagnosis(run: Path) -> list[str]:
+    content = read_diagnosis(run)
+    if content is None:
+        return []
+    with blaming_diagnosis(run, content):
+        unknown = content["verdict"] == "unknown"
+    return ["an effect without a name is missing (diagnosis: unknown)"] if unknown else []
+
+
+def _source(summary: dict[str, Any]) -> str:
+    version = summary["versions"].get("bayes-inertia", "?")
+    data = (summary.get("campaign_sha256") or "unknown")[:16]
+    effects = ", ".join(summary["effects"]) or "none"
+    seed = summary["seed"]
+    return f"bayes-inertia {version}, seed {seed}, effects: {effects}, data sha256 {data}"

@@ -1,0 +1,203 @@
+"""Exports: read back as the tool that they are for reads them; untrusted results say so."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import bayes_inertia
+from bayes_inertia.app import run_folder
+from bayes_inertia.app.cli import main
+from bayes_inertia.app.commands.export import FormatName
+from bayes_inertia.app.export_run import exported_result
+from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.report.export.content import ExportedCorrection
+from bayes_inertia.report.export.formats import EXPORT_FORMATS
+
+EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
+# J and K known before flight; the made-up posteriors say K = 1.01, 1.02, 0.98.
+OLD = np.array([3.3, 2.2, 1.8, -0.012, 0.0026, 0.016, 1.0, 1.0, 0.99])
+
+
+def export(*arguments) -> int:
+    with pytest.raises(SystemExit) as stop:
+        main(["export", *map(str, arguments)])
+    return stop.value.code
+
+
+@pytest.fixture(scope="module")
+def run_of(posteriors, tmp_path_factory):
+    """Folder of a run of the example with a made-up posterior of this kind."""
+
+    def make(kind: str) -> Path:
+        folder = tmp_path_factory.mktemp("runs") / kind
+        run_folder.start(EXAMPLE, folder)
+        tree = posteriors[kind].tree.copy(deep=True)
+        tree["estimate"]["prior_mean"][:9] = OLD
+        Posterior(tree).save(folder / "posterior.nc")
+        return folder
+
+    return make
+
+
+@pytest.fixture(scope="module")
+def run(run_of):
+    return run_of("good")
+
+
+@pytest.fixture(scope="module")
+def result(run):
+    """With a forecast that is made up."""
+    forecast = ExportedCorrection("z", (0.0105, 0.0107), (1e-4, 2e-4), "no noise")
+    return replace(exported_result(run, with_correction=False), correction=forecast)
+
+
+@pytest.fixture(scope="module")
+def hostile(result):
+    """The result of a campaign whose name and effects want to end a comment or a string."""
+    name = "a\nimport os  % ' \\end{tabular} \x1b[31m µ"
+    rows = tuple(replace(p, name=f"{p.name}'&\n") for p in result.parameters[9:])
+    return replace(result, campaign=name, parameters=result.parameters[:9] + rows)
+
+
+def test_both_tensors_differ_by_the_wheels_spin(result):
+    wheels = read_campaign(EXAMPLE).wheels
+    spin = sum(w.spin_inertia * np.outer(w.axis_B, w.axis_B) for w in wheels)
+    assert np.allclose(result.inertia_locked_B - result.inertia_B, spin, rtol=0.0, atol=1e-15)
+    assert result.inertia_B[0, 1] == result.parameter("Jxy").new
+
+
+def test_the_command_knows_the_formats_of_the_table():
+    assert set(FormatName.__args__) == set(EXPORT_FORMATS)
+
+
+def test_an_inertia_block_is_read_by_a_library_for_ccsds_messages(result):
+    ccsds_ndm = pytest.importorskip("ccsds_ndm")
+    head = (
+        "CCSDS_APM_VERS = 2.0\nCREATION_DATE = 2026-01-01T00:00:00\nORIGINATOR = US\n\n"
+        "OBJECT_NAME = MOST\nOBJECT_ID = 2003-031B\nTIME_SYSTEM = UTC\n\n"
+        "EPOCH = 2026-01-01T00:00:00\n\nQUAT_START\nREF_FRAME_A = SC_BODY_1\n"
+        "REF_FRAME_B = ICRF\nQ1 = 0.0\nQ2 = 0.0\nQ3 = 0.0\nQC = 1.0\nQUAT_STOP\n\n"
+    )
+    message = ccsds_ndm.Apm.from_str(head + EXPORT_FORMATS["apm"].text(result))
+    block = message.segment.data.inertia[0]
+    J = [[block.ixx, block.ixy, block.ixz], [0, block.iyy, block.iyz], [0, 0, block.izz]]
+    smallest = min(p.sd for p in result.parameters[:6])
+    gap = np.triu(result.inertia_locked_B) - np.array(J)
+    assert np.abs(gap).max() < 1e-3 * smallest
+    assert any("-integral of x y dm" in line for line in block.comment)
+
+
+def test_python_lines_set_the_hub_of_basilisk(result):
+    craft = SimpleNamespace(hub=SimpleNamespace())
+    names = {"scObject": craft}
+    exec(EXPORT_FORMATS["basilisk"].text(result), names)
+    assert np.allclose(craft.hub.IHubPntBc_B, result.inertia_locked_B, rtol=0.0, atol=1e-6)
+    assert np.allclose(names["rate_sensor_K"], [result.parameter(f"K{i}").new for i in (1, 2, 3)])
+
+
+def test_42_reads_the_tensor_back_with_its_own_signs(result):
+    lines = [x for x in EXPORT_FORMATS["42"].text(result).splitlines() if x[0] != "!"]
+    numbers = [[float(x) for x in line.split("!")[0].split()] for line in lines]
+    J = np.diag(numbers[0])
+    # As in 42init.c: products are negated when they are read.
+    J[0, 1], J[0, 2], J[1, 2] = (-x for x in numbers[1])
+    assert np.allclose(J, np.triu(result.inertia_B), rtol=0.0, atol=1e-6)
+    scale = 1.0 + 1e-6 * np.array(numbers[2:]).ravel()
+    K = [result.parameter(f"K{i}").new for i in (1, 2, 3)]
+    assert np.allclose(scale * K, 1.0, rtol=0.0, atol=1e-7)
+
+
+def test_the_sheet_shows_old_new_and_the_correction_slew(result):
+    text = EXPORT_FORMATS["csv"].text(result)
+    rows = list(csv.DictReader(x for x in text.splitlines() if x[0] != "#"))
+    by_name = {row["parameter"]: row for row in rows}
+    p = result.parameter("K1")
+    assert by_name["K1"]["old"] == "1.00000"
+    assert abs(float(by_name["K1"]["new"]) - p.new) <= 0.05 * p.sd
+    assert float(by_name["K1"]["change_in_old_sd"]) == pytest.approx(p.change / p.old_sd, abs=0.01)
+    assert by_name["correction_slew_z_median"]["old"] == "2.17e+03"
+    assert by_name["correction_slew_z_q95"]["new"] == "41.3"
+
+
+def test_the_correction_slew_is_that_of_the_scale_factors_errors(run):
+    """60 degrees with a scale factor that is wrong by 1 %, then by a draw's sd of 1e-4."""
+    forecast = exported_result(run, with_correction=True).correction
+    assert forecast.axis == "y"
+    assert forecast.before[0] == pytest.approx(np.radians(60.0) * 0.02, rel=0.1)
+    assert 0.0 < forecast.after[0] < np.radians(60.0) * 3e-4
+
+
+def test_a_json_document_holds_all_digits(result):
+    content = json.loads(EXPORT_FORMATS["json"].text(result))
+    assert content["J_kgm2"] == result.inertia_B.tolist()
+    assert content["parameters"]["Jxx"]["new"] == result.parameter("Jxx").new
+    assert content["correction_slew_rad"]["before"][0] == result.correction.before[0]
+
+
+def test_a_matlab_script_holds_all_digits(result):
+    text = EXPORT_FORMATS["matlab"].text(result)
+    new = re.search(r"bayes_inertia\.new = \[(.*)\];", text).group(1)
+    assert [float(x) for x in new.split()] == [p.new for p in result.parameters]
+
+
+def test_a_table_in_latex_rounds_to_the_uncertainty(result):
+    text = EXPORT_FORMATS["latex"].text(result)
+    p = result.parameter("Jxx")
+    decimals = 1 - int(np.floor(np.log10(p.sd)))
+    assert f"${p.new:.{decimals}f} \\pm {p.sd:.{decimals}f}$" in text
+
+
+@pytest.mark.parametrize("to", EXPORT_FORMATS)
+def test_no_name_ends_a_comment_or_a_string(hostile, result, to):
+    text = EXPORT_FORMATS[to].text(hostile)
+    assert "\x1b" not in text
+    assert text.isascii()
+    if to == "json":
+        assert json.loads(text)["campaign"] == hostile.campaign
+        return
+    assert len(text.splitlines()) == len(EXPORT_FORMATS[to].text(result).splitlines())
+    assert not any(line.lstrip().startswith("import") for line in text.splitlines())
+
+
+@pytest.mark.parametrize("to", ["apm", "json", "csv", "matlab", "latex", "basilisk", "42"])
+def test_an_untrusted_result_carries_its_warning(result, to):
+    refused = replace(result, trusted=False, reasons=("the ensembles disagree",))
+    text = EXPORT_FORMATS[to].text(refused)
+    assert "WARNING: DO NOT USE THIS RESULT AS IT STANDS: the ensembles disagree" in text
+    assert "DO NOT USE" not in EXPORT_FORMATS[to].text(result)
+
+
+def test_the_command_writes_a_file_and_overwrites_none(run, tmp_path, capsys):
+    out = tmp_path / "sub" / "inertia.txt"
+    assert export(run, "--to", "42", "-o", out) == 0
+    assert export(run, "--to", "42", "-o", out) == 0
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert str(out) in printed.err
+    assert export(run, "--to", "42") == 0
+    assert capsys.readouterr().out == out.read_text()
+    assert export(run, "--to", "apm", "-o", out) == 2
+    assert "would overwrite" in capsys.readouterr().err
+
+
+def test_the_command_refuses_an_untrusted_result_unless_told(run_of, tmp_path, capsys):
+    refused, out = run_of("thrown"), tmp_path / "inertia.py"
+    assert export(refused, "--to", "basilisk", "-o", out) == 3
+    assert "--even-untrusted" in capsys.readouterr().err
+    assert not out.exists()
+    assert export(refused, "--to", "basilisk", "-o", out, "--even-untrusted") == 3
+    assert out.read_text().startswith("# WARNING: DO NOT USE")
+
+
+def test_a_folder_without_a_finished_run_is_told(tmp_path, capsys):
+    assert export(tmp_path, "--to", "csv") == 2
+    assert "posterior.nc" in capsys.readouterr().err
