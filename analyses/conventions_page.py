@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from conventions_cases import KINDS
+from page_table import table_lines
 from scipy import stats
 
 from bayes_inertia.files import write_atomically
@@ -152,9 +153,7 @@ def write_page(rows: Sequence[Row]) -> None:
 
 
 def _table(header: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    rule = "|".join(["---"] * len(header))
-    rows = (" | ".join(line) for line in lines)
-    return "\n".join([f"| {' | '.join(header)} |", f"|{rule}|", *(f"| {row} |" for row in rows)])
+    return "\n".join(table_lines(header, lines))
 
 
 def _interval(named: int, of: int) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 from design_cases import FLIGHTS, PAPER
 from design_separation import HOPELESS, STRENGTH
 from matplotlib.figure import Figure
+from page_table import table_lines
 
 from bayes_inertia.physics.parameters import BASE_NAMES
 from bayes_inertia.report.pictures import style
@@ -38,22 +39,22 @@ def page(results: dict[str, dict]) -> str:
 
 
 def _gain_lines(gains: dict) -> list[str]:
-    lines = [
-        "## Gains",
-        "",
-        "| goal | paper-like | best of 10,000 random | designed | gain |",
-        "|---|---|---|---|---|",
-    ]
-    for goal, row in gains.items():
-        unit = f" {row['unit']}" if row["unit"] else ""
-        best = row["random"]["best"]
-        lines.append(
-            f"| {goal} | {row['paper']:.3g}{unit} | {best:.3g} | {row['designed']:.3g} | "
-            f"**{row['gain']:.2f}** |"
+    rows = [
+        (
+            goal,
+            f"{row['paper']:.3g}" + (f" {row['unit']}" if row["unit"] else ""),
+            f"{row['random']['best']:.3g}",
+            f"{row['designed']:.3g}",
+            f"**{row['gain']:.2f}**",
         )
+        for goal, row in gains.items()
+    ]
+    columns = ("goal", "paper-like", "best of 10,000 random", "designed", "gain")
     seeds = ", ".join(f"{gain:.2f}" for gain in gains["cross_terms"]["seeds"])
     return [
-        *lines,
+        "## Gains",
+        "",
+        *table_lines(columns, rows),
         "",
         f"Other seeds of the search for the cross terms: gain {seeds}. Smaller is better; "
         "each number is an sd as `criterion` defines it.",
@@ -62,21 +63,18 @@ def _gain_lines(gains: dict) -> list[str]:
 
 
 def _achieved_lines(achieved: dict) -> list[str]:
-    lines = [
-        "## Predicted over achieved",
-        "",
-        "| plan | campaigns | " + " | ".join(BASE_NAMES) + " |",
-        "|---" * 11 + "|",
-    ]
+    rows = []
     for name, row in achieved.items():
         ratios = zip(row["ratio"], row["ratio_error"], strict=True)
         cells = [f"{ratio:.3f} ± {error:.3f}" for ratio, error in ratios]
-        lines.append(f"| {name} | {row['campaigns']} | " + " | ".join(cells) + " |")
+        rows.append((name, f"{row['campaigns']}", *cells))
     paper, designed = (
         max(achieved[name]["achieved"][3:6]) for name in (PAPER, "for the cross terms")
     )
     return [
-        *lines,
+        "## Predicted over achieved",
+        "",
+        *table_lines(("plan", "campaigns", *BASE_NAMES), rows),
         "",
         f"Worst cross term, achieved: {paper:.3g} kg m² with slews like the paper's, "
         f"{designed:.3g} designed: **{paper / designed:.2f}** times smaller.",
@@ -92,14 +90,13 @@ def _margin_lines(flown: dict) -> list[str]:
         f"Smallest margin over {FLIGHTS} closed-loop flights a plan, truths from the prior, "
         "noise on.",
         "",
-        "| goal | " + " | ".join(limits) + " | broken |",
-        "|---" * (len(limits) + 2) + "|",
     ]
+    rows = []
     for goal, row in flown.items():
         cells = [f"{100 * row[limit]['smallest']:.1f} %" for limit in limits]
         broken = sum(row[limit]["broken"] for limit in limits)
-        lines.append(f"| {goal} | " + " | ".join(cells) + f" | {broken} |")
-    return [*lines, ""]
+        rows.append((goal, *cells, f"{broken}"))
+    return [*lines, *table_lines(("goal", *limits, "broken"), rows), ""]
 
 
 def _separation_lines(separate: dict) -> list[str]:
@@ -110,18 +107,26 @@ def _separation_lines(separate: dict) -> list[str]:
         "slews like the paper's just show, in the direction",
         "that the other imitates best. Right: the effect alone is named.",
         "",
-        "| hidden | alternative | plan | canonical correlation | named rightly | verdicts |",
-        "|---|---|---|---|---|---|",
     ]
+    columns = (
+        "hidden",
+        "alternative",
+        "plan",
+        "canonical correlation",
+        "named rightly",
+        "verdicts",
+    )
+    rows = []
     for pair, row in separate["pairs"].items():
         effects = pair.split(",")
         for hidden, alternative in (effects, effects[::-1]):
-            lines += [_separation_row(row, hidden, alternative, label) for label in row["plans"]]
+            rows += [_separation_row(row, hidden, alternative, label) for label in row["plans"]]
     left = " and ".join(
         f"{1.0 - correlation:.0e} ({label})" for label, correlation in separate["hopeless"].items()
     )
     return [
         *lines,
+        *table_lines(columns, rows),
         "",
         f"No slew tells {HOPELESS[0]} from {HOPELESS[1]} without tachometers: "
         f"their canonical correlation is 1 but for {left}, "
@@ -130,14 +135,17 @@ def _separation_lines(separate: dict) -> list[str]:
     ]
 
 
-def _separation_row(row: dict, hidden: str, alternative: str, label: str) -> str:
+def _separation_row(row: dict, hidden: str, alternative: str, label: str) -> tuple[str, ...]:
     verdicts = [v for v in row["verdicts"] if v["hidden"] == hidden and v["plan"] == label]
     right = sum(v["verdict"] == "named" and v["named"] == [hidden] for v in verdicts)
     counts = Counter(v["verdict"] for v in verdicts)
     return (
-        f"| {hidden} | {alternative} | {label} | "
-        f"{row['plans'][label]['canonical_correlation']:.3f} | {right} of {len(verdicts)} | "
-        f"{', '.join(f'{count} {verdict}' for verdict, count in counts.items())} |"
+        hidden,
+        alternative,
+        label,
+        f"{row['plans'][label]['canonical_correlation']:.3f}",
+        f"{right} of {len(verdicts)}",
+        ", ".join(f"{count} {verdict}" for verdict, count in counts.items()),
     )
 
 

@@ -6,6 +6,8 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
+from page_table import table_lines
+
 from bayes_inertia.files import write_atomically
 
 # A trusted result further than this from the truth is wrong [quoted sd, the worst of nine].
@@ -73,7 +75,7 @@ def _section(name: str, rows: Rows, earlier: dict[str, dict]) -> list[str]:
     wanted = (["before"] if earlier else []) + (["verdict"] if name == "diagnose" else [])
     cells = [[*_cells(row), *(extra[key](row) for key in wanted)] for row in shown]
     head = ["", *_by_reason(rows)] if shown is not rows else []
-    return [*head, "", *_table((*_COLUMNS, *wanted), cells)]
+    return [*head, "", *table_lines((*_COLUMNS, *wanted), cells)]
 
 
 def _cells(row: dict) -> list[str]:
@@ -107,18 +109,10 @@ def _by_reason(rows: Rows) -> list[str]:
     kinds = Counter(kind for row in refused for kind in row["kinds"])
     tried = Counter(kind for row in rows for kind in row["kinds"])
     cells = [[kind, f"{kinds[kind]} of {tried[kind]}"] for kind in sorted(tried)]
-    return _table(("kind (alone or with others)", "not trusted"), cells)
+    return table_lines(("kind (alone or with others)", "not trusted"), cells)
 
 
 def _extreme(rows: Rows) -> list[dict]:
     """The trusted results furthest from the truth."""
     trusted = [row for row in rows if row["status"] == "trusted"]
     return sorted(trusted, key=lambda row: -row["z"])[:15]
-
-
-def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:
-    return [
-        f"| {' | '.join(columns)} |",
-        "|" + "---|" * len(columns),
-        *(f"| {' | '.join(row)} |" for row in rows),
-    ]

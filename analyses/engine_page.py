@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from engine_costs import Cost, DiagnosisCosts, FitCosts
 from engine_kills import KilledStudy
 from engine_throughput import Throughput, gain
+from page_table import table_lines
 
 FLEET = 10_000
 WORKERS = (1, 16, 256)
@@ -116,16 +117,20 @@ def _of_kills(kills: KilledStudy) -> list[str]:
         "Three times a worker and then the driver got SIGKILL at random moments; the same command "
         "went on, and at last ran to its end.",
         "",
-        "| worker killed after | driver killed | rows on the disk then | "
-        "processes alive 5 s later |",
-        "| --- | --- | --- | --- |",
     ]
-    lines += [
-        f"| {kill.done} fits | {kill.seconds:.1f} s later | {kill.rows} | {kill.orphans} |"
+    columns = (
+        "worker killed after",
+        "driver killed",
+        "rows on the disk then",
+        "processes alive 5 s later",
+    )
+    rows = [
+        (f"{kill.done} fits", f"{kill.seconds:.1f} s later", f"{kill.rows}", f"{kill.orphans}")
         for kill in kills.kills
     ]
     return [
         *lines,
+        *table_lines(columns, rows),
         "",
         f"Fits without a row at the end: {kills.failures}. Against an undisturbed serial run in "
         f"one process: rows the same bits: **{_yes(kills.same_rows)}**; "
@@ -148,16 +153,29 @@ def _of_throughput(runs: Sequence[Throughput]) -> list[str]:
         "others had is known from the kernel's account of it (schedstat);",
         '"alone" is the throughput without that wait.',
         "",
-        "| engine | workers | tasks | on the clock [s] | waited for a core [s] | "
-        "processor time a task [s] | tasks a second alone |",
-        "|---|---|---|---|---|---|---|",
     ]
-    lines += [
-        f"| {run.engine} | {run.jobs} | {run.tasks} | {run.wall:.1f} | {run.waited:.1f} | "
-        f"{run.ran / run.tasks:.3f} | {run.alone:.2f} |"
+    columns = (
+        "engine",
+        "workers",
+        "tasks",
+        "on the clock [s]",
+        "waited for a core [s]",
+        "processor time a task [s]",
+        "tasks a second alone",
+    )
+    rows = [
+        (
+            run.engine,
+            f"{run.jobs}",
+            f"{run.tasks}",
+            f"{run.wall:.1f}",
+            f"{run.waited:.1f}",
+            f"{run.ran / run.tasks:.3f}",
+            f"{run.alone:.2f}",
+        )
         for run in sorted(runs, key=lambda run: (run.engine, run.jobs))
     ]
-    lines.append("")
+    lines += [*table_lines(columns, rows), ""]
     for engine in ("joblib", "dask"):
         alone, wall = gain(runs, engine)
         lines.append(
@@ -175,17 +193,29 @@ def _of_costs(costs: Sequence[Cost]) -> list[str]:
         "the keys of a row of `fit-many` and numbers of their own.",
         "The driver's time includes the local dask scheduler, which lives in its process.",
         "",
-        "| what | count | driver [ms each] | on the clock [s] | driver grew [bytes each] | files | "
-        "bytes a row |",
-        "|---|---|---|---|---|---|---|",
     ]
-    for cost in costs:
-        size = f"{cost.size / cost.count:.0f}" if cost.files else ""
-        lines.append(
-            f"| {cost.what} | {cost.count:,} | {1e3 * _each(cost):.3g} | {cost.wall:.1f} | "
-            f"{max(cost.memory, 0) / cost.count:,.0f} | {cost.files or ''} | {size} |"
+    columns = (
+        "what",
+        "count",
+        "driver [ms each]",
+        "on the clock [s]",
+        "driver grew [bytes each]",
+        "files",
+        "bytes a row",
+    )
+    rows = [
+        (
+            cost.what,
+            f"{cost.count:,}",
+            f"{1e3 * _each(cost):.3g}",
+            f"{cost.wall:.1f}",
+            f"{max(cost.memory, 0) / cost.count:,.0f}",
+            f"{cost.files or ''}",
+            f"{cost.size / cost.count:.0f}" if cost.files else "",
         )
-    return [*lines, ""]
+        for cost in costs
+    ]
+    return [*lines, *table_lines(columns, rows), ""]
 
 
 def _of_fleet(costs: Sequence[Cost], fits: FitCosts, diagnoses: DiagnosisCosts | None) -> list[str]:
@@ -207,15 +237,7 @@ def _of_fleet(costs: Sequence[Cost], fits: FitCosts, diagnoses: DiagnosisCosts |
         "",
         "From these, by arithmetic:",
         "",
-        "| workers | all fitted [h] | all diagnosed [h] | driver and scheduler busy | "
-        "writing shards | telemetry read [MB/s] | memory of workers [GB] |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    weeks = fleet_weeks(costs, fits, diagnoses)
-    lines += [
-        f"| {w.workers} | {w.fits:.2g} | {_hours(w.diagnoses)} | {100 * w.driver:.2g} % | "
-        f"{100 * w.shards:.2g} % | {w.read / 1e6:.2g} | {w.memory / 1e9:.3g} |"
-        for w in weeks
+        *_weeks(fleet_weeks(costs, fits, diagnoses)),
     ]
     call = _each(by["dask, one by one, 512 at once"])
     return [
@@ -236,6 +258,31 @@ def _of_fleet(costs: Sequence[Cost], fits: FitCosts, diagnoses: DiagnosisCosts |
         "",
         "Not measured: 256 real workers. Their connections cost the scheduler heartbeats besides.",
     ]
+
+
+def _weeks(weeks: Sequence[FleetWeek]) -> list[str]:
+    columns = (
+        "workers",
+        "all fitted [h]",
+        "all diagnosed [h]",
+        "driver and scheduler busy",
+        "writing shards",
+        "telemetry read [MB/s]",
+        "memory of workers [GB]",
+    )
+    rows = [
+        (
+            f"{w.workers}",
+            f"{w.fits:.2g}",
+            _hours(w.diagnoses),
+            f"{100 * w.driver:.2g} %",
+            f"{100 * w.shards:.2g} %",
+            f"{w.read / 1e6:.2g}",
+            f"{w.memory / 1e9:.3g}",
+        )
+        for w in weeks
+    ]
+    return table_lines(columns, rows)
 
 
 def _of_diagnoses(diagnoses: DiagnosisCosts | None) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from page_table import table_lines
 
 from bayes_inertia.report.pictures import style
 
@@ -50,16 +51,24 @@ def report(rows: list[dict]) -> str:
 
 
 def _candidate_lines(row: dict) -> list[str]:
-    lines = [
-        "| effect | shared or each | misfit explained | gain, throws held out | throws better |",
-        "|---|---|---|---|---|",
-    ]
-    for c in row["candidates"][:10]:
-        whose, share = "shared" if c["shared"] else "each throw", f"{100 * c['explained']:.0f} %"
-        lines.append(
-            f"| {c['effect']} | {whose} | {share} | {c['gain']:+.1f} | "
-            f"{c['throws_better']}/{row['throws']} |"
+    columns = (
+        "effect",
+        "shared or each",
+        "misfit explained",
+        "gain, throws held out",
+        "throws better",
+    )
+    cells = [
+        (
+            c["effect"],
+            "shared" if c["shared"] else "each throw",
+            f"{100 * c['explained']:.0f} %",
+            f"{c['gain']:+.1f}",
+            f"{c['throws_better']}/{row['throws']}",
         )
+        for c in row["candidates"][:10]
+    ]
+    lines = table_lines(columns, cells)
     lines += ["", "Added one after the other, by what the throws held out say:", ""]
     for s in row["steps"]:
         better = f"better in {s['throws_better']} of {row['throws']} throws"
@@ -75,11 +84,16 @@ def _candidate_lines(row: dict) -> list[str]:
 
 
 def _fit_lines(row: dict) -> list[str]:
-    lines = [
-        "| full fit | reduced chi² | explained | principal moments [10⁻⁶ kg m²] | robust sd | "
-        "error | mean error |",
-        "|---|---|---|---|---|---|---|",
-    ]
+    columns = (
+        "full fit",
+        "reduced chi²",
+        "explained",
+        "principal moments [10⁻⁶ kg m²]",
+        "robust sd",
+        "error",
+        "mean error",
+    )
+    rows = []
     for f in row["fits"]:
         cells = [f["fit"], f"{f['reduced_chi2']:.2f}", "yes" if f["explained"] else "no"]
         cells += [
@@ -92,7 +106,8 @@ def _fit_lines(row: dict) -> list[str]:
             if error is None
             else [", ".join(f"{e:+.2f} %" for e in error), f"{np.abs(error).mean():.2f} %"]
         )
-        lines.append(f"| {' | '.join(cells)} |")
+        rows.append(cells)
+    lines = table_lines(columns, rows)
     if "truth" in row:
         truth = ", ".join(f"{1e6 * x:.1f}" for x in row["truth"])
         lines += [

@@ -1,0 +1,32 @@
+"""Tables of the pages that studies write, in Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+
+def table_lines(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """A table, line by line.
+
+    Parameters
+    ----------
+    columns : sequence of str
+        The head.
+    rows : iterable of sequence of str
+        Cells, as many as there are columns.
+
+    Returns
+    -------
+    list of str
+        Head, rule and rows.
+
+    Examples
+    --------
+    >>> table_lines(["plan", "gain"], [["designed", "1.7"]])
+    ['| plan | gain |', '|---|---|', '| designed | 1.7 |']
+    """
+    return [
+        f"| {' | '.join(columns)} |",
+        "|" + "---|" * len(columns),
+        *(f"| {' | '.join(row)} |" for row in rows),
+    ]
