@@ -12,6 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from foreign_logs import noisy_fixes
+from independent import state_slope
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
@@ -114,14 +116,6 @@ def _command(state: np.ndarray, time: float, template: Campaign, axes_B: np.ndar
     return -np.linalg.pinv(axes_B) @ torque
 
 
-def _slope(_: float, state: np.ndarray, torque: np.ndarray, craft: _Spacecraft) -> np.ndarray:
-    rate, momentum, vector, scalar = state[:3], state[3:-4], state[-4:-1], state[-1]
-    gyroscopic = np.cross(rate, craft.inertia @ rate + craft.axes_B @ momentum)
-    acceleration = np.linalg.solve(craft.inertia, -gyroscopic - craft.axes_B @ torque)
-    turning = 0.5 * (np.cross(vector, rate) + scalar * rate)
-    return np.concatenate([acceleration, torque, turning, [-0.5 * (vector @ rate)]])
-
-
 def _flown(template: Campaign, craft: _Spacecraft, rng: np.random.Generator) -> Slew:
     """The log."""
     time = np.arange(0.0, _begins(len(_MOTIONS)), STEP)
@@ -129,12 +123,17 @@ def _flown(template: Campaign, craft: _Spacecraft, rng: np.random.Generator) -> 
     momentum_0 = np.full(wheels, 0.02)
     state = np.concatenate([np.zeros(3), momentum_0, [0.0, 0.0, 0.0, 1.0]])
     states, torques = [], []
+    body = (craft.inertia, np.linalg.inv(craft.inertia), craft.axes_B)
+
+    def slope(_: float, state: np.ndarray, torque: np.ndarray) -> np.ndarray:
+        return state_slope(state, *body, torque, np.zeros(3))
+
     for moment in time:
         torque = _command(state, moment, template, craft.axes_B)
         states.append(state)
         torques.append(torque)
         state = solve_ivp(
-            _slope, (0.0, STEP), state, "DOP853", rtol=1e-10, atol=1e-12, args=(torque, craft)
+            slope, (0.0, STEP), state, "DOP853", rtol=1e-10, atol=1e-12, args=(torque,)
         ).y[:, -1]
     return _telemetry(time, np.array(states), np.array(torques), template, craft, rng)
 
@@ -152,11 +151,7 @@ def _telemetry(
     assert star is not None
     rows, rate = len(time), states[:, :3]
     noise = np.asarray(sensor.sigma) * rng.normal(size=(rows, 3))
-    boresight = np.array(star.boresight_B)
-    errors = rng.normal(size=(rows, 3)) * star.sigma_cross
-    about = rng.normal(size=rows) * star.sigma_roll
-    errors += np.outer(about, boresight) - np.outer(errors @ boresight, boresight)
-    fixes = (Rotation.from_quat(states[:, -4:]) * Rotation.from_rotvec(errors)).as_quat()
+    fixes = noisy_fixes(states[:, -4:], star, rng)
     fixes[(np.arange(rows) % 4 > 0) | _in_motion(time)] = np.nan
     momentum = states[:, 3:-4] - craft.spin * (rate @ craft.axes_B)
     sigma = np.array([wheel.momentum_sigma or 0.0 for wheel in template.wheels])

@@ -14,10 +14,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from mapping_text import head_of_mapping
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import StarTracker
 
 FIRST_UTC = np.datetime64("2026-03-01T12:00:00", "ns")
 FIRST_GPS = 1456401618.0  # The same moment [s]; GPS is ahead of UTC by 18 s.
@@ -230,7 +232,9 @@ def _read(
     momentum[1::2] = np.nan
     fixes = np.full((n, 4), np.nan)
     rows = np.arange(0, n, max(1, round(1.0 / step)))
-    fixes[rows] = _noisy(attitude[rows].as_quat(), campaign, rng)
+    star = campaign.star_tracker
+    assert star is not None
+    fixes[rows] = noisy_fixes(attitude[rows].as_quat(), star, rng)
     return {
         "time": time,
         "rate": rate + rng.normal(size=(n, 3)) * campaign.rate_sensor.sigma,
@@ -240,10 +244,23 @@ def _read(
     }
 
 
-def _noisy(quaternions: np.ndarray, campaign: Campaign, rng: np.random.Generator) -> np.ndarray:
-    """Fixes (rows, 4) of attitudes, with the star tracker's noise in body axes."""
-    star = campaign.star_tracker
-    assert star is not None
+def noisy_fixes(quaternions: np.ndarray, star: StarTracker, rng: np.random.Generator) -> np.ndarray:
+    """Fixes of attitudes, with the star tracker's noise in body axes.
+
+    Parameters
+    ----------
+    quaternions : (rows, 4) array
+        True attitudes, scalar last.
+    star : StarTracker
+        The star tracker.
+    rng : Generator
+        Of the noise.
+
+    Returns
+    -------
+    (rows, 4) array
+        Of the same sense as the attitudes.
+    """
     boresight = np.array(star.boresight_B)
     rows = len(quaternions)
     errors = rng.normal(size=(rows, 3)) * star.sigma_cross
@@ -304,18 +321,6 @@ DATA_START
 
 def _mapping(campaign: Campaign, tracker: str) -> str:
     """The mapping without slews."""
-    prior, sensor, star = campaign.inertia, campaign.rate_sensor, campaign.star_tracker
-    assert star is not None
-    wheels = "".join(
-        f"""
-[[wheels]]
-name = "{wheel.name}"
-axis = {list(wheel.axis_B)}
-spin_inertia = {wheel.spin_inertia}
-momentum_sigma = {wheel.momentum_sigma}
-"""
-        for wheel in campaign.wheels
-    )
     commands = _wheel_names(campaign, "cmd_{}")
     speeds = _wheel_names(campaign, "speed_{}")
     stars = (
@@ -329,28 +334,7 @@ scalar = "first"
 maps = "body_to_inertial"
 frame = "body\""""
     )
-    return f"""\
-format = "bayes-inertia-mapping/1"
-name = "{campaign.name}"
-
-[inertia]
-tensor = {np.asarray(prior.tensor).tolist()}
-relative_sigma = {prior.relative_sigma}
-product_sigma = {prior.product_sigma}
-includes_wheel_spin = {str(prior.includes_wheel_spin).lower()}
-{wheels}
-[rate_sensor]
-sigma = {list(sensor.sigma)}
-scale_factor = {list(sensor.scale_factor)}
-scale_factor_sigma = {list(sensor.scale_factor_sigma)}
-bias = {list(sensor.bias)}
-bias_sigma = {list(sensor.bias_sigma)}
-
-[star_tracker]
-boresight = {list(star.boresight_B)}
-sigma_cross = {star.sigma_cross}
-sigma_roll = {star.sigma_roll}
-
+    streams = f"""
 [[streams]]
 holds = "rate"
 files = ["gyro.csv"]
@@ -383,6 +367,7 @@ holds = "attitude"
 {stars}
 offset_s = {TRACKER_OFFSET}
 """
+    return head_of_mapping(campaign) + streams
 
 
 def _slews(campaign: Campaign) -> str:

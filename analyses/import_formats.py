@@ -20,6 +20,7 @@ import import_formats_messages as messages
 import import_formats_tables as tables
 import numpy as np
 from import_formats_base import LogChannels, Written, utc_texts
+from mapping_text import head_of_mapping
 
 import bayes_inertia
 from bayes_inertia.campaign.campaign import Campaign
@@ -98,8 +99,8 @@ def channels_of(campaign: Campaign) -> LogChannels:
     return LogChannels(np.round(time, 9), *(join[name] for name in CHANNELS))
 
 
-def head_of_mapping(campaign: Campaign) -> str:
-    """The mapping up to its streams.
+def stated_slews(campaign: Campaign) -> str:
+    """The slews of a mapping.
 
     Parameters
     ----------
@@ -111,41 +112,13 @@ def head_of_mapping(campaign: Campaign) -> str:
     str
         TOML.
     """
-    prior, sensor, star = campaign.inertia, campaign.rate_sensor, campaign.star_tracker
-    assert star is not None
-    wheels = "".join(
-        f'\n[[wheels]]\nname = "{wheel.name}"\naxis = {list(wheel.axis_B)}\n'
-        f"spin_inertia = {wheel.spin_inertia}\nmomentum_sigma = {wheel.momentum_sigma}\n"
-        for wheel in campaign.wheels
-    )
     slews = ""
     for slew in campaign.slews:
         # A millisecond more on both sides, for stamps that a format rounds.
         ends = (slew.start + slew.time[0] - 1e-3, slew.start + slew.time[-1] + 1e-3)
         start, end = (utc_texts(np.array([at]), FIRST_UTC)[0] + "Z" for at in ends)
         slews += f'\n[[slews]]\nname = "{slew.name}"\nstart = "{start}"\nend = "{end}"\n'
-    return f"""\
-format = "bayes-inertia-mapping/1"
-name = "{campaign.name}"
-
-[inertia]
-tensor = {np.asarray(prior.tensor).tolist()}
-relative_sigma = {prior.relative_sigma}
-product_sigma = {prior.product_sigma}
-includes_wheel_spin = {str(prior.includes_wheel_spin).lower()}
-{wheels}
-[rate_sensor]
-sigma = {list(sensor.sigma)}
-scale_factor = {list(sensor.scale_factor)}
-scale_factor_sigma = {list(sensor.scale_factor_sigma)}
-bias = {list(sensor.bias)}
-bias_sigma = {list(sensor.bias_sigma)}
-
-[star_tracker]
-boresight = {list(star.boresight_B)}
-sigma_cross = {star.sigma_cross}
-sigma_roll = {star.sigma_roll}
-{slews}"""
+    return slews
 
 
 def compared(
@@ -176,7 +149,8 @@ def compared(
     native = channels_of(campaign)
     written = write(native, folder, FIRST_UTC)
     mapping = folder / "mapping.toml"
-    mapping.write_text(head_of_mapping(campaign) + written.streams, encoding="utf-8")
+    head = head_of_mapping(campaign) + stated_slews(campaign)
+    mapping.write_text(head + written.streams, encoding="utf-8")
     imported = read_campaign(import_logs(written.files, mapping, folder / "campaign").folder)
     return _difference(name, written.what, campaign, imported)
 

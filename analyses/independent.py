@@ -131,6 +131,41 @@ def _replayed_slew(flight: Flight, i: int, disturbance: Disturbance, rng: np.ran
     return replace(slew, rate=readings, attitude=fixes, wheel_momentum=momentum)
 
 
+def state_slope(
+    state: np.ndarray,
+    inertia: np.ndarray,
+    inverse: np.ndarray,
+    axes_B: np.ndarray,
+    motor_torque: np.ndarray,
+    body_torque: np.ndarray,
+) -> np.ndarray:
+    """Derivative of rate, wheels' total spin momentum and attitude (scalar last) in time.
+
+    Parameters
+    ----------
+    state : (7 + wheels,) array
+        [rad/s], [N m s], quaternion.
+    inertia, inverse : (3, 3) array
+        Of everything except the wheels' spin [kg m^2], and its inverse.
+    axes_B : (3, wheels) array
+        Spin axes.
+    motor_torque : (wheels,) array
+        On the wheels [N m].
+    body_torque : (3,) array
+        From outside [N m].
+
+    Returns
+    -------
+    (7 + wheels,) array
+        Per second.
+    """
+    rate, momentum, vector, scalar = state[:3], state[3:-4], state[-4:-1], state[-1]
+    gyroscopic = np.cross(rate, inertia @ rate + axes_B @ momentum)
+    acceleration = inverse @ (-gyroscopic - axes_B @ motor_torque + body_torque)
+    turning = 0.5 * (np.cross(vector, rate) + scalar * rate)
+    return np.concatenate([acceleration, motor_torque, turning, [-0.5 * (vector @ rate)]])
+
+
 def _motion(J, G, torque, slew, truth, spin, disturbance):
     """Rate (n, 3), wheels' total spin momentum (n, wheels), and the rotation since the start (n, 4;
     scalar last).
@@ -139,17 +174,15 @@ def _motion(J, G, torque, slew, truth, spin, disturbance):
     x = np.concatenate(
         [w0, np.asarray(truth.wheel_momentum[0]) + spin * (w0 @ G), [0.0, 0.0, 0.0, 1.0]]
     )
-    wheels, solve, rows = G.shape[1], np.linalg.inv(J), []
+    wheels, inverse, rows = G.shape[1], np.linalg.inv(J), []
     for k, t in enumerate(slew.time):
         rows.append(x)
         if k + 1 == len(slew.time):
             break
 
         def slope(since, y, u=torque[k]):
-            w, H, eps, eta = y[:3], y[3 : 3 + wheels], y[-4:-1], y[-1]
-            tau = disturbance.body_torque(slew.start + since, since, w)
-            dw = solve @ (-np.cross(w, J @ w + G @ H) - G @ u + tau)
-            return np.concatenate([dw, u, 0.5 * (np.cross(eps, w) + eta * w), [-0.5 * (eps @ w)]])
+            tau = disturbance.body_torque(slew.start + since, since, y[:3])
+            return state_slope(y, J, inverse, G, u, tau)
 
         x = solve_ivp(slope, (t, slew.time[k + 1]), x, method="DOP853", rtol=1e-8, atol=1e-10).y[
             :, -1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import importlib.util
+import importlib
 import json
 import sys
 import tomllib
@@ -17,21 +17,20 @@ from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.importing.import_logs import import_logs
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
-SCRIPT = Path(__file__).parents[2] / "analyses" / "foreign_logs.py"
+ANALYSES = Path(__file__).parents[2] / "analyses"
 
 
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory):
     """The example campaign as raw logs, by how the star tracker writes."""
-    spec = importlib.util.spec_from_file_location("foreign_logs", SCRIPT)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["foreign_logs"] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
+    sys.path.insert(0, str(ANALYSES))
+    try:
+        write_foreign_logs = importlib.import_module("foreign_logs").write_foreign_logs
+    finally:
+        sys.path.remove(str(ANALYSES))
     campaign = read_campaign(EXAMPLE)
     return {
-        tracker: module.write_foreign_logs(
-            campaign, tmp_path_factory.mktemp(tracker), tracker=tracker
-        )
+        tracker: write_foreign_logs(campaign, tmp_path_factory.mktemp(tracker), tracker=tracker)
         for tracker in ("aem", "csv")
     }
 
