@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from bayes_inertia.errors import BayesInertiaError, CampaignError
-from bayes_inertia.files import read_bytes, text_of
+from bayes_inertia.files import read_bytes, text_of, write_atomically
 
 SEAL_KEY = "content_sha256"
 _MARK = b"\nbayes-inertia sha256 "
@@ -24,29 +24,41 @@ _SEAL_BYTES = len(_MARK) + 64 + 1
 _BLOCK = 2**20  # [bytes] read at once
 
 
-def sealed_bytes(content: bytes) -> bytes:
-    """The content of a file with its digest behind it.
+def write_sealed(path: Path, content: bytes | memoryview) -> Path:
+    """Write a file with the digest of its content behind it, atomically.
 
     Parameters
     ----------
-    content : bytes
-        Without a seal.
+    path : Path
+        Replaced if it exists.
+    content : bytes or memoryview
+        Without a seal; not copied.
 
     Returns
     -------
-    bytes
-        What to write.
+    Path
+        Of the file.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
 
     Examples
     --------
     >>> from tempfile import TemporaryDirectory
     >>> with TemporaryDirectory() as folder:
-    ...     path = Path(folder, "a.h5")
-    ...     _ = path.write_bytes(sealed_bytes(b"content"))
-    ...     is_sealed(path, "")
+    ...     is_sealed(write_sealed(Path(folder, "a.h5"), b"content"), "")
     True
     """
-    return content + _MARK + hashlib.sha256(content).hexdigest().encode() + b"\n"
+    seal = _MARK + hashlib.sha256(content).hexdigest().encode() + b"\n"
+
+    def write(temporary: Path) -> None:
+        with temporary.open("wb") as file:
+            file.write(content)
+            file.write(seal)
+
+    return write_atomically(path, write)
 
 
 def is_sealed(path: Path, advice: str) -> bool:

@@ -16,7 +16,7 @@ from bayes_inertia.sealing import (
     is_sealed,
     read_sealed_json,
     sealed,
-    sealed_bytes,
+    write_sealed,
 )
 
 WALKERS, D, STEPS = 8, 2, 3
@@ -117,5 +117,5 @@ def test_only_a_file_without_seal_is_blamed(tmp_path):
 
 def test_a_seal_of_a_large_file(tmp_path):
     path = tmp_path / "large"
-    path.write_bytes(sealed_bytes(bytes(3 * 2**20)))
+    write_sealed(path, bytes(3 * 2**20))
     assert is_sealed(path, "")

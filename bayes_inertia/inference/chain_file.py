@@ -19,8 +19,7 @@ from emcee.backends import Backend, HDFBackend
 
 from bayes_inertia.campaign.isolated_arrays import check_readable
 from bayes_inertia.errors import CampaignError, OutputError
-from bayes_inertia.files import write_atomically
-from bayes_inertia.sealing import is_sealed, sealed_bytes
+from bayes_inertia.sealing import is_sealed, write_sealed
 
 _ADVICE = "delete it, and this ensemble begins again"
 
@@ -130,4 +129,4 @@ def save_chain(chain: Backend, path: Path) -> None:
         group.attrs.update({"version": emcee.__version__, "has_blobs": False, **sizes})
         for i, part in enumerate(chain.random_state or ()):
             group.attrs[f"random_state_{i}"] = part
-    write_atomically(path, sealed_bytes(content.getvalue()))
+    write_sealed(path, content.getbuffer())

@@ -19,10 +19,9 @@ import numpy as np
 
 from bayes_inertia.campaign.isolated_arrays import check_readable
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.gate_limits import OBSERVABLE_ABOVE
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.sealing import blaming, is_sealed, sealed_bytes
+from bayes_inertia.sealing import blaming, is_sealed, write_sealed
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -125,7 +124,7 @@ class Posterior:
         # In memory: HDF5 can end the process where the disk has no room.
         content = BytesIO()
         self.tree.to_netcdf(content, engine="h5netcdf")
-        return write_atomically(Path(path), sealed_bytes(content.getvalue()))
+        return write_sealed(Path(path), content.getbuffer())
 
     @property
     def names(self) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 
 import jax
@@ -49,14 +49,43 @@ def predicted_telemetry(
         Log densities of the measurements, under "rate_point", "attitude_point", "momentum_point".
     """
     thinned = _thinned(chains, rng)
+    shape = (len(chains.samples), _DRAWS_OF_EACH_ENSEMBLE)
+    predicted: dict[str, np.ndarray] = {}
+    pointwise: dict[str, np.ndarray] = {}
+    norms = _log_norms(estimate)
+    # Each draw goes to its place at once: copies of telemetry-sized arrays would be the largest
+    # things that a fit holds.
+    for k, (channels, lost) in enumerate(_of_draws(estimate, thinned, rng)):
+        for c, values in channels.items():
+            if c not in predicted:
+                predicted[c] = np.empty((len(thinned), *values.shape))
+                pointwise[c] = np.empty((len(thinned), *values.shape[:2]), np.float32)
+            predicted[c][k] = values
+            pointwise[c][k] = norms[c] - lost[c]
+    for c, values in predicted.items():
+        for of_ensemble in np.split(np.arange(len(thinned)), shape[0]):
+            unit = _noise_of(estimate, thinned[of_ensemble], rng)
+            block = {c: values[of_ensemble][None]}
+            values[of_ensemble] = with_measurement_noise(estimate, block, rng, unit)[c][0]
+    return (
+        {c: values.reshape(*shape, *values.shape[1:]) for c, values in predicted.items()},
+        {f"{c}_point": p.reshape(*shape, *p.shape[1:]) for c, p in pointwise.items()},
+    )
+
+
+def _of_draws(
+    estimate: Estimate, thetas: np.ndarray, rng: np.random.Generator
+) -> Iterator[tuple[dict[str, np.ndarray], dict[str, np.ndarray]]]:
+    """Predictions without noise, and minus log densities (slews, rows), by channel, of each theta.
+
+    Nuisances are drawn.
+    """
     point_of, structure = _conditional(estimate), estimate.model.structure
     normal_numbers = estimate.point.bias.size + estimate.point.local.size
     # Correlated noise: what was measured differs from predictions by more than what is new in it.
     memory = estimate.stated.memory
     plain = None if memory is None else estimate.stated._replace(memory=None)
-    predictions: dict[str, list[np.ndarray]] = {c: [] for c in CHANNELS}
-    lost: dict[str, list[np.ndarray]] = {c: [] for c in CHANNELS}
-    for theta in thinned:
+    for theta in thetas:
         point = point_of(theta, rng.standard_normal(normal_numbers))
         r = residuals(structure, point, estimate.model.data, estimate.stated)
         new = {c: np.asarray(value) for c, value in zip(CHANNELS, r, strict=True)}
@@ -64,24 +93,23 @@ def predicted_telemetry(
         if plain is not None:
             r = residuals(structure, point, estimate.model.data, plain)
             gaps = {c: np.asarray(value) for c, value in zip(CHANNELS, r, strict=True)}
-        for c, values in _predicted(estimate, gaps).items():
-            predictions[c].append(values)
-            lost[c].append(_losses(estimate, theta, c, new[c].reshape(*values.shape[:2], -1)))
-    shape = (len(chains.samples), _DRAWS_OF_EACH_ENSEMBLE)
-    predicted = {
-        c: np.stack(v).reshape(*shape, *v[0].shape)
-        for c, v in predictions.items()
-        if v and v[0].size
-    }
-    norms = _log_norms(estimate)
-    pointwise = {}
-    for c in predicted:
-        densities = -np.stack(lost[c]).reshape(*shape, *lost[c][0].shape)
-        pointwise[f"{c}_point"] = (densities + norms[c]).astype(np.float32)
-    unit = None
-    if not estimate.model.noise.is_stated:
-        unit = partial(unit_noise, channel_rules(estimate.model), thinned, rng=rng)
-    return with_measurement_noise(estimate, predicted, rng, unit), pointwise
+        channels = {c: v for c, v in _predicted(estimate, gaps).items() if v.size}
+        yield (
+            channels,
+            {
+                c: _losses(estimate, theta, c, new[c].reshape(*values.shape[:2], -1))
+                for c, values in channels.items()
+            },
+        )
+
+
+def _noise_of(
+    estimate: Estimate, thetas: np.ndarray, rng: np.random.Generator
+) -> Callable[[str, tuple[int, ...]], np.ndarray] | None:
+    """Where it is not as stated, the noise of draws, in stated sigmas."""
+    if estimate.model.noise.is_stated:
+        return None
+    return partial(unit_noise, channel_rules(estimate.model), thetas, rng=rng)
 
 
 def _conditional(estimate: Estimate) -> Callable[[np.ndarray, np.ndarray], Point]:
