@@ -19,6 +19,7 @@ from bayes_inertia.app.commands.demo import demo_command
 from bayes_inertia.app.commands.design import design_command
 from bayes_inertia.app.commands.diagnose import diagnose_command
 from bayes_inertia.app.commands.doctor import doctor_command
+from bayes_inertia.app.commands.effects import effects_command
 from bayes_inertia.app.commands.export import export_command
 from bayes_inertia.app.commands.fit import fit_command
 from bayes_inertia.app.commands.fit_many import fit_many_command
@@ -49,6 +50,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "report": report_command,
     "export": export_command,
     "simulate": simulate_command,
+    "effects": effects_command,
     "demo": demo_command,
     "doctor": doctor_command,
 }

@@ -3,7 +3,7 @@ found."""
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from bayes_inertia.app.design_request import DesignRequest
@@ -20,6 +20,7 @@ from bayes_inertia.flight.follow_on import following_plan
 from bayes_inertia.flight.plan_file import write_plan
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.named_effects import pinned_names
 from bayes_inertia.report.pictures.design import draw_comparison
 from bayes_inertia.report.pictures.figure_file import write_png
 from bayes_inertia.studies.plan_comparison import compare_plans
@@ -64,6 +65,8 @@ def run_design(campaign: Path, folder: Path, request: DesignRequest) -> Design:
     """
     flown, digest = read_campaign(campaign), campaign_sha256(campaign)
     parse_goal(request.goal)
+    names = pinned_names(request.effects)
+    request = replace(request, effects=names)
     results = ("plan.toml", "design.png")
     owner = ResultFolder(folder, "design", "design.json", FORMAT, digest, asdict(request), results)
     owner.holds_this_work()
@@ -78,6 +81,7 @@ def run_design(campaign: Path, folder: Path, request: DesignRequest) -> Design:
         n_slews=request.slews,
         seed=request.seed,
         after=after,
+        effects=names,
     )
     contenders = compare_plans([design.plan, design.reference], mission, limits=design.limits)
     start = {

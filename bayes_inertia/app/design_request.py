@@ -40,6 +40,8 @@ class DesignRequest:
         Whether the campaign's telemetry counts.
     seed : int
         Of the search.
+    effects : tuple of str
+        Names of effects that are fitted along.
     """
 
     goal: str = "cross_terms"
@@ -52,6 +54,7 @@ class DesignRequest:
     keep_out: tuple[str, ...] = ()
     after: bool = False
     seed: int = 0
+    effects: tuple[str, ...] = ()
 
     def limits(self, campaign: Campaign) -> Limits:
         """The limits that are asked for; the largest rate is the campaign's own where none is

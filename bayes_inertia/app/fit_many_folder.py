@@ -20,7 +20,7 @@ from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.sampler import Settings
 from bayes_inertia.maths.values import json_ready
-from bayes_inertia.physics.effects import by_name
+from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.studies.engine import Execution, Notice, Progress
 from bayes_inertia.studies.pools import Engine
@@ -74,7 +74,7 @@ class CampaignFit:
         number = int(seed.generate_state(1)[0])
         posterior = fit(
             read_campaign(path),
-            effects=by_name(self.effects),
+            effects=effects_named(self.effects),
             drive=self.drive,
             settings=replace(self.settings, seed=number),
             context=FitContext(digest),
@@ -151,16 +151,16 @@ def fit_many(
         If the workers are lost.
     """
     folder, out = Path(campaigns).resolve(), Path(out)
-    by_name(effects)
+    names = pinned_names(effects)
     settings = replace(settings or Settings(), seed=seed, threads=1)
     options = {
-        "effects": list(effects),
+        "effects": list(names),
         "drive": drive,
         "settings": asdict(settings),
         "as_stated": as_stated,
         "anyway": anyway,
     }
-    task = CampaignFit(folder, tuple(effects), drive, settings, as_stated, anyway)
+    task = CampaignFit(folder, names, drive, settings, as_stated, anyway)
     work = Work("campaigns", task, _ids(folder, out), seed, options)
     # Rows belong to the campaigns' contents: the folder may get more of them.
     owner = ResultFolder(out, "fit of many", "fits_of.json", FORMAT, "", options)

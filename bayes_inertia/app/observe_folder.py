@@ -20,8 +20,8 @@ from bayes_inertia.observability.against_posterior import (
 from bayes_inertia.observability.analysis import observe
 from bayes_inertia.observability.observability_json import FORMAT, observability_json
 from bayes_inertia.observability.result import Observability
-from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.report.pictures.figure_file import write_png
 from bayes_inertia.report.pictures.observability import draw_observability
@@ -85,9 +85,10 @@ def run_observe(
     OutputError
         If the folder holds results of another campaign.
     """
-    flown, instances = read_campaign(campaign), by_name(effects)
+    flown, names = read_campaign(campaign), pinned_names(effects)
+    instances = effects_named(names)
     digest = campaign_sha256(campaign)
-    options = {"effects": effects, "drive": drive, "seed": seed, "both_drives": both_drives}
+    options = {"effects": names, "drive": drive, "seed": seed, "both_drives": both_drives}
     owner = ResultFolder(folder, "result", FILE, FORMAT, digest, options, (PICTURE,))
     owner.holds_this_work()
     if (folder / "run.json").exists():

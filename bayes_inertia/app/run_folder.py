@@ -29,8 +29,10 @@ from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.sampler import Progress, Settings
 from bayes_inertia.physics.channel_noise import NoiseModel, noise_model_from_json
-from bayes_inertia.physics.effects import by_name
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effects import LIBRARY
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.sealing import SEAL_KEY, blaming, read_sealed_json, sealed
 from bayes_inertia.version import __version__
@@ -51,7 +53,8 @@ class Run:
     campaign_sha256 : str
         Digest of the campaign.
     effects : tuple of str
-        Names of the effects to fit along.
+        Names of the effects to fit along; of a run of the kind "diagnose", of candidates beyond the
+        library.
     drive : {"commanded", "measured"} or None
         What drives the model; None for the campaign's best.
     settings : Settings
@@ -169,7 +172,8 @@ def start(
     folder : Path
         Of the run; made if absent.
     effects : sequence of str
-        Names of effects to fit along.
+        Names of effects to fit along, see `effects_named`; of a run of the kind "diagnose", of
+        candidates beyond the library.
     drive : {"commanded", "measured"} or None
         What drives the model; None for the campaign's best.
     settings : Settings or None
@@ -195,9 +199,10 @@ def start(
         If the folder holds another run, or files that a run would overwrite.
     """
     settings, noise = settings or Settings(), noise or NoiseModel()
-    Model(read_campaign(campaign), by_name(effects), drive, noise)
+    names = pinned_names(effects)
+    Model(read_campaign(campaign), effects_named(names), drive, noise)
     digest = campaign_sha256(campaign)
-    run = Run(digest, tuple(effects), drive, settings, kind, as_stated, noise)
+    run = Run(digest, names, drive, settings, kind, as_stated, noise)
     owner = run.owner(folder)
     if not owner.holds_this_work():
         with working_in(folder):
@@ -296,7 +301,7 @@ def _posterior(folder: Path, run: Run, progress: Progress | None) -> Posterior:
         content = _diagnosed(folder, campaign, run, progress)
         # Always from the file's content, so that a run that was killed gives the same bits.
         with blaming_diagnosis(folder, content):
-            choice = next_fit_from(content)
+            choice = next_fit_from(content, _candidates(run))
         return fit_after_diagnosis(
             campaign,
             choice,
@@ -309,7 +314,7 @@ def _posterior(folder: Path, run: Run, progress: Progress | None) -> Posterior:
         )
     return fit(
         campaign,
-        effects=by_name(run.effects),
+        effects=effects_named(run.effects),
         drive=run.drive,
         settings=run.settings,
         chains=chains,
@@ -330,12 +335,22 @@ def _diagnosed(
     if progress:
         progress("diagnosing", 0, 1)
     investigation = investigate(
-        campaign, drive=run.drive, seed=run.settings.seed, as_stated=run.as_stated
+        campaign,
+        drive=run.drive,
+        seed=run.settings.seed,
+        library=_candidates(run),
+        as_stated=run.as_stated,
     )
     content = sealed(to_json(investigation))
     text = json.dumps(content, indent=None, separators=(", ", ": "), allow_nan=False)
     write_atomically(folder / _DIAGNOSIS, text + "\n")
     return content
+
+
+def _candidates(run: Run) -> tuple[Effect, ...]:
+    """What a diagnosis tries: the library, and what the run names beyond it."""
+    further = tuple(e for e in effects_named(run.effects) if e not in LIBRARY)
+    return (*LIBRARY, *further)
 
 
 def blaming_diagnosis(folder: Path, content: Mapping[str, Any]) -> AbstractContextManager[None]:

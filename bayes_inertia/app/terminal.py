@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rich.console import Console
+from rich.padding import Padding
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -87,6 +88,22 @@ def headed(head: str, rest: str = "", *, style: str = "bold") -> Text:
     'MOST [/run 3]: 5 slews'
     """
     return Text.assemble((head, style), rest)
+
+
+def indented(line: str) -> Padding:
+    """A line two columns to the right, on all the rows that it takes.
+
+    Parameters
+    ----------
+    line : str
+        The text.
+
+    Returns
+    -------
+    Padding
+        To be printed.
+    """
+    return Padding(Text(line), (0, 0, 0, 2), expand=False)
 
 
 def say(sentence: str) -> None:

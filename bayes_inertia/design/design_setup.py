@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.design.after_campaign import forecast_after, missions_after
 from bayes_inertia.design.expected_accuracy import likely_missions
 from bayes_inertia.design.feasibility import require_feasible
@@ -18,8 +20,11 @@ from bayes_inertia.design.limits import Limits, hardware_limits
 from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
+from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.physics.effects import by_name
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.named_effects import effects_named
+from bayes_inertia.physics.parameters import ParameterSpace
 
 # The paper's angular acceleration [rad/s^2].
 _PAPER_ACCELERATION = math.radians(0.05)
@@ -60,6 +65,7 @@ def set_up_design(
     seed: int,
     draws: int,
     after: Estimate | None = None,
+    effects: Sequence[str] = (),
 ) -> DesignSetup:
     """Set up the search for a plan.
 
@@ -81,6 +87,8 @@ def set_up_design(
         How many truths.
     after : Estimate, optional
         The fit of a campaign flown before; what it tells counts.
+    effects : sequence of str, optional
+        Names of effects that are fitted along.
 
     Returns
     -------
@@ -104,18 +112,26 @@ def set_up_design(
     region = region._replace(time=total_time)
     require_feasible(spacecraft, base, region, limits, n_slews)
     reference = paper_like_reference(base, region, n_slews, total_time)
-    forecast = prepare_forecast(reference, mission, by_name(goal.effects))
+    fitted = effects_named(tuple(dict.fromkeys((*goal.effects, *effects))))
+    goal = replace(goal, effects=tuple(e.name for e in fitted[: len(goal.effects)]))
+    forecast = prepare_forecast(reference, mission, fitted)
     if after is None:
         missions = likely_missions(reference, mission, draws, seed)
     else:
         missions = missions_after(after, draws, seed)
         forecast = forecast_after(forecast, after)
-    nulls = np.zeros(len(forecast.layout.names) - 9)
+    nulls = _nulls(fitted, planned_campaign(reference, mission.without_effects()))
     thetas = np.array([np.concatenate([truth.theta, nulls]) for truth in missions])
     end = None if limits.end_attitude is None else np.array(limits.end_attitude)
     return DesignSetup(
         PlanProblem(goal, forecast, thetas, region, end), limits, reference, missions
     )
+
+
+def _nulls(effects: tuple[Effect, ...], campaign: Campaign) -> np.ndarray:
+    """The values (d,) at which effects do nothing."""
+    named = tuple((e.name, p) for e in effects for p in e.parameters(campaign))
+    return ParameterSpace(named).nulls
 
 
 def paper_like_reference(base: Plan, region: FeasibleRegion, n: int, total_time: float) -> Plan:

@@ -115,6 +115,7 @@ def design_plan(
     starts: int = 14,
     draws: int = 3,
     after: Estimate | None = None,
+    effects: Sequence[str] = (),
 ) -> Design:
     """Design a campaign.
 
@@ -142,6 +143,8 @@ def design_plan(
     after : Estimate, optional
         The fit of a campaign that was flown before. What it tells counts, and J and K are drawn
         from it.
+    effects : sequence of str, optional
+        Names of effects that are fitted along, see `effects_named`; at their null in the forecast.
 
     Returns
     -------
@@ -168,7 +171,15 @@ def design_plan(
     base = base or paper_like_plan()
     base = replace(base, start_attitude=limits.start_attitude or base.start_attitude)
     setup = set_up_design(
-        mission, parsed_goal, limits, base, n_slews, seed=seed, draws=draws, after=after
+        mission,
+        parsed_goal,
+        limits,
+        base,
+        n_slews,
+        seed=seed,
+        draws=draws,
+        after=after,
+        effects=effects,
     )
     x, log_values, least_slacks = random_plans(setup.problem, n_slews, candidates, seed)
     improved, history = improved_plans(setup.problem, x, log_values, least_slacks, starts)

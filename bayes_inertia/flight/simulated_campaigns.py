@@ -24,7 +24,7 @@ from bayes_inertia.flight.spacecraft import Controller, Spacecraft, spin_tensor
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.effects import by_name
+from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.parameters import ParameterSpace
 
 
@@ -142,8 +142,10 @@ class _Request:
     @classmethod
     def parsed(cls, text: str) -> _Request:
         key, _, value = text.partition("=")
-        effect, _, parameter = key.partition(".")
-        return cls(effect, parameter, value)
+        # An effect from outside is called `FILE.py:Class` or `package.module:Class`.
+        source, colon, rest = key.rpartition(":")
+        effect, _, parameter = rest.partition(".")
+        return cls(f"{source}{colon}{effect}", parameter, value)
 
 
 def _hidden_effects(
@@ -151,11 +153,12 @@ def _hidden_effects(
 ) -> tuple[tuple[Effect, ...], dict[str, dict[str, Any]]]:
     """Effects and values that requests name."""
     requests = [_Request.parsed(text) for text in texts]
-    effects = by_name(tuple(dict.fromkeys(request.effect for request in requests)))
+    names = tuple(dict.fromkeys(request.effect for request in requests))
+    effects = effects_named(pinned_names(names))
     values: dict[str, dict[str, Any]] = {}
-    for effect in effects:
+    for name, effect in zip(names, effects, strict=True):
         space = _space_of(effect, template)
-        settings = [r for r in requests if r.effect == effect.name and r.parameter]
+        settings = [r for r in requests if r.effect == name and r.parameter]
         flat = space.nulls if settings else space.draw(rng, 1)[0]
         by_parameter = {
             k: np.asarray(v) for k, v in space.split(jnp.asarray(flat))[effect.name].items()

@@ -19,7 +19,7 @@ from bayes_inertia.design.limits import (
 )
 from bayes_inertia.design.margins import broken_limits, flown_margins
 from bayes_inertia.errors import DesignError
-from bayes_inertia.flight.mission import Mission
+from bayes_inertia.flight.mission import Mission, most_like_mission
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.plan_file import read_plan, write_plan
 from bayes_inertia.flight.plan_flight import fly
@@ -162,3 +162,25 @@ def test_a_plan_for_a_nearly_flat_body_is_judged_by_tensors_that_a_body_can_have
     )
     assert len(truths) == len(problem.thetas) == 12
     assert np.all(inertia_tensor.is_physical(problem.thetas[:, :6]))
+
+
+def test_effects_fitted_along_stand_at_their_null():
+    """A gain is one where it does nothing; an effect named twice is fitted once."""
+    goal = parse_goal("separate:wheel_torque_gain,constant_torque")
+    base, limits = paper_like_plan(), Limits(rate=0.0175)
+    setup = set_up_design(
+        most_like_mission(),
+        goal,
+        limits,
+        base,
+        5,
+        seed=0,
+        draws=2,
+        effects=("rate_bias", "constant_torque"),
+    )
+    names = setup.problem.forecast.layout.names
+    assert len(names) == len(set(names)) == 9 + 3 * 3
+    for theta in setup.problem.thetas:
+        nulls = dict(zip(names, theta, strict=True))
+        assert nulls["wheel_torque_gain.gain_wheel_x"] == 1.0
+        assert nulls["rate_bias.bias_x"] == 0.0

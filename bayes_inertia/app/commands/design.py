@@ -11,7 +11,13 @@ from rich.box import SIMPLE
 from rich.table import Table
 from rich.text import Text
 
-from bayes_inertia.app.commands.options import CampaignFolder, OutputFolder, Seed
+from bayes_inertia.app.commands.options import (
+    CampaignFolder,
+    EffectNames,
+    OutputFolder,
+    Seed,
+    names_in,
+)
 from bayes_inertia.app.terminal import headed, plain_console
 
 if TYPE_CHECKING:
@@ -77,6 +83,7 @@ def design_command(
     keep_out: KeepOuts = None,
     end_attitude: EndAttitude = None,
     after: AfterCampaign = False,
+    effects: EffectNames = "",
     seed: Seed = 0,
 ) -> None:
     """Design the slews to fly next.
@@ -97,6 +104,7 @@ def design_command(
         keep_out=tuple(keep_out or ()),
         after=after,
         seed=seed,
+        effects=tuple(names_in(effects)),
     )
     design = run_design(campaign, out, request)
     show_design(design, out)

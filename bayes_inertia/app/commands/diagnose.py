@@ -7,15 +7,18 @@ from bayes_inertia.app.commands.options import (
     AsStated,
     CampaignFolder,
     DriveName,
+    FurtherCandidates,
     OutputFolder,
     Seed,
     WithReport,
+    names_in,
 )
 
 
 def diagnose_command(
     campaign: CampaignFolder,
     out: OutputFolder,
+    effects: FurtherCandidates = "",
     drive: DriveName = None,
     seed: Seed = 0,
     report: WithReport = True,
@@ -40,6 +43,12 @@ def diagnose_command(
 
     settings = replace(DIAGNOSED_SETTINGS, seed=seed)
     run_folder.start(
-        campaign, out, drive=drive, settings=settings, kind="diagnose", as_stated=as_stated
+        campaign,
+        out,
+        effects=names_in(effects),
+        drive=drive,
+        settings=settings,
+        kind="diagnose",
+        as_stated=as_stated,
     )
     finish_and_show(out, report)

@@ -12,7 +12,18 @@ OutputFolder = Annotated[Path, typer.Option("-o", "--out", help="Folder for the 
 Seed = Annotated[int, typer.Option(help="One integer that reproduces everything.", min=0)]
 EffectNames = Annotated[
     str,
-    typer.Option(help="Effects to fit along, separated by commas; `doctor` lists their names."),
+    typer.Option(
+        help="Effects to fit along, separated by commas; `effects` lists their names. One of your "
+        "own is called FILE.py:Class or package.module:Class."
+    ),
+]
+FurtherCandidates = Annotated[
+    str,
+    typer.Option(
+        "--effects",
+        help="Effects to try beyond the library, separated by commas: FILE.py:Class, "
+        "package.module:Class, or a name that `effects` lists.",
+    ),
 ]
 DriveName = Annotated[
     Literal["commanded", "measured"] | None,

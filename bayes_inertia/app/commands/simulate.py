@@ -19,7 +19,10 @@ def simulate_command(
     hide: Annotated[
         list[str] | None,
         typer.Option(
-            help="Hidden effect, as name or name.parameter=value[,value...]; may be repeated."
+            "--hide",
+            "--effects",
+            help="Hidden effect, as name or name.parameter=value[,value...]; may be repeated. One "
+            "of your own: FILE.py:Class or FILE.py:Class.parameter=value.",
         ),
     ] = None,
     seed: Seed = 0,

@@ -1,0 +1,112 @@
+"""`effects`: what can be fitted beside J and K, and does an effect keep its contract?"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from bayes_inertia.app.commands.options import AsJson
+from bayes_inertia.app.terminal import headed, indented, plain_console, say
+
+if TYPE_CHECKING:
+    from bayes_inertia.campaign.campaign import Campaign
+    from bayes_inertia.physics.check_effect import CheckedEffect
+    from bayes_inertia.physics.effect import Effect
+
+_CHECK_FORMAT = "bayes-inertia-effects-check/1"
+
+
+def effects_command(
+    campaign: Annotated[
+        Path | None,
+        typer.Option(
+            help="List for this campaign: its wheels, and default priors on its scale. Without "
+            "it a small campaign stands for it."
+        ),
+    ] = None,
+    check: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FILE.py",
+            help="Prove that the effects of a file (or FILE.py:Class) keep the contract.",
+        ),
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """List the effects: parameters, units, priors, and where they act.
+
+    `--check my_effects.py` proves that effects of your own keep the contract, and says what was
+    proven. Then name them anywhere: `--effects my_effects.py:MyEffect`.
+    """
+    from bayes_inertia.campaign.reader import read_campaign
+    from bayes_inertia.physics.effects import LIBRARY, STOCHASTIC
+    from bayes_inertia.physics.small_campaign import small_campaign
+
+    flown = small_campaign() if campaign is None else read_campaign(campaign)
+    if check is None:
+        _list((*LIBRARY, *STOCHASTIC), flown, as_json)
+        return
+    _check(check, None if campaign is None else flown, as_json)
+
+
+def _check(text: str, campaign: Campaign | None, as_json: bool) -> None:
+    """Prove the contract of all effects of a file, or of one that is named."""
+    from bayes_inertia.physics.check_effect import check_effect
+    from bayes_inertia.physics.named_effects import effects_named
+    from bayes_inertia.physics.outside_effects import effects_in_file
+
+    checked = []
+    for effect in effects_in_file(Path(text)) if text.endswith(".py") else effects_named([text]):
+        if not as_json:
+            say(f"checking {effect.name} ...")
+        checked.append(check_effect(effect, campaign))
+    if as_json:
+        rows = [{"name": c.name, "fingerprint": dict(c.fingerprint)} for c in checked]
+        typer.echo(json.dumps({"format": _CHECK_FORMAT, "effects": rows}, indent=1))
+        return
+    for result in checked:
+        show_checked_effect(result)
+
+
+def _list(effects: tuple[Effect, ...], campaign: Campaign, as_json: bool) -> None:
+    from bayes_inertia.app.effect_table import effect_lines, effects_json
+
+    content = effects_json(effects, campaign)
+    if as_json:
+        typer.echo(json.dumps(content, indent=1, allow_nan=False))
+        return
+    console = plain_console()
+    for row in content["effects"]:
+        console.print(headed(row["name"]))
+        for line in effect_lines(row):
+            console.print(indented(line))
+    for name, reference in content["installed"].items():
+        console.print(headed(name, f": of an installed package ({reference}), not loaded"))
+
+
+def show_checked_effect(checked: CheckedEffect) -> None:
+    """Print what was proven of an effect.
+
+    Parameters
+    ----------
+    checked : CheckedEffect
+        From `check_effect`.
+    """
+    console = plain_console()
+    console.print(headed(f"{checked.name}: keeps the contract", style="bold green"))
+    for line in (
+        "declaration: a frozen, hashable class with a name, SI units, priors and null values",
+        "at its null values it changes nothing (1e-12)",
+        "a batch of parameters gives what one after the other gives (1e-9)",
+        "pure: evaluated again, without compilation, it gives the same (1e-9)",
+        "telemetry and derivatives are finite over draws of the prior",
+        "derivatives agree with differences",
+    ):
+        console.print(indented(line))
+    console.print("every parameter leaves a trace [noise sigmas per prior sd, all samples]:")
+    for drive, sizes in checked.fingerprint.items():
+        for name, size in sizes.items():
+            console.print(indented(f"{name}, {drive} drive: {size:.3g}"))

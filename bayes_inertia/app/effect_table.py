@@ -1,0 +1,122 @@
+"""Effects as the command `effects` lists them: parameters, units, priors, hooks."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.maths.values import json_ready
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effects import LIBRARY
+from bayes_inertia.physics.outside_effects import installed_effects
+from bayes_inertia.physics.parameters import LogNormal, Parameter, Prior
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
+from bayes_inertia.report.formatting import listed
+
+FORMAT = "bayes-inertia-effects/1"
+# Methods of `Effect` that do not act on the model.
+_NO_HOOKS = ("parameters", "max_step", "afterwards", "acts")
+
+
+def effects_json(effects: Sequence[Effect], campaign: Campaign) -> dict[str, Any]:
+    """What `effects --json` prints.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+        To be listed.
+    campaign : Campaign
+        Whose wheels, and whose motion as the scale of default priors, they are listed for.
+
+    Returns
+    -------
+    dict
+        Name, kind, needs, hooks and parameters of each; names of what installed packages offer.
+    """
+    return json_ready(
+        {
+            "format": FORMAT,
+            "campaign": campaign.name,
+            "effects": [_row(effect, campaign) for effect in effects],
+            "installed": installed_effects(),
+        }
+    )
+
+
+def effect_lines(row: Mapping[str, Any]) -> list[str]:
+    """An effect in words.
+
+    Parameters
+    ----------
+    row : mapping
+        Of `effects_json`.
+
+    Returns
+    -------
+    list of str
+        Its kind and hooks, then a line a parameter.
+    """
+    kind = {
+        "library": "tried by a diagnosis",
+        "named": "without a fixed shape: fitted when named",
+        "outside": "of your own",
+    }[row["kind"]]
+    needs = f"; needs {listed(row['needs'])}" if row["needs"] else ""
+    hooks = listed([hook.replace("_", " ") for hook in row["hooks"]]) or "its coefficients alone"
+    lines = [row["says"], f"{kind}{needs}; acts in {hooks}"]
+    for p in row["parameters"]:
+        several = f" ({len(p['components'])})" if p["components"] else ""
+        unit = f" [{p['unit']}]" if p["unit"] else ""
+        lines.append(f"{p['name']}{several}{unit}: {_prior_text(p['prior'])}, off at {p['null']:g}")
+    return lines
+
+
+def _row(effect: Effect, campaign: Campaign) -> dict[str, Any]:
+    stochastic = isinstance(effect, StochasticEffect)
+    kind = "library" if effect in LIBRARY else "named" if stochastic else "outside"
+    return {
+        "name": effect.name,
+        "kind": kind,
+        "says": (inspect.getdoc(type(effect)) or "").split("\n\n")[0].replace("\n", " "),
+        "needs": list(effect.needs),
+        "hooks": [hook for hook in _hooks() if effect.acts(hook)],
+        "parameters": [_parameter_row(p) for p in effect.parameters(campaign)],
+    }
+
+
+def _hooks() -> list[str]:
+    return [
+        name
+        for name, value in vars(Effect).items()
+        if inspect.isfunction(value) and not name.startswith("_") and name not in _NO_HOOKS
+    ]
+
+
+def _parameter_row(p: Parameter) -> dict[str, Any]:
+    return {
+        "name": p.name,
+        "components": list(p.names) if p.components else [],
+        "unit": p.unit,
+        "null": p.null,
+        "prior": _prior_row(p.priors[0]),
+    }
+
+
+def _prior_row(prior: Prior) -> dict[str, Any]:
+    limits = {"lower": prior.lower, "upper": prior.upper}
+    if isinstance(prior, LogNormal):
+        return {"kind": "lognormal", "median": prior.median, "log_sd": prior.scale, **limits}
+    return {"kind": "normal", "mean": prior.mean, "scale": prior.scale, **limits}
+
+
+def _prior_text(prior: Mapping[str, Any]) -> str:
+    if prior["kind"] == "lognormal":
+        return f"{prior['median']:.3g}, known to a factor of {np.exp(prior['log_sd']):.2g}"
+    lower, upper = prior["lower"], prior["upper"]
+    limits = f", at least {lower:.3g}" if lower is not None else ""
+    limits += f", at most {upper:.3g}" if upper is not None else ""
+    return f"{prior['mean']:.3g} ± {prior['scale']:.2g}{limits}"

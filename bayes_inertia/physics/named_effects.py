@@ -1,0 +1,114 @@
+"""Effects by what a user calls them: a name of the library, or a reference to code of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+
+from bayes_inertia.errors import EffectError
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect_declaration import check_declaration, guarded
+from bayes_inertia.physics.effects import LIBRARY, STOCHASTIC, by_name
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.outside_effects import load_effect, pinned, reference_of
+from bayes_inertia.physics.prediction import predict_all
+from bayes_inertia.physics.slew_input import Drive
+from bayes_inertia.physics.small_campaign import small_campaign
+
+
+def effects_named(names: Sequence[str]) -> tuple[Effect, ...]:
+    """The effects with these names, of the library or from outside.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Each a name of the library ("rate_bias"), `FILE.py:Class`, `package.module:Class`, the name
+        of an entry point of an installed package, or what `pinned_names` returned.
+
+    Returns
+    -------
+    tuple of Effect
+        In the order given.
+
+    Raises
+    ------
+    EffectError
+        If a name or reference leads to no effect, or two effects have one name.
+
+    Examples
+    --------
+    >>> [effect.name for effect in effects_named(["rate_bias"])]
+    ['rate_bias']
+    """
+    effects = tuple(_effect_named(name) for name in names)
+    for effect in effects:
+        if sum(other.name == effect.name for other in effects) > 1:
+            raise EffectError(
+                "the same effect twice", where=effect.name, advice="name each effect once"
+            )
+    return effects
+
+
+def pinned_names(names: Sequence[str]) -> tuple[str, ...]:
+    """The names as a run keeps them; effects from outside are checked.
+
+    Parameters
+    ----------
+    names : sequence of str
+        As `effects_named` takes them.
+
+    Returns
+    -------
+    tuple of str
+        References with absolute paths and digests; names of the library as they are.
+
+    Raises
+    ------
+    EffectError
+        As `effects_named`, and if an effect from outside does not declare itself as it must or a
+        hook of it cannot be called.
+    """
+    effects_named(names)
+    return tuple(_pinned_name(name) for name in names)
+
+
+def _effect_named(name: str) -> Effect:
+    reference = reference_of(name)
+    if reference is None or _is_of_library(name):
+        return by_name([name])[0]
+    effect = load_effect(reference)
+    if _is_of_library(str(effect.name)):
+        raise EffectError(
+            f"the library has an effect called {effect.name!r} too",
+            where=str(reference),
+            advice="give the class another `name`",
+        )
+    return effect
+
+
+def _pinned_name(name: str) -> str:
+    reference = reference_of(name)
+    if reference is None or _is_of_library(name):
+        return name
+    _check_traceable(load_effect(reference))
+    return str(pinned(reference))
+
+
+def _is_of_library(name: str) -> bool:
+    return any(effect.name == name for effect in (*LIBRARY, *STOCHASTIC))
+
+
+def _check_traceable(effect: Effect) -> None:
+    """Call every hook once, on shapes alone: quick, and no traceback in the middle of a fit."""
+    campaign = small_campaign()
+    check_declaration(effect, campaign)
+    drives: tuple[Drive, Drive] = ("commanded", "measured")
+    for drive in drives:
+        model = guarded(effect, "building the model", partial(Model, campaign, (effect,), drive))
+        local = jnp.zeros((model.n_slews, model.structure.n_local))
+        predict = partial(predict_all, model.structure)
+        arguments = (jnp.asarray(model.space.mean), local, jnp.zeros(3), model.data)
+        guarded(effect, "predicting telemetry", partial(jax.eval_shape, predict, *arguments))
