@@ -20,6 +20,7 @@ from bayes_inertia.app.commands.design import design_command
 from bayes_inertia.app.commands.diagnose import diagnose_command
 from bayes_inertia.app.commands.doctor import doctor_command
 from bayes_inertia.app.commands.effects import effects_command
+from bayes_inertia.app.commands.examples import example_of
 from bayes_inertia.app.commands.export import export_command
 from bayes_inertia.app.commands.fit import fit_command
 from bayes_inertia.app.commands.fit_many import fit_many_command
@@ -32,7 +33,7 @@ from bayes_inertia.app.commands.study import study_command
 from bayes_inertia.app.compiled_code import compiled_code_kept
 from bayes_inertia.app.failures import failure_message, is_closed_output
 from bayes_inertia.app.interruption import ending_soon_on_signals, how_to_go_on
-from bayes_inertia.app.terminal import safe_message
+from bayes_inertia.app.terminal import quietly, safe_message
 from bayes_inertia.errors import BayesInertiaError
 from bayes_inertia.version import __version__
 
@@ -70,13 +71,12 @@ def command_line() -> typer.Typer:
         "with honest uncertainty.",
         no_args_is_help=True,
         pretty_exceptions_enable=False,
-        add_completion=False,
         # Units such as [deg/s] in the help would be taken for markup.
         rich_markup_mode=None,
     )
     app.callback()(_options)
     for name, command in COMMANDS.items():
-        app.command(name)(command)
+        app.command(name, epilog=example_of(name))(command)
     return app
 
 
@@ -102,7 +102,16 @@ def _options(
             "(BAYES_INERTIA_CACHE: another folder, or off).",
         ),
     ] = True,
+    quiet: Annotated[
+        bool,
+        typer.Option(
+            "--quiet",
+            "-q",
+            help="Print errors alone, and what --json asks for; may stand anywhere.",
+        ),
+    ] = False,
 ) -> None:
+    context.with_resource(quietly(quiet))
     context.with_resource(compiled_code_kept(cache))
 
 
@@ -127,10 +136,16 @@ def main(arguments: list[str] | None = None) -> None:
     sys.exit(code)
 
 
+def _quiet_first(words: list[str]) -> list[str]:
+    """The words with --quiet where options of all commands stand: before the command."""
+    quiet = [word for word in words if word in ("--quiet", "-q")]
+    return [*quiet[:1], *(word for word in words if word not in quiet)]
+
+
 def _exit_code(words: list[str]) -> int:
     """The exit code of a command, errors said on stderr."""
     try:
-        code = command_line()(args=words, standalone_mode=False)
+        code = command_line()(args=_quiet_first(words), standalone_mode=False)
         sys.stdout.flush()
         return code or 0
     except BayesInertiaError as error:

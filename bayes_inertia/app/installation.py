@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.table import Table
@@ -11,31 +13,63 @@ from rich.table import Table
 from bayes_inertia.app.compiled_code import size_of
 from bayes_inertia.app.terminal import plain_console
 
+FORMAT = "bayes-inertia-installation/1"
 _PACKAGES = ("bayes-inertia", "numpy", "scipy", "jax", "emcee", "arviz", "xarray", "matplotlib")
 # Relative change of the energy of a free tumble over 100 s that the integrator may make.
 _ENERGY_DRIFT_ALLOWED = 1e-9
 
 
-def show_installation() -> None:
-    """Print versions, the device that computes, a self-test, and the library of effects."""
+def installation_json() -> dict[str, Any]:
+    """Versions, the device that computes, a self-test, and the library of effects.
+
+    Returns
+    -------
+    dict
+        What `doctor --json` prints.
+    """
     import jax
     import jax.numpy as jnp
 
     from bayes_inertia.physics.effects import LIBRARY, STOCHASTIC
 
+    drift = _energy_drift()
+    return {
+        "format": FORMAT,
+        "versions": {name: metadata.version(name) for name in _PACKAGES},
+        "devices": [str(device) for device in jax.devices()],
+        "double_precision": bool(jnp.zeros(1).dtype == jnp.float64),
+        "energy_drift": drift,
+        "self_test_passed": drift < _ENERGY_DRIFT_ALLOWED,
+        "compiled_code": _compiled_code(),
+        "effects": [effect.name for effect in LIBRARY],
+        "effects_without_fixed_shape": [effect.name for effect in STOCHASTIC],
+    }
+
+
+def show_installation(content: Mapping[str, Any]) -> None:
+    """Print what this installation consists of, and whether it works.
+
+    Parameters
+    ----------
+    content : mapping
+        Of `installation_json`.
+    """
     console = plain_console()
     table = Table("package", "version")
-    for name in _PACKAGES:
-        table.add_row(name, metadata.version(name))
+    for name, version in content["versions"].items():
+        table.add_row(name, version)
     console.print(table)
-    devices = ", ".join(str(device) for device in jax.devices())
-    console.print(f"computing on: {devices}; 64-bit: {jnp.zeros(1).dtype == jnp.float64}")
-    drift = _energy_drift()
-    passed = "passed" if drift < _ENERGY_DRIFT_ALLOWED else "FAILED"
-    console.print(f"self-test: energy of a free tumble is constant to {drift:.1e} ({passed})")
-    console.print(f"compiled code: {_compiled_code()}")
-    console.print(f"effects: {', '.join(effect.name for effect in LIBRARY)}")
-    console.print(f"without a fixed shape: {', '.join(effect.name for effect in STOCHASTIC)}")
+    devices = ", ".join(content["devices"])
+    console.print(f"computing on: {devices}; 64-bit: {content['double_precision']}")
+    passed = "passed" if content["self_test_passed"] else "FAILED"
+    console.print(
+        f"self-test: energy of a free tumble is constant to {content['energy_drift']:.1e} "
+        f"({passed})"
+    )
+    console.print(f"compiled code: {content['compiled_code']}")
+    console.print(f"effects: {', '.join(content['effects'])}")
+    further = ", ".join(content["effects_without_fixed_shape"])
+    console.print(f"without a fixed shape: {further}")
 
 
 def _compiled_code() -> str:

@@ -6,9 +6,15 @@ nothing here is markup: style is given beside a text, never inside it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import json
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
+from pathlib import Path
+from typing import Any
 
+import typer
+from rich.box import SIMPLE
 from rich.console import Console
 from rich.padding import Padding
 from rich.progress import (
@@ -18,9 +24,15 @@ from rich.progress import (
     SpinnerColumn,
     TextColumn,
     TimeElapsedColumn,
+    TimeRemainingColumn,
 )
+from rich.table import Table
 from rich.text import Text
 
+# Whether the command at hand prints nothing but errors and what was asked for as JSON.
+_QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
+# Up to so many columns, tables are made as narrow as they can be.
+_NARROW = 100
 # Characters of a message, and how many of them are its end, which says what to do.
 _LONGEST, _END = 4000, 1000
 
@@ -38,7 +50,57 @@ def plain_console(*, stderr: bool = False) -> Console:
     Console
         The console.
     """
-    return Console(stderr=stderr, markup=False, emoji=False, highlight=False)
+    return Console(stderr=stderr, markup=False, emoji=False, highlight=False, quiet=_QUIET.get())
+
+
+@contextmanager
+def quietly(quiet: bool) -> Iterator[None]:
+    """Print no tables, sentences and progress while the context lasts.
+
+    Parameters
+    ----------
+    quiet : bool
+        False: nothing changes.
+
+    Examples
+    --------
+    >>> with quietly(True):
+    ...     plain_console().print("a table")
+    """
+    before = _QUIET.set(quiet)
+    try:
+        yield
+    finally:
+        _QUIET.reset(before)
+
+
+def print_json(content: Mapping[str, Any]) -> None:
+    """Print one JSON document on stdout, quiet or not.
+
+    Parameters
+    ----------
+    content : dict
+        With the key `format`, which names the schema and its version.
+
+    Examples
+    --------
+    >>> print_json({"format": "bayes-inertia-note/1"})
+    {
+     "format": "bayes-inertia-note/1"
+    }
+    """
+    typer.echo(json.dumps(content, indent=1, allow_nan=False))
+
+
+def print_json_file(path: Path) -> None:
+    """Print a JSON document that a command wrote, as it stands in its file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    """
+    print_json(json.loads(path.read_text(encoding="utf-8")))
 
 
 def safe_message(text: str) -> str:
@@ -90,6 +152,39 @@ def headed(head: str, rest: str = "", *, style: str = "bold") -> Text:
     return Text.assemble((head, style), rest)
 
 
+def narrow_table(
+    console: Console, first: str, *headings: str, wrapping: Sequence[str] = ()
+) -> Table:
+    """A table that fits 80 columns: the first column gives way, numbers never do.
+
+    Parameters
+    ----------
+    console : Console
+        Where it will be printed.
+    first : str
+        Heading of the names, which are folded where they are long.
+    *headings : str
+        Of the other columns; on a narrow console a heading is broken between its words.
+    wrapping : sequence of str
+        Those of them whose cells may be broken too.
+
+    Returns
+    -------
+    Table
+        Without rows.
+    """
+    table = Table(box=SIMPLE, pad_edge=False, collapse_padding=True)
+    table.add_column(first, overflow="fold")
+    for heading in headings:
+        if heading in wrapping:
+            longest = max(map(len, heading.split()))
+            table.add_column(heading, overflow="fold", min_width=longest)
+        else:
+            shown = heading.replace(" ", "\n", 1) if console.width <= _NARROW else heading
+            table.add_column(shown, no_wrap=True)
+    return table
+
+
 def indented(line: str) -> Padding:
     """A line two columns to the right, on all the rows that it takes.
 
@@ -124,10 +219,10 @@ def progress_bar() -> Iterator[Callable[[str, int, int], None] | None]:
     Yields
     ------
     callable or None
-        To be called with (what, done, of). None if stderr is not a terminal.
+        To be called with (what, done, of). None if stderr is not a terminal, or in quiet.
     """
     console = plain_console(stderr=True)
-    if not console.is_terminal:
+    if not console.is_terminal or console.quiet:
         yield None
         return
     columns = (
@@ -136,9 +231,16 @@ def progress_bar() -> Iterator[Callable[[str, int, int], None] | None]:
         BarColumn(),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
     )
     with Progress(*columns, console=console, transient=True) as progress:
         task = progress.add_task("starting", total=None)
-        yield lambda what, done, of: progress.update(
-            task, description=what, completed=done, total=of
-        )
+
+        def update(what: str, done: int, of: int) -> None:
+            if what != progress.tasks[0].description:
+                # The time that is left counts from the beginning of this step.
+                progress.reset(task, description=what, total=of)
+            progress.update(task, completed=done, total=of)
+
+        yield update

@@ -9,7 +9,7 @@ import typer
 from rich.box import SIMPLE
 from rich.table import Table
 
-from bayes_inertia.app.terminal import plain_console, progress_bar, say
+from bayes_inertia.app.terminal import plain_console, print_json_file, progress_bar, say
 
 if TYPE_CHECKING:
     from bayes_inertia.studies.calibration_result import Calibration
@@ -25,6 +25,7 @@ def calibrate(
     engine: Engine | None,
     jobs: int,
     scheduler: str | None,
+    as_json: bool = False,
 ) -> None:
     """Run a calibration, print it, and exit with 3 if it is rejected or fits failed.
 
@@ -44,6 +45,8 @@ def calibrate(
         Processes.
     scheduler : str or None
         Address of a dask scheduler.
+    as_json : bool
+        Whether to print calibration.json instead of tables.
 
     Raises
     ------
@@ -56,7 +59,10 @@ def calibrate(
     with progress_bar() as progress:
         execution = Execution(engine, jobs, scheduler, progress, say)
         calibration = run_calibration(out, fits=fits, cases=cases, seed=seed, execution=execution)
-    show_calibration(calibration, out)
+    if as_json:
+        print_json_file(out / "calibration.json")
+    else:
+        show_calibration(calibration, out)
     if calibration.rejected or calibration.failures:
         raise typer.Exit(3)
 
@@ -76,7 +82,7 @@ def show_calibration(calibration: Calibration, folder: Path) -> None:
     console = plain_console()
     for case in calibration.cases:
         console.print(f"{case.name} ({case.says}): {len(case.ranks)} fits")
-        table = Table(box=SIMPLE)
+        table = Table(box=SIMPLE, pad_edge=False, collapse_padding=True)
         table.add_column("", no_wrap=True)
         for heading in ("in 50 %", "in 90 %", "in 95 %", "mean z", "mean z²", "p of ranks"):
             table.add_column(heading, justify="right", no_wrap=True)

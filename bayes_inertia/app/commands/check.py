@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich.table import Table
 
-from bayes_inertia.app.commands.options import Anyway, CampaignFolder
-from bayes_inertia.app.terminal import headed, plain_console
+from bayes_inertia.app.commands.options import Anyway, AsJson, CampaignFolder
+from bayes_inertia.app.terminal import headed, narrow_table, plain_console, print_json
 
 if TYPE_CHECKING:
     from bayes_inertia.campaign.campaign import Campaign
     from bayes_inertia.campaign.slew import Slew
 
+FORMAT = "bayes-inertia-check/1"
 _COLUMNS = (
     "slew",
     "rows",
@@ -26,14 +26,69 @@ _COLUMNS = (
 )
 
 
-def check_command(campaign: CampaignFolder, anyway: Anyway = False) -> None:
+def check_command(
+    campaign: CampaignFolder, anyway: Anyway = False, as_json: AsJson = False
+) -> None:
     """Read a campaign, check it and its conventions, and say what it contains."""
     from bayes_inertia.campaign.reader import read_campaign
     from bayes_inertia.conventions.check import refuse_impossible
 
-    show_campaign(read_campaign(campaign))
+    flown = read_campaign(campaign)
+    if not as_json:
+        show_campaign(flown)
     if not anyway:
         refuse_impossible(campaign)
+    if as_json:
+        print_json(campaign_json(flown))
+
+
+def campaign_json(campaign: Campaign) -> dict[str, Any]:
+    """What `check --json` prints.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        The campaign.
+
+    Returns
+    -------
+    dict
+        Slews, wheels, prior, possible drives, dirt.
+    """
+    from bayes_inertia.maths.values import json_ready
+
+    inertia, sensor = campaign.inertia, campaign.rate_sensor
+    return json_ready(
+        {
+            "format": FORMAT,
+            "campaign": campaign.name,
+            "slews": [_slew_row(slew) for slew in campaign.slews],
+            "wheels": [wheel.name for wheel in campaign.wheels],
+            "inertia_kgm2": inertia.tensor,
+            "inertia_sd_kgm2": inertia.sd,
+            "includes_wheel_spin": inertia.includes_wheel_spin,
+            "principal_moments_kgm2": np.linalg.eigvalsh(inertia.tensor),
+            "rate_sigma_radps": sensor.sigma,
+            "star_tracker": campaign.star_tracker is not None,
+            "possible_drives": _possible_drives(campaign),
+            "dirt": [record.json() for record in campaign.dirt],
+        }
+    )
+
+
+def _slew_row(slew: Slew) -> dict[str, Any]:
+    """A slew in numbers; the peak rate is None without complete readings."""
+    _, rates = slew.complete_rates()
+    return {
+        "name": slew.name,
+        "rows": len(slew.time),
+        "step_s": float(np.median(slew.rate_steps)),
+        "duration_s": float(slew.duration),
+        "peak_rate_radps": float(np.linalg.norm(rates, axis=1).max()) if len(rates) else None,
+        "fixes": int(slew.fixes.sum()),
+        "commands": slew.wheel_torque is not None,
+        "wheel_momentum": slew.wheel_momentum is not None,
+    }
 
 
 def show_campaign(campaign: Campaign) -> None:
@@ -47,7 +102,7 @@ def show_campaign(campaign: Campaign) -> None:
     console = plain_console()
     slews, wheels = len(campaign.slews), len(campaign.wheels)
     console.print(headed(campaign.name, f": {slews} slews, {wheels} wheels"))
-    table = Table(*_COLUMNS)
+    table = narrow_table(console, *_COLUMNS)
     for slew in campaign.slews:
         table.add_row(*_slew_cells(slew))
     console.print(table)
@@ -69,17 +124,17 @@ def show_campaign(campaign: Campaign) -> None:
 
 
 def _slew_cells(slew: Slew) -> tuple[str, ...]:
-    _, rates = slew.complete_rates()
-    peak = f"{np.degrees(np.linalg.norm(rates, axis=1).max()):.3g}" if len(rates) else "none"
+    row = _slew_row(slew)
+    peak = row["peak_rate_radps"]
     return (
-        slew.name,
-        str(len(slew.time)),
-        f"{np.median(slew.rate_steps):.4g}",
-        f"{slew.duration:.4g}",
-        peak,
-        str(int(slew.fixes.sum())),
-        "no" if slew.wheel_torque is None else "yes",
-        "no" if slew.wheel_momentum is None else "yes",
+        row["name"],
+        str(row["rows"]),
+        f"{row['step_s']:.4g}",
+        f"{row['duration_s']:.4g}",
+        "none" if peak is None else f"{np.degrees(peak):.3g}",
+        str(row["fixes"]),
+        "yes" if row["commands"] else "no",
+        "yes" if row["wheel_momentum"] else "no",
     )
 
 

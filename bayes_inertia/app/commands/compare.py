@@ -12,6 +12,7 @@ from rich.table import Table
 
 from bayes_inertia.app.commands.options import (
     PAPER_HELP,
+    AsJson,
     CampaignFolder,
     EngineName,
     Jobs,
@@ -19,7 +20,7 @@ from bayes_inertia.app.commands.options import (
     SchedulerAddress,
     Seed,
 )
-from bayes_inertia.app.terminal import plain_console, progress_bar, say
+from bayes_inertia.app.terminal import plain_console, print_json_file, progress_bar, say
 
 if TYPE_CHECKING:
     from bayes_inertia.design.comparison import Contender
@@ -36,6 +37,7 @@ def compare_command(
     scheduler: SchedulerAddress = None,
     jobs: Jobs = 1,
     seed: Seed = 0,
+    as_json: AsJson = False,
 ) -> None:
     """Compare plans by uncertainty, time, momentum and torque.
 
@@ -53,7 +55,10 @@ def compare_command(
             seed=seed,
             execution=Execution(engine, jobs, scheduler, progress, say),
         )
-    show_comparison(contenders, out)
+    if as_json:
+        print_json_file(out / "compare.json")
+    else:
+        show_comparison(contenders, out)
 
 
 def show_comparison(contenders: Sequence[Contender], folder: Path) -> None:

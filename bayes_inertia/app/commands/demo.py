@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from bayes_inertia.app.commands.options import DEMO_FOLDER, OutputFolder, Seed
+from bayes_inertia.app.commands.options import DEMO_FOLDER, AsJson, OutputFolder, Seed
 
 
-def demo_command(out: OutputFolder = DEMO_FOLDER, seed: Seed = 1) -> None:
+def demo_command(out: OutputFolder = DEMO_FOLDER, seed: Seed = 1, as_json: AsJson = False) -> None:
     """Simulate a campaign of five slews, fit it, write the report."""
     from bayes_inertia.app import run_folder
     from bayes_inertia.app.commands.run_result import finish_and_show
@@ -15,4 +15,4 @@ def demo_command(out: OutputFolder = DEMO_FOLDER, seed: Seed = 1) -> None:
 
     simulate_most(paper_like_plan(), out / "campaign", seed, ())
     run_folder.start(out / "campaign", out / "fit", settings=Settings(seed=seed))
-    finish_and_show(out / "fit", report=True)
+    finish_and_show(out / "fit", report=True, as_json=as_json)

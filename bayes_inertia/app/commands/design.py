@@ -7,18 +7,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
-from rich.box import SIMPLE
+from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
 from bayes_inertia.app.commands.options import (
+    AsJson,
     CampaignFolder,
     EffectNames,
     OutputFolder,
     Seed,
     names_in,
 )
-from bayes_inertia.app.terminal import headed, plain_console
+from bayes_inertia.app.terminal import headed, narrow_table, plain_console, print_json_file
 
 if TYPE_CHECKING:
     from bayes_inertia.design.designer import Design
@@ -85,6 +86,7 @@ def design_command(
     after: AfterCampaign = False,
     effects: EffectNames = "",
     seed: Seed = 0,
+    as_json: AsJson = False,
 ) -> None:
     """Design the slews to fly next.
 
@@ -107,7 +109,10 @@ def design_command(
         effects=tuple(names_in(effects)),
     )
     design = run_design(campaign, out, request)
-    show_design(design, out)
+    if as_json:
+        print_json_file(out / "design.json")
+    else:
+        show_design(design, out)
     if not design.kept:
         raise typer.Exit(3)
 
@@ -128,7 +133,7 @@ def show_design(design: Design, folder: Path) -> None:
     value, reference = (_with_unit(x, goal.unit) for x in (design.value, design.reference_value))
     gain = f", {design.gain:.3g} times smaller than with slews like the paper's ({reference})"
     console.print(headed(f"{goal.says}: {value}", gain))
-    console.print(_slew_table(design.plan))
+    console.print(_slew_table(console, design.plan))
     console.print(headed("margins when flown in closed loop, tightest first:"))
     for margin in sorted(design.flown, key=lambda m: m.left):
         warning = "" if margin.kept else "BROKEN "
@@ -141,8 +146,8 @@ def show_design(design: Design, folder: Path) -> None:
     )
 
 
-def _slew_table(plan: Plan) -> Table:
-    table = Table(*_COLUMNS, box=SIMPLE)
+def _slew_table(console: Console, plan: Plan) -> Table:
+    table = narrow_table(console, *_COLUMNS)
     rows = zip(plan.slews, plan.starts, plan.durations, strict=True)
     for i, (slew, start, duration) in enumerate(rows):
         table.add_row(

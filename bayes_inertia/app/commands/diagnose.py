@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bayes_inertia.app.commands.options import (
     Anyway,
+    AsJson,
     AsStated,
     CampaignFolder,
     DriveName,
@@ -24,6 +25,7 @@ def diagnose_command(
     report: WithReport = True,
     anyway: Anyway = False,
     as_stated: AsStated = False,
+    as_json: AsJson = False,
 ) -> None:
     """Find which physical effect is missing, and fit it along.
 
@@ -51,4 +53,4 @@ def diagnose_command(
         kind="diagnose",
         as_stated=as_stated,
     )
-    finish_and_show(out, report)
+    finish_and_show(out, report, as_json)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from bayes_inertia.app.commands.options import AsJson
-from bayes_inertia.app.terminal import headed, plain_console
+from bayes_inertia.app.terminal import headed, plain_console, print_json
 
 if TYPE_CHECKING:
     from bayes_inertia.conventions.check import ConventionsCheck
@@ -27,17 +26,19 @@ def doctor_command(campaign: _CampaignOrNone = None, as_json: AsJson = False) ->
     is named. Nothing is changed. Exit code 2 if a convention is wrong.
     """
     if campaign is None:
-        if as_json:
-            raise typer.BadParameter("--json needs a CAMPAIGN")
-        from bayes_inertia.app.installation import show_installation
+        from bayes_inertia.app.installation import installation_json, show_installation
 
-        show_installation()
+        installation = installation_json()
+        if as_json:
+            print_json(installation)
+        else:
+            show_installation(installation)
         return
     from bayes_inertia.conventions.check import check_conventions
 
     check = check_conventions(campaign)
     if as_json:
-        typer.echo(json.dumps(check.json(), indent=1, allow_nan=False))
+        print_json(check.json())
     else:
         show_check(check)
     if check.verdict == "wrong":

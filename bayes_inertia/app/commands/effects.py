@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from bayes_inertia.app.commands.options import AsJson
-from bayes_inertia.app.terminal import headed, indented, plain_console, say
+from bayes_inertia.app.terminal import headed, indented, plain_console, print_json, say
 
 if TYPE_CHECKING:
     from bayes_inertia.campaign.campaign import Campaign
     from bayes_inertia.physics.check_effect import CheckedEffect
     from bayes_inertia.physics.effect import Effect
 
-_CHECK_FORMAT = "bayes-inertia-effects-check/1"
+CHECK_FORMAT = "bayes-inertia-effects-check/1"
 
 
 def effects_command(
@@ -65,7 +64,7 @@ def _check(text: str, campaign: Campaign | None, as_json: bool) -> None:
         checked.append(check_effect(effect, campaign))
     if as_json:
         rows = [{"name": c.name, "fingerprint": dict(c.fingerprint)} for c in checked]
-        typer.echo(json.dumps({"format": _CHECK_FORMAT, "effects": rows}, indent=1))
+        print_json({"format": CHECK_FORMAT, "effects": rows})
         return
     for result in checked:
         show_checked_effect(result)
@@ -76,7 +75,7 @@ def _list(effects: tuple[Effect, ...], campaign: Campaign, as_json: bool) -> Non
 
     content = effects_json(effects, campaign)
     if as_json:
-        typer.echo(json.dumps(content, indent=1, allow_nan=False))
+        print_json(content)
         return
     console = plain_console()
     for row in content["effects"]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bayes_inertia.app.commands.options import (
     Anyway,
+    AsJson,
     AsStated,
     CampaignFolder,
     DriveName,
@@ -37,6 +38,7 @@ def fit_command(
     noise: NoiseOfChannel = None,
     sample_noise: SampledNoise = "",
     remainder: Remainder = None,
+    as_json: AsJson = False,
 ) -> None:
     """Estimate J, K and active effects.
 
@@ -62,4 +64,4 @@ def fit_command(
         as_stated=as_stated,
         noise=noise_model_from_text(noise or [], names_in(sample_noise)),
     )
-    finish_and_show(out, report)
+    finish_and_show(out, report, as_json)

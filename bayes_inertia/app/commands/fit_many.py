@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.box import SIMPLE
-from rich.table import Table
 
 from bayes_inertia.app.commands.options import (
     Anyway,
@@ -23,7 +20,7 @@ from bayes_inertia.app.commands.options import (
     Seed,
     names_in,
 )
-from bayes_inertia.app.terminal import plain_console, progress_bar, say
+from bayes_inertia.app.terminal import narrow_table, plain_console, print_json, progress_bar, say
 
 if TYPE_CHECKING:
     from bayes_inertia.studies.work import WorkResult
@@ -68,7 +65,7 @@ def fit_many_command(
             notice=say,
         )
     if as_json:
-        typer.echo(json.dumps(fits_json(result), indent=1, allow_nan=False))
+        print_json(fits_json(result))
     else:
         show_fits(result, out)
     if result.failures or not all(row["trusted"] for row in result.rows):
@@ -88,11 +85,7 @@ def show_fits(result: WorkResult, folder: Path) -> None:
     from bayes_inertia.app.fit_many_folder import campaign_of
 
     console = plain_console()
-    table = Table(box=SIMPLE)
-    table.add_column("campaign", overflow="fold")
-    table.add_column("use", no_wrap=True)
-    for heading in (*_SHOWN, "chi²"):
-        table.add_column(heading, justify="right")
+    table = narrow_table(console, "campaign", "use", *_SHOWN, "chi²")
     for row in result.rows:
         cells = [_cell(row, name) for name in _SHOWN]
         usable = "yes" if row["trusted"] else "NO"
@@ -118,4 +111,4 @@ def _cell(row: dict[str, Any], name: str) -> str:
     sd = row[f"{name}_robust_sd"] or row[f"{name}_sd"]
     power = exponent(row[name], sd)
     scale = f"e{power}" if power else ""
-    return f"{number(row[name], sd, power)} ± {number(sd, sd, power)}{scale}"
+    return f"{number(row[name], sd, power)}\n± {number(sd, sd, power)}{scale}"

@@ -9,7 +9,8 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from bayes_inertia.app.terminal import headed, plain_console
+from bayes_inertia.app.commands.options import AsJson
+from bayes_inertia.app.terminal import headed, plain_console, print_json, print_json_file
 from bayes_inertia.errors import SettingsError
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from bayes_inertia.importing.rest_noise import RestNoise
     from bayes_inertia.importing.slew_cutting import SlewWindow
 
+START_FORMAT = "bayes-inertia-import-start/1"
 _WIDTH = 80  # Columns of the terminal that the output fits.
 _SPANS_SHOWN = 6
 _SHORTEST_SPAN_S = 1.0  # [s]; shorter parts of a log that no slew needs are not worth a word.
@@ -32,7 +34,11 @@ Out = Annotated[Path | None, typer.Option("-o", "--out", help="The campaign fold
 
 
 def import_command(
-    raw: RawFiles, using: Using = None, start: Start = None, out: Out = None
+    raw: RawFiles,
+    using: Using = None,
+    start: Start = None,
+    out: Out = None,
+    as_json: AsJson = False,
 ) -> None:
     """Turn raw logs of any mission into a campaign folder.
 
@@ -47,21 +53,29 @@ def import_command(
             "`--using mapping.toml -o CAMPAIGN`",
         )
     if start is not None:
-        _start(raw, start)
+        _start(raw, start, as_json)
     elif using is not None:
         if out is None:
             raise SettingsError(
                 "no folder for the campaign", where="import", advice="add -o CAMPAIGN"
             )
         from bayes_inertia.importing.import_logs import import_logs
+        from bayes_inertia.importing.imported_folder import RECORD_FILE
 
-        show_import(import_logs(raw, using, out))
+        imported = import_logs(raw, using, out)
+        if as_json:
+            print_json_file(imported.folder / RECORD_FILE)
+        else:
+            show_import(imported)
 
 
-def _start(raw: list[Path], start: Path) -> None:
+def _start(raw: list[Path], start: Path, as_json: bool) -> None:
     from bayes_inertia.importing.starting_mapping import write_starting_mapping
 
     questions = write_starting_mapping(raw, start)
+    if as_json:
+        print_json({"format": START_FORMAT, "mapping": str(start), "questions": questions})
+        return
     console = plain_console()
     console.print(headed(str(start), f": {questions} questions to answer"), soft_wrap=True)
     console.print(f"then: bayes-inertia import RAW... --using {start} -o CAMPAIGN", soft_wrap=True)

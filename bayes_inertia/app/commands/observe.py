@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
-from rich.box import SIMPLE
 from rich.table import Table
 
 from bayes_inertia.app.commands.options import (
+    AsJson,
     CampaignFolder,
     DriveName,
     EffectNames,
@@ -18,9 +18,11 @@ from bayes_inertia.app.commands.options import (
     Seed,
     names_in,
 )
-from bayes_inertia.app.terminal import headed, plain_console
+from bayes_inertia.app.terminal import headed, narrow_table, plain_console, print_json_file
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from bayes_inertia.app.observe_folder import ObservedCampaign
     from bayes_inertia.observability.result import Observability
 
@@ -40,17 +42,21 @@ def observe_command(
             help="Also estimate in the other drive: what are the recorded commands worth?"
         ),
     ] = True,
+    as_json: AsJson = False,
 ) -> None:
     """Say how well each parameter is determined, and why not better.
 
     Writes observability.json and observability.png.
     """
-    from bayes_inertia.app.observe_folder import run_observe
+    from bayes_inertia.app.observe_folder import FILE, run_observe
 
     observed = run_observe(
         campaign, out, effects=names_in(effects), drive=drive, seed=seed, both_drives=both_drives
     )
-    show_observability(observed, out)
+    if as_json:
+        print_json_file(out / FILE)
+    else:
+        show_observability(observed, out)
 
 
 def show_observability(observed: ObservedCampaign, folder: Path) -> None:
@@ -67,7 +73,7 @@ def show_observability(observed: ObservedCampaign, folder: Path) -> None:
     from bayes_inertia.observability.sentences import sentence
 
     console, observability = plain_console(), observed.observability
-    console.print(_parameter_table(observability))
+    console.print(_parameter_table(console, observability))
     console.print(
         "signal: response of all telemetry to one prior sd, in sigmas; "
         "lost: sd over its value if all else were known;"
@@ -84,12 +90,10 @@ def show_observability(observed: ObservedCampaign, folder: Path) -> None:
     console.print(f"wrote observability.json and observability.png in {folder}")
 
 
-def _parameter_table(observability: Observability) -> Table:
+def _parameter_table(console: Console, observability: Observability) -> Table:
     from bayes_inertia.observability.result import commands_worth
 
-    table = Table(box=SIMPLE)
-    for heading in _COLUMNS:
-        table.add_column(heading, no_wrap=True)
+    table = narrow_table(console, *_COLUMNS, wrapping=_COLUMNS[-1:])
     for p in observability.parameters:
         worth = commands_worth(p, observability.drive)
         table.add_row(

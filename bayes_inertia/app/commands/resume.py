@@ -7,12 +7,13 @@ from typing import Annotated
 
 import typer
 
-from bayes_inertia.app.commands.options import WithReport
+from bayes_inertia.app.commands.options import AsJson, WithReport
 
 
 def resume_command(
     run: Annotated[Path, typer.Argument(help="Folder of a run that was interrupted.")],
     report: WithReport = True,
+    as_json: AsJson = False,
 ) -> None:
     """Go on with an interrupted fit or diagnosis.
 
@@ -20,4 +21,4 @@ def resume_command(
     """
     from bayes_inertia.app.commands.run_result import finish_and_show
 
-    finish_and_show(run, report)
+    finish_and_show(run, report, as_json)

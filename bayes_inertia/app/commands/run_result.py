@@ -7,18 +7,21 @@ from typing import Any
 
 import typer
 from rich.box import SIMPLE
+from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from bayes_inertia.app.terminal import headed, plain_console, progress_bar
+from bayes_inertia.app.terminal import headed, narrow_table, plain_console, print_json, progress_bar
+from bayes_inertia.sealing import SEAL_KEY
 
+FORMAT = "bayes-inertia-run-result/1"
 _COLUMNS = ("estimate", "± sd", "unit", "prior sd", "contraction", "determined")
 _DETERMINED = {"determined": "yes", "partly determined": "partly", "not determined": "no"}
 _COLORS = {"good": "green", "caution": "yellow", "bad": "red"}
 _CANDIDATES_SHOWN = 6
 
 
-def finish_and_show(folder: Path, report: bool) -> None:
+def finish_and_show(folder: Path, report: bool, as_json: bool = False) -> None:
     """Bring a run to its end, print its result, and exit with 3 where it must not be trusted.
 
     Parameters
@@ -27,6 +30,8 @@ def finish_and_show(folder: Path, report: bool) -> None:
         The run.
     report : bool
         Whether to write report.html.
+    as_json : bool
+        Whether to print one JSON document instead of tables.
 
     Raises
     ------
@@ -37,13 +42,50 @@ def finish_and_show(folder: Path, report: bool) -> None:
 
     with progress_bar() as progress:
         posterior = run_folder.finish(folder, report=report, progress=progress)
-    content = run_folder.read_diagnosis(folder)
-    if content is not None:
-        with run_folder.blaming_diagnosis(folder, content):
-            show_diagnosis(content)
-    show_summary(posterior.summary(), folder, report)
-    if not posterior.trusted or (content is not None and content["verdict"] == "unknown"):
+    content, summary = run_folder.read_diagnosis(folder), posterior.summary()
+    trusted = posterior.trusted and (content is None or content["verdict"] != "unknown")
+    if as_json:
+        print_json(run_result_json(folder, summary, content, trusted))
+    else:
+        if content is not None:
+            with run_folder.blaming_diagnosis(folder, content):
+                show_diagnosis(content)
+        show_summary(summary, folder, report)
+    if not trusted:
         raise typer.Exit(3)
+
+
+def run_result_json(
+    folder: Path, summary: dict[str, Any], diagnosis: dict[str, Any] | None, trusted: bool
+) -> dict[str, Any]:
+    """What `fit`, `diagnose`, `resume` and `demo` print with --json.
+
+    Parameters
+    ----------
+    folder : Path
+        The run.
+    summary : dict
+        The content of summary.json.
+    diagnosis : dict or None
+        The content of diagnosis.json.
+    trusted : bool
+        Whether every gate was passed and no effect without a name is missing.
+
+    Returns
+    -------
+    dict
+        All of it, but for what only pictures of the diagnosis need.
+    """
+    if diagnosis is not None:
+        left_out = ("pictures", SEAL_KEY)
+        diagnosis = {key: value for key, value in diagnosis.items() if key not in left_out}
+    return {
+        "format": FORMAT,
+        "run": str(folder),
+        "trusted": trusted,
+        "summary": summary,
+        "diagnosis": diagnosis,
+    }
 
 
 def show_summary(summary: dict[str, Any], folder: Path, report: bool = True) -> None:
@@ -70,7 +112,7 @@ def show_summary(summary: dict[str, Any], folder: Path, report: bool = True) -> 
         console.print(_gate_line(gate))
     for sentence in dirt_sentences(summary.get("dirt", [])):
         console.print(f"  {sentence}")
-    console.print(_parameter_table(summary))
+    console.print(_parameter_table(console, summary))
     console.print("sd: the larger of the model's and of what the scatter between slews supports")
     if causes := averaged_over(summary):
         console.print(f"J and K: averaged over what may be true ({causes})")
@@ -94,7 +136,7 @@ def _gate_line(gate: dict[str, Any]) -> Text:
     return Text.assemble("  ", word, f" {gate['name']}: {gate['says']}")
 
 
-def _parameter_table(summary: dict[str, Any]) -> Table:
+def _parameter_table(console: Console, summary: dict[str, Any]) -> Table:
     from bayes_inertia.report.criteria import criteria_of
     from bayes_inertia.report.formatting import exponent, number, plain, unit_text
     from bayes_inertia.report.uncertainty import (
@@ -105,11 +147,7 @@ def _parameter_table(summary: dict[str, Any]) -> Table:
     )
 
     criteria = criteria_of(summary)
-    # A long name gives way, between its words; a number never does.
-    table = Table(box=SIMPLE, pad_edge=False, collapse_padding=True)
-    table.add_column("name", overflow="fold")
-    for heading in _COLUMNS:
-        table.add_column(heading, no_wrap=True)
+    table = narrow_table(console, "name", *_COLUMNS)
     for name, p in summary["parameters"].items():
         sd = quoted_sd(p["sd"], p["robust_sd"]).sd
         power = exponent(p["mean"], sd)

@@ -7,7 +7,10 @@ from typing import Annotated
 
 import typer
 
-from bayes_inertia.app.commands.options import OutputFolder, Seed
+from bayes_inertia.app.commands.options import AsJson, OutputFolder, Seed
+from bayes_inertia.app.terminal import plain_console, print_json
+
+FORMAT = "bayes-inertia-simulate/1"
 
 
 def simulate_command(
@@ -26,6 +29,7 @@ def simulate_command(
         ),
     ] = None,
     seed: Seed = 0,
+    as_json: AsJson = False,
 ) -> None:
     """Fly a plan with a simulated MOST-like spacecraft.
 
@@ -36,4 +40,11 @@ def simulate_command(
     from bayes_inertia.flight.simulated_campaigns import simulate_most
 
     flight = simulate_most(read_plan(plan) if plan else paper_like_plan(), out, seed, hide or ())
-    typer.echo(f"wrote {len(flight.campaign.slews)} slews and truth.json in {out}")
+    if as_json:
+        slews = [slew.name for slew in flight.campaign.slews]
+        truth = str(out / "truth.json")
+        print_json({"format": FORMAT, "campaign": str(out), "slews": slews, "truth": truth})
+    else:
+        plain_console().print(
+            f"wrote {len(flight.campaign.slews)} slews and truth.json in {out}", soft_wrap=True
+        )

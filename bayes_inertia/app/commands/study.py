@@ -12,6 +12,7 @@ from rich.table import Table
 from bayes_inertia.app.commands.calibration import calibrate
 from bayes_inertia.app.commands.options import (
     PAPER_HELP,
+    AsJson,
     EngineName,
     Jobs,
     OutputFolder,
@@ -19,7 +20,7 @@ from bayes_inertia.app.commands.options import (
     Seed,
     names_in,
 )
-from bayes_inertia.app.terminal import plain_console, progress_bar, say
+from bayes_inertia.app.terminal import plain_console, print_json_file, progress_bar, say
 
 if TYPE_CHECKING:
     from bayes_inertia.app.study_folder import Study
@@ -43,6 +44,7 @@ def study_command(
     scheduler: SchedulerAddress = None,
     jobs: Jobs = 1,
     seed: Seed = 0,
+    as_json: AsJson = False,
 ) -> None:
     """Do stated uncertainties hold in simulated campaigns?
 
@@ -57,7 +59,7 @@ def study_command(
     """
     place: dict[str, Any] = {"engine": engine, "jobs": jobs, "scheduler": scheduler}
     if what == Path(_CALIBRATION) and not (what / "campaign.toml").is_file():
-        calibrate(out, fits=fits, cases=names_in(cases), seed=seed, **place)
+        calibrate(out, fits=fits, cases=names_in(cases), seed=seed, as_json=as_json, **place)
         return
     from bayes_inertia.app.study_folder import run_study
     from bayes_inertia.studies.engine import Execution
@@ -65,7 +67,10 @@ def study_command(
     with progress_bar() as progress:
         execution = Execution(**place, progress=progress, notice=say)
         study = run_study(what, out, plan, campaigns=campaigns, seed=seed, execution=execution)
-    show_study(study, out)
+    if as_json:
+        print_json_file(out / "study.json")
+    else:
+        show_study(study, out)
     if study.too_small or study.failures:
         raise typer.Exit(3)
 

@@ -1,0 +1,143 @@
+"""A terminal of 80 columns cuts nothing off: no table needs more, no number is shortened."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import bayes_inertia
+from bayes_inertia.app.commands.calibration import show_calibration
+from bayes_inertia.app.commands.check import show_campaign
+from bayes_inertia.app.commands.compare import show_comparison
+from bayes_inertia.app.commands.design import show_design
+from bayes_inertia.app.commands.fit_many import show_fits
+from bayes_inertia.app.commands.observe import show_observability
+from bayes_inertia.app.commands.study import show_study
+from bayes_inertia.app.study_folder import Study
+from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.design.comparison import Contender
+from bayes_inertia.design.goals import parse_goal
+from bayes_inertia.design.simulated_fits import AchievedErrors
+from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.studies.calibration import QUANTITIES
+from bayes_inertia.studies.calibration_result import Calibration, CaseCalibration
+from bayes_inertia.studies.work import WorkResult
+
+EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
+FOLDER = Path("results")
+RNG = np.random.default_rng(1)
+
+
+@pytest.fixture(autouse=True)
+def narrow(monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+
+
+@pytest.fixture
+def printed(capsys):
+    """What was printed since; it fits."""
+
+    def text() -> str:
+        out = capsys.readouterr().out
+        assert "…" not in out
+        assert max(map(len, out.splitlines())) <= 80
+        return out
+
+    return text
+
+
+def margin() -> SimpleNamespace:
+    return SimpleNamespace(limit="rate", kept=True, left=0.1, says="rate: 0.9 of 1 deg/s")
+
+
+def achieved() -> AchievedErrors:
+    errors = 1.234e-4 * RNG.normal(size=(50, 9))
+    return AchievedErrors(errors, np.full((50, 9), 1.2345e-4), *np.ones((3, 50)))
+
+
+def test_a_campaign(printed):
+    campaign = read_campaign(EXAMPLE)
+    slews = tuple(replace(s, name=f"2026-11-22 {s.name}") for s in campaign.slews)
+    show_campaign(replace(campaign, slews=slews))
+    assert "duration" in printed()
+
+
+def test_a_design(printed):
+    design = SimpleNamespace(
+        goal=parse_goal("cross_terms"),
+        value=1.234e-4,
+        reference_value=2.345e-4,
+        gain=2.0,
+        plan=paper_like_plan(),
+        flown=(margin(),),
+        active=("rate",),
+    )
+    show_design(design, FOLDER)
+    assert "[deg/s²]" in printed()
+
+
+def test_a_comparison_of_three_plans_that_were_simulated(printed):
+    plan = paper_like_plan()
+    contenders = [
+        Contender(name, plan, np.full(9, 1.23e-4), achieved(), 1.23e-4, 711, 0.123, 0.01, ())
+        for name in ("paper", "designed", "flown before")
+    ]
+    show_comparison(contenders, FOLDER)
+    out = " ".join(printed().split())
+    assert "0.000123" in out
+    assert "designed" in out
+
+
+def test_a_study(printed):
+    show_study(Study(paper_like_plan(), achieved()), FOLDER)
+    assert "in 95 %" in printed()
+
+
+def test_a_calibration(printed):
+    n = len(QUANTITIES)
+    ranks, z = RNG.integers(0, 200, size=(60, n)), RNG.normal(size=(60, n))
+    case = CaseCalibration("measured_drive", "says", ranks, z, np.ones(60, bool), np.ones(60))
+    show_calibration(Calibration((case,)), FOLDER)
+    out = printed()
+    assert all(name in out for name in QUANTITIES)
+
+
+def test_fits_of_a_fleet(printed):
+    row = {"campaign": "fleet/spacecraft_17/2026-11-22", "trusted": True, "reduced_chi2_total": 1.0}
+    for name, mean in (
+        *((f"J{a}{a}", 3.31234) for a in "xyz"),
+        *((f"K{i}", 1.0) for i in (1, 2, 3)),
+    ):
+        row |= {name: mean, f"{name}_sd": 1.2e-4, f"{name}_robust_sd": None}
+    show_fits(WorkResult((row,), ()), FOLDER)
+    out = printed()
+    assert "3.31234" in out
+    assert "0.00012" in out
+
+
+def test_observability(printed):
+    parameters = tuple(
+        SimpleNamespace(
+            name=name,
+            prior_sd=0.13,
+            sd=1.2e-4,
+            unit="kg m^2",
+            signal=12345.6,
+            variance_inflation=4.0,
+            verdict="weakly",
+            without_commands=None,
+            sd_other_drive=2.4e-4,
+        )
+        for name in ("Jxx", "wheel_friction.coulomb_wheel_x")
+    )
+    observability = SimpleNamespace(
+        parameters=parameters, names=(), drive="commanded", directions=(), degeneracies=()
+    )
+    show_observability(SimpleNamespace(observability=observability, comparison=()), FOLDER)
+    out = printed()
+    for text in ("1.23e+04", "0.00012", "no: mostly"):
+        assert text in out
