@@ -12,7 +12,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
     "check": ("check campaign",),
     "fit": (
         "fit campaign -o run --seed 1",
-        "fit campaign -o run --effects rate_bias,my_effects.py:SolarPressure",
+        "fit campaign -o run --effects my_effects.py:SolarPressure",
     ),
     "fit-many": ("fit-many fleet -o fits --jobs 8",),
     "diagnose": (
@@ -22,7 +22,7 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
     "observe": ("observe campaign -o run",),
     "design": (
         "design campaign -o next --slews 4 --max-rate 0.8 --after",
-        "design campaign -o next --goal separate:wheel_friction,constant_torque",
+        "design campaign -o next --goal correction_slew",
     ),
     "compare": ("compare campaign paper next/plan.toml -o out --simulated 20",),
     "study": (

@@ -1,0 +1,163 @@
+"""`--json`, `--quiet`, examples and completion: one document, the documented keys, nothing else."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import typer
+
+import bayes_inertia
+from bayes_inertia.app.cli import COMMANDS, command_line, main
+from bayes_inertia.app.commands.examples import EXAMPLES, example_of
+from bayes_inertia.app.commands.run_result import run_result_json
+from bayes_inertia.app.terminal import progress_bar, quietly
+
+EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
+DOCUMENTED = Path(bayes_inertia.__file__).parents[1] / "docs" / "json_output.md"
+
+
+def run(*arguments) -> int:
+    with pytest.raises(SystemExit) as stop:
+        main([str(a) for a in arguments])
+    return stop.value.code
+
+
+@pytest.fixture
+def document(capsys):
+    """The document that was printed; its format and keys are documented."""
+
+    def parsed() -> dict:
+        content = json.loads(capsys.readouterr().out)
+        rows = [r.split("|") for r in DOCUMENTED.read_text().splitlines() if r.startswith("| `")]
+        by_format = {re.search(r"`(.+?)`", row[2])[1]: row[3] for row in rows}
+        described = by_format[content["format"]]
+        if "the content of `" not in described or content["format"].endswith("run-result/1"):
+            missing = [k for k in content if k != "format" and f"`{k}`" not in described]
+            assert missing == []
+        return content
+
+    return parsed
+
+
+def test_check(document):
+    assert run("check", EXAMPLE, "--json") == 0
+    content = document()
+    assert [slew["rows"] for slew in content["slews"]] == [461, 521, 581, 501, 561]
+    assert content["possible_drives"] == ["commanded", "measured"]
+
+
+def test_bad_input_leaves_stdout_empty(tmp_path, capsys):
+    assert run("check", tmp_path, "--json") == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith("error: ")
+
+
+def test_doctor_of_the_installation(document):
+    assert run("doctor", "--json") == 0
+    assert document()["self_test_passed"]
+
+
+def test_import_start(document, tmp_path):
+    mapping = tmp_path / "mapping.toml"
+    assert run("import", EXAMPLE / "slew_01.csv", "--start", mapping, "--json") == 0
+    assert document()["mapping"] == str(mapping)
+
+
+def test_simulate(document, tmp_path, monkeypatch):
+    flight = SimpleNamespace(campaign=SimpleNamespace(slews=(SimpleNamespace(name="slew 1"),)))
+    where = "bayes_inertia.flight.simulated_campaigns.simulate_most"
+    monkeypatch.setattr(where, lambda *_: flight)
+    assert run("simulate", "-o", tmp_path, "--json") == 0
+    assert document()["slews"] == ["slew 1"]
+
+
+def test_a_run(document, capsys):
+    diagnosis = {"verdict": "named", "pictures": {"long": 1}, "content_sha256": "ab"}
+    content = run_result_json(Path("run"), {"format": "x"}, diagnosis, True)
+    print(json.dumps(content))
+    assert document()["diagnosis"] == {"verdict": "named"}
+
+
+@pytest.mark.parametrize(
+    ("command", "where", "file", "further"),
+    [
+        ("observe", "observe_folder.run_observe", "observability.json", ()),
+        ("design", "design_folder.run_design", "design.json", ()),
+        ("compare", "compare_folder.run_compare", "compare.json", ("paper",)),
+        ("study", "study_folder.run_study", "study.json", ()),
+    ],
+)
+def test_commands_that_write_a_document_print_it(
+    command, where, file, further, document, tmp_path, monkeypatch
+):
+    """Only what is printed is tried here, not what is computed."""
+    content = {"format": f"bayes-inertia-{Path(file).stem}/1", "value": 1.5}
+    (tmp_path / file).write_text(json.dumps(content))
+    result = SimpleNamespace(kept=True, too_small=(), failures=())
+    monkeypatch.setattr(f"bayes_inertia.app.{where}", lambda *_, **__: result)
+    assert run(command, EXAMPLE, *further, "-o", tmp_path, "--json") == 0
+    assert document() == content
+
+
+@pytest.mark.parametrize("command", sorted(set(COMMANDS) - {"export"}))
+def test_every_command_has_json(command, capsys):
+    assert run(command, "--help") == 0
+    assert "--json" in capsys.readouterr().out
+
+
+def test_quiet_prints_errors_alone_wherever_it_stands(tmp_path, capsys):
+    for words in (("--quiet", "check", EXAMPLE), ("check", EXAMPLE, "-q")):
+        assert run(*words) == 0
+        assert capsys.readouterr() == ("", "")
+    assert run("check", EXAMPLE, "--json", "--quiet") == 0
+    assert json.loads(capsys.readouterr().out)["format"] == "bayes-inertia-check/1"
+    assert run("check", tmp_path, "--quiet") == 2
+    assert "error: " in capsys.readouterr().err
+
+
+def test_progress_counts_the_time_left_of_each_step(monkeypatch, capsys):
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    monkeypatch.setenv("COLUMNS", "120")
+    with progress_bar() as progress:
+        progress("optimizing", 0, 1)
+        progress("sampling", 10, 100)
+    assert "left" in capsys.readouterr().err
+    with quietly(True), progress_bar() as progress:
+        assert progress is None
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_examples_stand_in_the_help_and_are_commands(command, capsys):
+    assert run(command, "--help") == 0
+    printed = capsys.readouterr().out
+    for words in EXAMPLES[command]:
+        assert f"bayes-inertia {words}" in printed
+        name, *arguments = shlex.split(words)
+        assert name == command
+        parser = typer.main.get_command(command_line()).commands[command]
+        parser.make_context(name, arguments)
+    assert max(map(len, example_of(command).splitlines())) <= 80
+
+
+def test_shells_complete_commands():
+    asked = {"COMP_WORDS": "bayes-inertia fit", "COMP_CWORD": "1"}
+    code = (
+        "from bayes_inertia.app.cli import main; import sys; sys.argv[0] = 'bayes-inertia'; main()"
+    )
+    result = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | {"_BAYES_INERTIA_COMPLETE": "complete_bash"} | asked,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert result.stdout.split() == ["fit", "fit-many"]
