@@ -3,13 +3,14 @@
 Around an optimum the data are linear in the coefficients. With sensitivities S to the whitened
 coefficients z0 of the optimum's parameters p0, those at p are S T, T = B(p0)^-1 B(p): one set of
 sensitivities serves all p, and nothing is singular where B(p) vanishes. With A the data's normal
-matrix of all nuisances and g their gradient, the integral over standard normal x, the nuisances
+matrix of all unknowns and g their gradient, the integral over standard normal x, the unknowns
 being n + delta = n + W x + e, is
 
     log I = -1/2 (chi^2 - G^T M^-1 G) - 1/2 log det M,   M = W^T A W + 1,
 
-with W = diag(1, T). The nuisances of a slew meet those of others only through the rate bias, so
-that M is eliminated slew by slew: the cost is linear in slews and, through A, in samples.
+with W = diag(1, T). The nuisances of a slew meet those of others only through what all slews share
+(the rate bias; in `hyperparameters` J and K too), so that M is eliminated slew by slew: the cost is
+linear in slews and, through A, in samples.
 """
 
 from __future__ import annotations
@@ -23,10 +24,13 @@ import numpy as np
 from jax import Array
 from jax.scipy.linalg import solve_triangular
 
-from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.physics.prediction import Structure
-from bayes_inertia.physics.random_inputs import prior_root
+from bayes_inertia.physics.random_inputs import prior_blocks
 from bayes_inertia.physics.slew_context import SlewContext
+
+# Roots of the coefficients' prior covariance of all slews: (slews, b, m, m) for each effect, the b
+# blocks on the diagonal of its root.
+Roots = tuple[Array, ...]
 
 
 class CoefficientPart(NamedTuple):
@@ -36,46 +40,76 @@ class CoefficientPart(NamedTuple):
     ----------
     information : (slews, 3 + n_local, 3 + n_local) array
         Normal matrix of (bias, own nuisances), without priors.
-    inverse_root : (slews, n_random, n_random) array
-        Inverse of the root B of the coefficients' prior covariance there.
+    inverse_roots : tuple of (slews, b, m, m) arrays
+        Inverses of the roots B of the coefficients' prior covariance there.
     """
 
     information: Array
-    inverse_root: Array
+    inverse_roots: Roots
+
+
+class SlewEquations(NamedTuple):
+    """Normal equations of (what slews share, own nuisances) at one point.
+
+    Parameters
+    ----------
+    chi2 : () array
+        Sum of squares there, without priors.
+    matrix : (slews, s + n_local, s + n_local) array
+        Of the data, without priors.
+    gradient : (slews, s + n_local) array
+        Of half of chi2.
+    precision : (s,) array
+        Of the prior of what slews share.
+    pull : (s,) array
+        Gradient of half the squares of that prior.
+    shared_chi2 : () array
+        Those squares.
+    local : (slews, n_local) array
+        The whitened nuisances of each slew, coefficients last.
+    """
+
+    chi2: Array
+    matrix: Array
+    gradient: Array
+    precision: Array
+    pull: Array
+    shared_chi2: Array
+    local: Array
 
 
 class EliminatedSlews(NamedTuple):
-    """The quadratic form of all nuisances, eliminated slew by slew.
+    """The quadratic form of all unknowns, eliminated slew by slew.
 
     Parameters
     ----------
     constant : () array
         Twice the misfit where all eliminated steps are zero.
-    point : Point
-        Bias and nuisances there; coefficients count from zero.
+    local : (slews, n_local) array
+        Nuisances there; coefficients count from zero.
     root : (slews, n_local, n_local) array
         Lower triangular; root root^T is each slew's normal matrix.
     step : (slews, n_local) array
         root^-1 times the gradient.
-    across : (slews, n_local, 3) array
-        root^-1 times what couples each slew to the bias.
-    bias_root : (3, 3) array
-        Of what is left for the bias.
-    bias_step : (3,) array
-        bias_root^-1 times the gradient left.
+    across : (slews, n_local, s) array
+        root^-1 times what couples each slew to what slews share.
+    shared_root : (s, s) array
+        Of what is left for that.
+    shared_step : (s,) array
+        shared_root^-1 times the gradient left.
     """
 
     constant: Array
-    point: Point
+    local: Array
     root: Array
     step: Array
     across: Array
-    bias_root: Array
-    bias_step: Array
+    shared_root: Array
+    shared_step: Array
 
 
 @partial(jax.jit, static_argnums=0)
-def prior_roots(structure: Structure, theta: Array, contexts: SlewContext) -> Array:
+def prior_roots(structure: Structure, theta: Array, contexts: SlewContext) -> Roots:
     """The roots of the coefficients' prior covariance of all slews.
 
     Parameters
@@ -88,75 +122,101 @@ def prior_roots(structure: Structure, theta: Array, contexts: SlewContext) -> Ar
 
     Returns
     -------
-    (slews, n_random, n_random) array
+    tuple of (slews, b, m, m) arrays
+        One an effect.
     """
     active = structure.active_effects(theta)
-    return jax.vmap(lambda slew: prior_root(active, structure.coefficients, slew))(contexts)
+    return jax.vmap(lambda slew: prior_blocks(active, structure.coefficients, slew))(contexts)
 
 
-def eliminated(
-    structure: Structure,
-    part: CoefficientPart,
-    theta: Array,
-    contexts: SlewContext,
-    point: Point,
-    chi2: Array,
-    gradient: Array,
-) -> EliminatedSlews:
-    """Eliminate all nuisances at one theta.
+def times(blocks: Roots, coefficients: Array) -> Array:
+    """Coefficients of all slews times block-diagonal matrices.
 
     Parameters
     ----------
-    structure : Structure
-    part : CoefficientPart
-    theta : (d,) array
-        Its parameters of stochastic effects fix the prior.
-    contexts : SlewContext
-        With the slews as leading axis.
-    point : Point
-        Where residuals were taken, with the optimum's parameters of stochastic effects.
-    chi2 : () array
-        Sum of squares there, without priors.
-    gradient : (slews, 3 + n_local) array
-        Of half of it with respect to (bias, own nuisances).
+    blocks : tuple of (slews, b, m, m) arrays
+    coefficients : (slews, n_random) array
+
+    Returns
+    -------
+    (slews, n_random) array
+    """
+    parts, start = [], 0
+    for block in blocks:
+        slews, b, m, _ = block.shape
+        part = coefficients[:, start : start + b * m].reshape(slews, b, m, 1)
+        parts.append((block @ part).reshape(slews, b * m))
+        start += b * m
+    return jnp.concatenate(parts, -1)
+
+
+def eliminated(turn: Roots, equations: SlewEquations) -> EliminatedSlews:
+    """Eliminate the nuisances of each slew, then what slews share.
+
+    Parameters
+    ----------
+    turn : tuple of (slews, b, m, m) arrays
+        B(p0)^-1 B(p): p of the prior wanted, p0 of the point of the equations.
+    equations : SlewEquations
 
     Returns
     -------
     EliminatedSlews
     """
-    n_start, first = structure.n_start, N_BIAS + structure.n_start
-    bias, local = point.bias, point.local
-    turn = part.inverse_root @ prior_roots(structure, theta, contexts)
+    s, n_local = len(equations.pull), equations.local.shape[1]
+    n_start = n_local - sum(block.shape[1] * block.shape[2] for block in turn)
     # Coefficients are counted from zero from here on.
-    back = jnp.zeros_like(gradient).at[:, first:].set(-local[:, n_start:])
-    moved = jnp.einsum("sij,sj->si", part.information, back)
-    started = local.at[:, n_start:].set(0.0)
-    constant = chi2 + jnp.sum((2.0 * gradient + moved) * back)
-    constant = constant + jnp.sum(bias**2) + jnp.sum(started**2)
-    matrix, slope = _turned(part.information, gradient + moved, turn, first)
-    slope = slope.at[:, N_BIAS:].add(started)
-    own = matrix[:, N_BIAS:, N_BIAS:] + jnp.eye(local.shape[1])
+    back = jnp.zeros_like(equations.gradient)
+    back = back.at[:, s + n_start :].set(-equations.local[:, n_start:])
+    moved = jnp.einsum("sij,sj->si", equations.matrix, back)
+    started = equations.local.at[:, n_start:].set(0.0)
+    constant = equations.chi2 + jnp.sum((2.0 * equations.gradient + moved) * back)
+    constant = constant + equations.shared_chi2 + jnp.sum(started**2)
+    matrix, slope = _turned(equations.matrix, equations.gradient + moved, turn, s + n_start)
+    own = matrix[:, s:, s:] + jnp.eye(n_local)
     root = jnp.linalg.cholesky(own)
-    step = solve_triangular(root, slope[:, N_BIAS:, None], lower=True)[..., 0]
-    across = solve_triangular(root, matrix[:, N_BIAS:, :N_BIAS], lower=True)
-    left = matrix[:, :N_BIAS, :N_BIAS] - jnp.einsum("ski,skj->sij", across, across)
-    bias_root = jnp.linalg.cholesky(jnp.eye(N_BIAS) + left.sum(0))
-    left_gradient = bias + jnp.sum(slope[:, :N_BIAS] - jnp.einsum("ski,sk->si", across, step), 0)
-    bias_step = solve_triangular(bias_root, left_gradient, lower=True)
-    begin = Point(theta, bias, started)
-    return EliminatedSlews(constant, begin, root, step, across, bias_root, bias_step)
+    right = jnp.concatenate([(slope[:, s:] + started)[..., None], matrix[:, s:, :s]], -1)
+    solved = solve_triangular(root, right, lower=True)
+    step, across = solved[..., 0], solved[..., 1:]
+    left = matrix[:, :s, :s] - jnp.einsum("ski,skj->sij", across, across)
+    shared_root = jnp.linalg.cholesky(jnp.diag(equations.precision) + left.sum(0))
+    pull = jnp.sum(slope[:, :s] - jnp.einsum("ski,sk->si", across, step), 0)
+    shared_step = solve_triangular(shared_root, equations.pull + pull, lower=True)
+    return EliminatedSlews(constant, started, root, step, across, shared_root, shared_step)
 
 
-def _turned(matrix: Array, gradient: Array, turn: Array, first: int) -> tuple[Array, Array]:
+def _turned(matrix: Array, gradient: Array, turn: Roots, first: int) -> tuple[Array, Array]:
     """Normal equations with the unknowns from `first` on replaced by `turn` times new ones."""
-    matrix = matrix.at[:, :, first:].set(matrix[:, :, first:] @ turn)
-    rows = jnp.einsum("sji,sjk->sik", turn, matrix[:, first:, :])
-    gradient = gradient.at[:, first:].set(jnp.einsum("sji,sj->si", turn, gradient[:, first:]))
-    return matrix.at[:, first:, :].set(rows), gradient
+    columns = [matrix[:, :, :first]]
+    slopes = [gradient[:, :first]]
+    start = first
+    for block in turn:
+        stop = start + block.shape[1] * block.shape[2]
+        columns.append(_times_blocks(matrix[:, :, start:stop], block))
+        slopes.append(_times_blocks(gradient[:, None, start:stop], block)[:, 0])
+        start = stop
+    half = jnp.concatenate(columns, -1)
+    rows = [half[:, :first]]
+    start = first
+    for block in turn:
+        stop = start + block.shape[1] * block.shape[2]
+        across = jnp.swapaxes(half[:, start:stop], 1, 2)
+        rows.append(jnp.swapaxes(_times_blocks(across, block), 1, 2))
+        start = stop
+    return jnp.concatenate(rows, 1), jnp.concatenate(slopes, -1)
+
+
+def _times_blocks(rows: Array, blocks: Array) -> Array:
+    """Rows (slews, n, b m) times block-diagonal matrices (slews, b, m, m)."""
+    slews, b, m, _ = blocks.shape
+    shaped = rows.reshape(slews, -1, b, m)
+    if m == 1:
+        return (shaped * blocks[:, None, :, :, 0]).reshape(rows.shape)
+    return jnp.einsum("snbi,sbij->snbj", shaped, blocks).reshape(rows.shape)
 
 
 def log_integral(parts: EliminatedSlews) -> Array:
-    """Log of the integral over all nuisances, their priors included, up to a constant.
+    """Log of the integral over all unknowns, their priors included, up to a constant.
 
     Parameters
     ----------
@@ -166,8 +226,8 @@ def log_integral(parts: EliminatedSlews) -> Array:
     -------
     () array
     """
-    explained = jnp.sum(parts.step**2) + jnp.sum(parts.bias_step**2)
-    diagonals = (jnp.diagonal(parts.root, axis1=-2, axis2=-1), jnp.diagonal(parts.bias_root))
+    explained = jnp.sum(parts.step**2) + jnp.sum(parts.shared_step**2)
+    diagonals = (jnp.diagonal(parts.root, axis1=-2, axis2=-1), jnp.diagonal(parts.shared_root))
     half_log_det = sum(jnp.sum(jnp.log(d)) for d in diagonals)
     return -0.5 * (parts.constant - explained) - half_log_det
 
@@ -175,27 +235,25 @@ def log_integral(parts: EliminatedSlews) -> Array:
 def conditional_nuisances(
     parts: EliminatedSlews, noise: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Nuisances drawn from their posterior given theta.
+    """Steps drawn from the posterior of the unknowns, given all that is not among them.
 
     Parameters
     ----------
     parts : EliminatedSlews
-    noise : (3 + slews n_local,) array
+    noise : (s + slews n_local,) array
         Standard normal numbers; zeros give the conditional mean.
 
     Returns
     -------
-    bias : (3,) array
+    shared : (s,) array
+        Step of what slews share.
     local : (slews, n_local) array
-        Coefficients whitened by the prior at theta.
+        Nuisances, coefficients whitened by their prior.
     """
-    local = np.asarray(parts.point.local)
-    bias_root = np.asarray(parts.bias_root)
-    bias_move = np.linalg.solve(bias_root.T, noise[:N_BIAS] - np.asarray(parts.bias_step))
-    of_slews = noise[N_BIAS:].reshape(local.shape)
-    right = of_slews - np.asarray(parts.step) - np.asarray(parts.across) @ bias_move
+    local, across = np.asarray(parts.local), np.asarray(parts.across)
+    shared_root = np.asarray(parts.shared_root)
+    s = len(shared_root)
+    shared = np.linalg.solve(shared_root.T, noise[:s] - np.asarray(parts.shared_step))
+    right = noise[s:].reshape(local.shape) - np.asarray(parts.step) - across @ shared
     root = np.swapaxes(np.asarray(parts.root), -1, -2)
-    return (
-        np.asarray(parts.point.bias) + bias_move,
-        local + np.linalg.solve(root, right[..., None])[..., 0],
-    )
+    return shared, local + np.linalg.solve(root, right[..., None])[..., 0]

@@ -8,20 +8,31 @@ around a point (MacKay 1992, "Bayesian interpolation"; type II maximum likelihoo
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
+from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy import linalg, optimize
+from jax import Array
+from scipy import optimize
 
-from bayes_inertia.inference.coefficients import prior_roots
+from bayes_inertia.inference.coefficients import (
+    Roots,
+    SlewEquations,
+    eliminated,
+    log_integral,
+    prior_roots,
+    times,
+)
 from bayes_inertia.inference.likelihood import Information, information_blocks
 from bayes_inertia.inference.noise_model import Whitening
 from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.prediction import Structure
+from bayes_inertia.physics.slew_context import SlewContext
 
 # So many prior sds from its centre a parameter may move.
 _FARTHEST = 8.0
@@ -47,6 +58,17 @@ def without_hyperparameters(model: Model, free: np.ndarray) -> np.ndarray:
     """
     fixed = model.structure.hyperparameters
     return free if not fixed else free[~np.isin(free, fixed)]
+
+
+class _Frozen(NamedTuple):
+    """What the evidence needs, as a pytree of JAX."""
+
+    equations: SlewEquations
+    inverse_roots: Roots
+    theta: Array
+    learnt: Array
+    priors: dict[str, Array]
+    contexts: SlewContext
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,53 +105,77 @@ class Evidence:
 
     def theta(self, chart: np.ndarray) -> np.ndarray:
         """The point's parameters (d,) with the learnt ones where a chart says."""
-        priors, theta = self._priors, np.array(self.point.theta)
-        value, logarithmic = priors["mean"] + priors["scale"] * chart, priors["logarithmic"]
-        value = np.where(logarithmic, np.exp(np.where(logarithmic, value, 0.0)), value)
-        theta[self.learnt] = np.clip(value, priors["lower"], priors["upper"])
-        return theta
+        return np.array(_theta(self._frozen, jnp.asarray(chart)))
 
-    def roots(self, theta: np.ndarray) -> np.ndarray:
-        """Roots (slews, n_random, n_random) of the coefficients' prior covariance."""
-        contexts = self.model.data.arrays.slews.context
-        return np.asarray(prior_roots(self.model.structure, jnp.asarray(theta), contexts))
+    def roots(self, theta: np.ndarray) -> Roots:
+        """Roots of the coefficients' prior covariance."""
+        return prior_roots(self.model.structure, jnp.asarray(theta), self._frozen.contexts)
 
-    def negative_log(self) -> Callable[[np.ndarray], float]:
-        """Minus the log evidence and log prior, up to a constant, as a function of the chart."""
-        f, start = len(self.information.free), self.model.structure.n_start
-        shared = f + N_BIAS
-        slope, distance = (
-            r[self.information.free] for r in prior_rows(self.model, self.point.theta)
+    @cached_property
+    def _frozen(self) -> _Frozen:
+        model, free, point = self.model, self.information.free, self.point
+        slope, distance = (rows[free] for rows in prior_rows(model, point.theta))
+        # Unknowns in prior sds, so that the matrix of what slews share is well scaled.
+        unit = np.where(slope != 0.0, slope, 1.0)
+        scale = np.concatenate([1.0 / unit, np.ones(N_BIAS + point.n_local)])
+        equations = SlewEquations(
+            np.asarray(0.0),
+            self.information.matrix.sum(1) * np.outer(scale, scale),
+            self.information.gradient.sum(1) * scale,
+            np.concatenate([(slope / unit) ** 2, np.ones(N_BIAS)]),
+            np.concatenate([slope * distance / unit, point.bias]),
+            np.asarray(0.0),
+            np.asarray(point.local),
         )
-        matrix, gradient = self.information.matrix.sum(1), self.information.gradient.sum(1)
-        local = np.array(self.point.local)
-        back = np.zeros_like(gradient)
-        back[:, shared + start :] = -local[:, start:]
-        gradient = gradient + np.einsum("sij,sj->si", matrix, back)
-        local[:, start:] = 0.0
-        prior = np.concatenate([slope**2, np.ones(N_BIAS)])
-        pull = np.concatenate([slope * distance, self.point.bias])
-        before = np.linalg.inv(self.roots(self.point.theta))
+        contexts = model.data.arrays.slews.context
+        roots = prior_roots(model.structure, jnp.asarray(point.theta), contexts)
+        frozen = _Frozen(
+            equations,
+            tuple(map(jnp.linalg.inv, roots)),
+            point.theta,
+            self.learnt,
+            self._priors,
+            contexts,
+        )
+        return jax.tree.map(jnp.asarray, frozen)
 
-        def value(chart: np.ndarray) -> float:
-            turn = before @ self.roots(self.theta(chart))
-            left, left_gradient, total = np.diag(prior), pull.copy(), 0.0
-            for s, block in enumerate(matrix):
-                whole = linalg.block_diag(np.eye(shared + start), turn[s])
-                A, g = whole.T @ block @ whole, whole.T @ gradient[s]
-                root = np.linalg.cholesky(A[shared:, shared:] + np.eye(local.shape[1]))
-                right = np.column_stack([A[shared:, :shared], g[shared:] + local[s]])
-                solved = linalg.solve_triangular(root, right, lower=True)
-                left += A[:shared, :shared] - solved[:, :-1].T @ solved[:, :-1]
-                left_gradient += g[:shared] - solved[:, :-1].T @ solved[:, -1]
-                total += np.sum(np.log(np.diag(root))) - 0.5 * np.sum(solved[:, -1] ** 2)
-            scale = 1.0 / np.sqrt(np.diag(left))
-            root = np.linalg.cholesky(left * np.outer(scale, scale))
-            step = linalg.solve_triangular(root, left_gradient * scale, lower=True)
-            total += np.sum(np.log(np.diag(root)) - np.log(scale)) - 0.5 * step @ step
-            return float(total + 0.5 * chart @ chart)
+    def negative_log(self, chart: np.ndarray) -> tuple[float, np.ndarray]:
+        """Minus the log evidence and log prior, up to a constant.
 
-        return value
+        Parameters
+        ----------
+        chart : (h,) array
+            The learnt parameters [prior sd].
+
+        Returns
+        -------
+        value : float
+        slope : (h,) array
+            Its derivative.
+        """
+        at = jnp.asarray(chart)
+        value, slope = _negative_log(self.model.structure, self._frozen, at)
+        return float(value), np.asarray(slope)
+
+
+def _theta(frozen: _Frozen, chart: Array) -> Array:
+    """Parameters (d,) with the learnt ones where a chart says."""
+    priors = frozen.priors
+    value, logarithmic = priors["mean"] + priors["scale"] * chart, priors["logarithmic"]
+    value = jnp.where(logarithmic, jnp.exp(jnp.where(logarithmic, value, 0.0)), value)
+    return frozen.theta.at[frozen.learnt].set(jnp.clip(value, priors["lower"], priors["upper"]))
+
+
+@partial(jax.jit, static_argnums=0)
+@partial(jax.value_and_grad, argnums=2)
+def _negative_log(structure: Structure, frozen: _Frozen, chart: Array) -> Array:
+    roots = prior_roots(structure, _theta(frozen, chart), frozen.contexts)
+    turn = tuple(before @ now for before, now in zip(frozen.inverse_roots, roots, strict=True))
+    return 0.5 * jnp.sum(chart**2) - log_integral(eliminated(turn, frozen.equations))
+
+
+# What is compiled for each shape of campaign and set of effects.
+PROGRAMS = (_negative_log,)
 
 
 def evidence_at(model: Model, point: Point, white: Whitening, free: np.ndarray) -> Evidence:
@@ -169,15 +215,17 @@ def most_probable(evidence: Evidence) -> tuple[Point, float]:
     change : float
         By how much the parameters moved, the largest [prior sd].
     """
-    value, begin = evidence.negative_log(), evidence.chart(evidence.point.theta)
+    begin = evidence.chart(evidence.point.theta)
     bounds = [(-_FARTHEST, _FARTHEST)] * len(begin)
-    best = optimize.minimize(value, begin, method="L-BFGS-B", bounds=bounds)
+    best = optimize.minimize(
+        evidence.negative_log, begin, jac=True, method="L-BFGS-B", bounds=bounds
+    )
     theta = evidence.theta(best.x)
     before, after = evidence.roots(evidence.point.theta), evidence.roots(theta)
     n = evidence.model.structure.n_start
     local = np.array(evidence.point.local)
-    coefficients = before @ local[:, n:, None]
-    local[:, n:] = np.linalg.solve(after, coefficients)[..., 0]
+    coefficients = times(before, jnp.asarray(local[:, n:]))
+    local[:, n:] = times(tuple(map(jnp.linalg.inv, after)), coefficients)
     point = replace(evidence.point, theta=theta, local=local)
     return point, float(np.abs(best.x - begin).max())
 
@@ -209,7 +257,7 @@ def information_with_learnt(
         return information_blocks(model, point, white, free)
     evidence = evidence_at(model, point, white, free)
     plain = evidence.information
-    curvature = _curvature(evidence.negative_log(), evidence.chart(point.theta))
+    curvature = _curvature(evidence)
     slope, distance = prior_rows(model, point.theta)
     to_chart = slope[evidence.learnt]
     own = np.outer(to_chart, to_chart) * (curvature - np.eye(len(to_chart)))
@@ -224,16 +272,14 @@ def information_with_learnt(
     return plain._replace(matrix=matrix, gradient=gradient, free=free)
 
 
-def _curvature(value: Callable[[np.ndarray], float], at: np.ndarray) -> np.ndarray:
-    """Second derivatives (h, h) by differences, lifted to be positive definite."""
-    n, step = len(at), _STEP
-    hessian, unit = np.zeros((n, n)), np.eye(n) * step
-    for i in range(n):
-        for j in range(i + 1):
-            corners = [
-                a * b * value(at + a * unit[i] + b * unit[j]) for a in (1, -1) for b in (1, -1)
-            ]
-            hessian[i, j] = hessian[j, i] = sum(corners) / (4.0 * step**2)
-    powers, directions = np.linalg.eigh(hessian)
+def _curvature(evidence: Evidence) -> np.ndarray:
+    """Second derivatives (h, h) by differences of slopes, lifted to be positive definite."""
+    at = evidence.chart(evidence.point.theta)
+    slopes = [
+        [evidence.negative_log(at + side * unit)[1] for side in (1.0, -1.0)]
+        for unit in _STEP * np.eye(len(at))
+    ]
+    hessian = np.array([(up - down) / (2.0 * _STEP) for up, down in slopes])
+    powers, directions = np.linalg.eigh(0.5 * (hessian + hessian.T))
     powers = np.clip(powers, 0.25, _LEAST_SHARE**-2)
     return (directions * powers) @ directions.T

@@ -298,7 +298,7 @@ def _coefficients(estimate: Estimate, columns: Residuals) -> CoefficientPart:
     contexts = model.data.arrays.slews.context
     roots = prior_roots(model.structure, jnp.asarray(estimate.theta), contexts)
     information = sum(jnp.einsum("snp,snq->spq", j, j) for j in columns)
-    return CoefficientPart(jnp.asarray(information), jnp.linalg.inv(roots))
+    return CoefficientPart(jnp.asarray(information), tuple(map(jnp.linalg.inv, roots)))
 
 
 def principal_sd(estimate: Estimate, covariance: np.ndarray) -> np.ndarray:

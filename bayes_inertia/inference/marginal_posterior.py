@@ -21,9 +21,11 @@ from jax import Array
 from bayes_inertia.inference.coefficients import (
     CoefficientPart,
     EliminatedSlews,
+    SlewEquations,
     conditional_nuisances,
     eliminated,
     log_integral,
+    prior_roots,
 )
 from bayes_inertia.inference.likelihood import Residuals, residuals, whitened
 from bayes_inertia.inference.noise_model import Whitening
@@ -112,8 +114,10 @@ def _project(structure: Structure, marginal: Marginal, theta: Array) -> tuple[Ar
     return chi2 + marginal.unexplained, gradient
 
 
-def _eliminated_at(structure: Structure, marginal: Marginal, theta: Array) -> EliminatedSlews:
-    """The integral over all nuisances at one theta, where their prior depends on it."""
+def _eliminated_at(
+    structure: Structure, marginal: Marginal, theta: Array
+) -> tuple[EliminatedSlews, Array]:
+    """The integral over all nuisances at one theta, where their prior depends on it; the bias."""
     fixed = jnp.asarray(structure.hyperparameters)
     # Residuals depend on what the coefficients are, not on their prior.
     point = point_on_ridge(marginal, theta.at[fixed].set(marginal.optimum.theta[fixed]))
@@ -125,7 +129,13 @@ def _eliminated_at(structure: Structure, marginal: Marginal, theta: Array) -> El
     chi2: Any = sum(jnp.sum(channel**2) for channel in r)
     contexts = marginal.data.arrays.slews.context
     part: Any = marginal.coefficients
-    return eliminated(structure, part, theta, contexts, point, chi2, slew_gradient)
+    roots = prior_roots(structure, theta, contexts)
+    turn = tuple(before @ now for before, now in zip(part.inverse_roots, roots, strict=True))
+    bias = point.bias
+    equations = SlewEquations(
+        chi2, part.information, slew_gradient, jnp.ones(len(bias)), bias, bias @ bias, point.local
+    )
+    return eliminated(turn, equations), bias
 
 
 def log_posterior_of(structure: Structure, marginal: Marginal, theta: Array) -> Array:
@@ -151,9 +161,8 @@ def log_posterior_of(structure: Structure, marginal: Marginal, theta: Array) -> 
         explained = jnp.sum((marginal.root @ gradient) ** 2)
         value = log_prior(marginal.prior, theta) - 0.5 * (chi2 - explained)
     else:
-        value = log_prior(marginal.prior, theta) + log_integral(
-            _eliminated_at(structure, marginal, safe)
-        )
+        parts, _ = _eliminated_at(structure, marginal, safe)
+        value = log_prior(marginal.prior, theta) + log_integral(parts)
     return jnp.where(physical & jnp.isfinite(value), value, -jnp.inf)
 
 
@@ -200,9 +209,9 @@ def conditional_point(
     Point
     """
     if marginal.coefficients is not None:
-        parts = _compiled_elimination(structure, marginal, jnp.asarray(theta))
-        bias, local = conditional_nuisances(parts, noise)
-        return Point(np.asarray(theta), bias, local)
+        parts, bias = _compiled_elimination(structure, marginal, jnp.asarray(theta))
+        step, local = conditional_nuisances(parts, noise)
+        return Point(np.asarray(theta), np.asarray(bias) + step, local)
     theta, optimum = np.asarray(theta), jax.tree.map(np.asarray, marginal.optimum)
     shift = theta - optimum.theta
     bias = optimum.bias + np.asarray(marginal.ridge_bias) @ shift

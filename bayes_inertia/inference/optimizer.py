@@ -20,6 +20,11 @@ from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.compiled_programs import forget_surplus
 from bayes_inertia.inference.descent import descend
 from bayes_inertia.inference.distinct_optima import distinct_optima
+from bayes_inertia.inference.gentle_descents import (
+    GENTLE_STOP,
+    GENTLE_WEIGHT,
+    gentle_descents,
+)
 from bayes_inertia.inference.hyperparameters import (
     information_with_learnt,
     without_hyperparameters,
@@ -28,20 +33,11 @@ from bayes_inertia.inference.laplace import Estimate, Starts, residual_series
 from bayes_inertia.inference.noise_estimate import with_noise_model
 from bayes_inertia.inference.noise_model import Whitening, discounted, whitening
 from bayes_inertia.inference.objective import normal_equations
-from bayes_inertia.inference.point import N_BIAS, Point
+from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_tests import dispersion
 from bayes_inertia.inference.start_guess import guess_nuisances
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.parameters import N_BASE
 
-# Weight of the data's information in the first, gentle descent of every start.
-_GENTLE_WEIGHT = 1e-4
-# Where a gentle descent may stop: its end is only a beginning.
-_GENTLE_STOP = {"steps": 60, "tolerance": 1e-3}
-# Reduced chi^2 above which a gentle descent has lost its way.
-_LOST_REDUCED_CHI2 = 1e3
-# Starts that are tried at most until one has not lost its way.
-_MOST_STARTS = 12
 # The discount has settled once no slew's factor changes by more than this share; rounds at most.
 _DISCOUNT_SETTLED = 0.02
 _DISCOUNT_ROUNDS = 10
@@ -88,10 +84,7 @@ def estimate(
     """
     forget_surplus()
     free = np.arange(model.space.size) if free is None else np.asarray(free)
-    if start is None:
-        descents = _from_starts(model, seed, starts, free)
-    else:
-        descents = [_gentle_descent(model, start, free)]
+    descents = gentle_descents(model, seed, starts, start, free)
     if not np.isfinite(min(objective for objective, _ in descents)):
         raise EstimateError(
             "the start of the optimizer gave no finite residuals",
@@ -148,10 +141,10 @@ def re_estimate(
     model, discount = previous.model, previous.discount
     point, free = replace(previous.point, theta=np.asarray(theta, float)), np.asarray(free)
     if weak_data_first:
-        white = discounted(whitening(model, point.theta), _GENTLE_WEIGHT * discount)
+        white = discounted(whitening(model, point.theta), GENTLE_WEIGHT * discount)
         guess = replace(point, local=guess_nuisances(model, point.theta))
         shaped = without_hyperparameters(model, free)
-        point, _ = descend(model, guess, white, shaped, **_GENTLE_STOP)
+        point, _ = descend(model, guess, white, shaped, **GENTLE_STOP)
     settled = _optimum_with_noise(model, point, discount, free, rounds=1, tolerance=tolerance)
     return with_noise_model(_estimate_of(model, *settled, discount, free, Starts(1, 1)))
 
@@ -234,7 +227,7 @@ def _discounted_fit(
     model: Model, point: Point, channels: np.ndarray, free: np.ndarray, starts: Starts
 ) -> Estimate:
     """Repeat the estimate, each slew counted as its own residuals scatter, until both agree."""
-    factors = np.where(channels, _GENTLE_WEIGHT, np.ones((model.n_slews, 3)))
+    factors = np.where(channels, GENTLE_WEIGHT, np.ones((model.n_slews, 3)))
     for _ in range(_DISCOUNT_ROUNDS):
         point, _, stated = _optimum_with_noise(model, point, factors, free, rounds=1)
         previous, factors = factors, np.where(channels, _dispersions(model, point, stated), 1.0)
@@ -256,63 +249,6 @@ def _dispersions(model: Model, point: Point, stated: Whitening) -> np.ndarray:
     )
 
 
-def _from_starts(
-    model: Model, seed: int, starts: int, free: np.ndarray
-) -> list[tuple[float, Point]]:
-    """Gentle descents from the prior mean and from draws, more while none comes near the data."""
-    descents: list[tuple[float, Point]] = []
-    readings = sum(3 * len(s.time) for s in model.campaign.slews)
-    near = _LOST_REDUCED_CHI2 * _GENTLE_WEIGHT * 0.5 * readings
-    draws = model.draw_prior(np.random.default_rng(seed), max(starts, _MOST_STARTS) - 1)
-    for k, theta in enumerate([model.space.mean, *draws]):
-        if k >= starts and descents and min(o for o, _ in descents) < near:
-            break
-        objective, point = _gentle_descent(model, _inside_support(model, theta), free)
-        if np.isfinite(objective):
-            descents.append((objective, point))
-    if not descents:
-        raise EstimateError(
-            "no start of the optimizer gave finite residuals",
-            advice="check units and signs of the telemetry columns",
-        )
-    return descents
-
-
-def _gentle_descent(model: Model, theta: np.ndarray, free: np.ndarray) -> tuple[float, Point]:
-    """Objective and end of a descent with the data counted weakly.
-
-    J, K and the nuisances move first: far from the optimum an effect would take over what they
-    have to explain. Nuisances guessed at a J far from the truth can end in a local optimum: they
-    are guessed again at the J that was reached.
-    """
-    theta = np.asarray(theta, float)
-    weights = np.full((model.n_slews, len(CHANNELS)), _GENTLE_WEIGHT)
-    white = discounted(whitening(model, theta), weights)
-    core = free[free < N_BASE]
-    first = Point(theta, np.zeros(N_BIAS), guess_nuisances(model, theta))
-    point, objective = descend(model, first, white, core, **_GENTLE_STOP)
-    if np.any(first.local):
-        guess = replace(point, local=guess_nuisances(model, point.theta))
-        second, lower = descend(model, guess, white, core, **_GENTLE_STOP)
-        if lower < objective:
-            point, objective = second, lower
-    shaped = without_hyperparameters(model, free)
-    if len(core) < len(shaped):
-        point, objective = descend(model, point, white, shaped, **_GENTLE_STOP)
-    return objective, point
-
-
-def _inside_support(model: Model, theta: np.ndarray) -> np.ndarray:
-    """A prior draw moved a little into the support of priors that end at their null."""
-    theta = np.array(theta, float)
-    margin = 0.1 * model.space.sd
-    theta[6:] = np.clip(theta, model.space.lower + margin, model.space.upper - margin)[6:]
-    # Objectives are compared between starts: the prior of coefficients must be the same in all.
-    learnt = list(model.structure.hyperparameters)
-    theta[learnt] = model.space.mean[learnt]
-    return theta
-
-
 def _optimum_with_noise(
     model: Model, point: Point, factors: np.ndarray, free: np.ndarray, rounds: int = 3, **stop
 ) -> tuple[Point, float, Whitening]:
@@ -329,6 +265,9 @@ def _best_optimum_with_noise(
 ) -> tuple[Point, float, Whitening]:
     """As `_optimum_with_noise`, or from nuisances guessed afresh at the J reached, if better."""
     settled = _optimum_with_noise(model, point, factors, free)
+    if model.structure.hyperparameters:
+        # Its coefficients belong to its nuisances: guessed afresh they would be lost.
+        return settled
     guess = replace(settled[0], local=guess_nuisances(model, settled[0].theta))
     if not np.any(guess.local):
         return settled

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import jax
 import numpy as np
+from jax.scipy.linalg import block_diag
 
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effect_declaration import guarded, require_of_effect
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.random_inputs import prior_root
+from bayes_inertia.physics.random_inputs import prior_blocks
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 _SEED = 20251
@@ -62,13 +63,7 @@ def check_coefficients(effect: Effect, model: Model, points: np.ndarray) -> None
         "pass a campaign in which it acts",
     )
     roots = guarded(effect, "coefficient_root(p, slew, count)", lambda: _roots(model, points))
-    count = sum(model.structure.coefficients)
-    require_of_effect(
-        roots.shape[-2:] == (count, count),
-        effect,
-        f"coefficient_root has the shape {roots.shape[-2:]} for {count} coefficients",
-        "return one row and one column a coefficient",
-    )
+    count = roots.shape[-1]
     has_parameters = points.shape[1] > model.space.slice_of("").stop
     require_of_effect(
         not has_parameters or not np.any(roots[0]),
@@ -97,7 +92,12 @@ def _roots(model: Model, points: np.ndarray) -> np.ndarray:
 
     def of_point(theta):
         active = structure.active_effects(theta)
-        return jax.vmap(lambda slew: prior_root(active, structure.coefficients, slew))(contexts)
+
+        def of_slew(slew):
+            blocks = prior_blocks(active, structure.coefficients, slew)
+            return block_diag(*(root for effect in blocks for root in effect))
+
+        return jax.vmap(of_slew)(contexts)
 
     return np.array(jax.jit(jax.vmap(of_point))(points))
 

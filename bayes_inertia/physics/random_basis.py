@@ -137,28 +137,32 @@ def ornstein_uhlenbeck_root(
     return sd * kept * jnp.where(steps == 0, 1.0, fresh)
 
 
-def piece_functions(fraction: Array, pieces: int) -> Array:
-    """Which of the equal pieces of a slew holds an instant.
+def on_pieces(fraction: Array, coefficients: Array, axes: int) -> Array:
+    """Signals on several axes that are constant over equal pieces of a slew.
 
     Parameters
     ----------
     fraction : (...) array
         When, 0 to 1; beyond, the nearest piece counts.
-    pieces : int
-        How many.
+    coefficients : (axes k,) array
+        Values on k pieces, in the order of `on_each_axis`.
+    axes : int
+        How many axes.
 
     Returns
     -------
-    (..., pieces) array
-        One there, else zero.
+    (..., axes) array
+        The signals.
 
     Examples
     --------
-    >>> piece_functions(jnp.array(0.7), 3).tolist()
-    [0.0, 0.0, 1.0]
+    >>> on_pieces(jnp.array(0.7), jnp.array([1.0, 2.0, 3.0, 4.0]), 2).tolist()
+    [2.0, 4.0]
     """
-    place = jnp.clip(jnp.floor(fraction * pieces), 0, pieces - 1)
-    return jnp.where(place[..., None] == jnp.arange(pieces), 1.0, 0.0)
+    values = coefficients.reshape(axes, -1)
+    pieces = values.shape[1]
+    place = jnp.clip(jnp.floor(fraction * pieces), 0, pieces - 1).astype(int)
+    return values.T[place]
 
 
 def ornstein_uhlenbeck_mean_root(
@@ -212,15 +216,37 @@ def on_each_axis(root: Array, axes: int) -> Array:
 
     Returns
     -------
-    (axes k, axes k) array
+    (axes, k, k) array
         Coefficients of the first axis first.
 
     Examples
     --------
     >>> on_each_axis(jnp.array([[2.0]]), 2).tolist()
-    [[2.0, 0.0], [0.0, 2.0]]
+    [[[2.0]], [[2.0]]]
     """
-    return jnp.kron(jnp.eye(axes), root)
+    return jnp.broadcast_to(root, (axes, *root.shape))
+
+
+def independent(sd: Array, count: int) -> Array:
+    """The root for independent coefficients.
+
+    Parameters
+    ----------
+    sd : () or (count,) array
+        Standard deviation of each coefficient.
+    count : int
+        How many.
+
+    Returns
+    -------
+    (count, 1, 1) array
+
+    Examples
+    --------
+    >>> independent(2.0, 3).shape
+    (3, 1, 1)
+    """
+    return jnp.broadcast_to(jnp.asarray(sd), (count,))[:, None, None]
 
 
 def on_axes(functions: Array, coefficients: Array, axes: int) -> Array:

@@ -6,10 +6,11 @@ prior sd 1. A hook gets c = B(p) z; the root B depends on the effect's parameter
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jax.scipy.linalg import block_diag
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import EffectError
@@ -84,12 +85,16 @@ def with_coefficients(
     for (effect, p), count in zip(active, counts, strict=True):
         if isinstance(effect, StochasticEffect):
             z, start = whitened[start : start + count], start + count
-            values[effect.name] = {"coefficients": effect.coefficient_root(p, slew, count) @ z}
+            blocks = _blocks(effect, p, slew, count)
+            shaped = z.reshape(*blocks.shape[:2], 1)
+            values[effect.name] = {"coefficients": (blocks @ shaped).reshape(count)}
     return ActiveEffects(active.effects, values)
 
 
-def prior_root(active: ActiveEffects, counts: tuple[int, ...], slew: SlewContext) -> Array:
-    """The root B of the prior covariance of all coefficients of one slew.
+def prior_blocks(
+    active: ActiveEffects, counts: tuple[int, ...], slew: SlewContext
+) -> tuple[Array, ...]:
+    """The root B of the prior covariance of all coefficients of one slew, as diagonal blocks.
 
     Parameters
     ----------
@@ -102,15 +107,38 @@ def prior_root(active: ActiveEffects, counts: tuple[int, ...], slew: SlewContext
 
     Returns
     -------
-    (n_random, n_random) array
-        One block an effect.
+    tuple of (b, m, m) arrays
+        One an effect with coefficients; its b blocks follow each other on the diagonal of B.
+
+    Raises
+    ------
+    EffectError
+        If a root does not fit the number of coefficients.
     """
-    blocks = [
-        effect.coefficient_root(p, slew, count)
+    return tuple(
+        _blocks(effect, p, slew, count)
         for (effect, p), count in zip(active, counts, strict=True)
         if isinstance(effect, StochasticEffect) and count
-    ]
-    return block_diag(*blocks) if blocks else jnp.zeros((0, 0))
+    )
+
+
+def _blocks(
+    effect: StochasticEffect, p: Mapping[str, Array], slew: SlewContext, count: int
+) -> Array:
+    """An effect's root (b, m, m), b m being its number of coefficients."""
+    root = jnp.asarray(effect.coefficient_root(p, slew, count))
+    blocks = root if root.ndim == 3 else root[None]
+    if (
+        blocks.ndim != 3
+        or blocks.shape[1] != blocks.shape[2]
+        or blocks.shape[0] * blocks.shape[1] != count
+    ):
+        raise EffectError(
+            f"coefficient_root has the shape {root.shape} for {count} coefficients",
+            where=effect.name,
+            advice="return one row and one column a coefficient, or the blocks of a diagonal",
+        )
+    return blocks
 
 
 def hyperparameters(

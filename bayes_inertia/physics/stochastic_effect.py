@@ -68,7 +68,9 @@ class StochasticEffect(Effect):
 
         Returns
         -------
-        (k, k) array
+        (k, k) array, or (b, m, m) array with b m = k
             B; B B^T is the covariance. Zero where the parameters are null, else of full rank.
+            Independent processes of one kind give the b blocks on B's diagonal: a fit then costs
+            less.
         """
         return jnp.zeros((count, count))

@@ -53,7 +53,13 @@ def dense_log_integral(fitted, theta) -> float:
     slews, numbers = rows.residual.shape
     contexts = model.data.arrays.slews.context
     before, after = (
-        np.asarray(prior_roots(structure, jnp.asarray(x), contexts)) for x in (fitted.theta, theta)
+        [
+            linalg.block_diag(*(root for effect in effects for root in np.asarray(effect[s])))
+            for s in range(slews)
+        ]
+        for effects in (
+            prior_roots(structure, jnp.asarray(x), contexts) for x in (fitted.theta, theta)
+        )
     )
     free = np.ones(structure.n_start)
     own_nuisances = rows.jacobian.shape[-1] - d - 3
@@ -94,10 +100,15 @@ def test_the_evidence_is_largest_at_the_fit(wandered):
     evidence = evidence_at(
         wandered.model, wandered.point, wandered.white, np.arange(len(wandered.theta))
     )
-    value, chart = evidence.negative_log(), evidence.chart(wandered.theta)
-    for unit in np.eye(len(chart)):
-        up, here, down = (value(chart + step * unit) for step in (0.2, 0.0, -0.2))
+    chart = evidence.chart(wandered.theta)
+    for i, unit in enumerate(np.eye(len(chart))):
+        (up, slope), (here, _), (down, _) = (
+            evidence.negative_log(chart + step * unit) for step in (0.2, 0.0, -0.2)
+        )
         assert min(up, down) > here - 5e-3
+        # Slopes belong to values: over a small step to both sides.
+        after, before = (evidence.negative_log(chart + (0.2 + h) * unit)[0] for h in (1e-4, -1e-4))
+        assert slope[i] == pytest.approx((after - before) / 2e-4, rel=1e-4, abs=1e-5)
 
 
 @pytest.mark.slow

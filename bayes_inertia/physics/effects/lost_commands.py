@@ -8,6 +8,7 @@ from typing import ClassVar
 import jax.numpy as jnp
 import numpy as np
 
+from bayes_inertia.physics.random_basis import independent
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
@@ -35,7 +36,7 @@ class LostCommands(StochasticEffect):
         return max(pieces) * len(campaign.wheels)
 
     def coefficient_root(self, p, slew, count):
-        return jnp.eye(count)
+        return independent(1.0, count)
 
     def delivered_torque(self, p, slew, torque):
         if slew.lost_command is None or not p["coefficients"].shape[0]:

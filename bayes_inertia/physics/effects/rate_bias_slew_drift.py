@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.physics.parameters import LogNormal, scalar
+from bayes_inertia.physics.random_basis import independent
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
@@ -46,7 +46,7 @@ class RateBiasSlewDrift(StochasticEffect):
         return 3
 
     def coefficient_root(self, p, slew, count):
-        return p["sd"] * jnp.eye(count)
+        return independent(p["sd"], count)
 
     def rate_output(self, p, slew, trajectory, rate_S):
         return rate_S + (slew.time - slew.time[0])[:, None] * p["coefficients"]

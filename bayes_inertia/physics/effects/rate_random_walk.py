@@ -10,6 +10,7 @@ import numpy as np
 
 from bayes_inertia.physics.parameters import LogNormal, scalar
 from bayes_inertia.physics.random_basis import (
+    independent,
     on_axes,
     slew_duration,
     slew_fraction,
@@ -71,7 +72,7 @@ class RateRandomWalk(StochasticEffect):
         spread = jnp.concatenate(
             [jnp.sqrt(away)[None], jnp.full(self.functions, jnp.sqrt(duration))]
         )
-        return p["density"] * jnp.diag(jnp.tile(spread, 3))
+        return independent(p["density"] * jnp.tile(spread, 3), count)
 
     def rate_output(self, p, slew, trajectory, rate_S):
         fraction = slew_fraction(slew, slew.time)

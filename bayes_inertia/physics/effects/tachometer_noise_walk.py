@@ -10,6 +10,7 @@ import numpy as np
 
 from bayes_inertia.physics.parameters import LogNormal, scalar
 from bayes_inertia.physics.random_basis import (
+    independent,
     on_axes,
     slew_duration,
     slew_fraction,
@@ -59,7 +60,7 @@ class TachometerNoiseWalk(StochasticEffect):
         return len(campaign.wheels) * self.functions if self.parameters(campaign) else 0
 
     def coefficient_root(self, p, slew, count):
-        return p["density"] * jnp.sqrt(slew_duration(slew)) * jnp.eye(count)
+        return independent(p["density"] * jnp.sqrt(slew_duration(slew)), count)
 
     def momentum_output(self, p, slew, trajectory, momentum):
         if not p["coefficients"].shape[0]:

@@ -7,14 +7,16 @@ from typing import ClassVar
 
 from bayes_inertia.physics.effects.scales import sd_and_time, torque_scale
 from bayes_inertia.physics.random_basis import (
-    on_axes,
     on_each_axis,
+    on_pieces,
     ornstein_uhlenbeck_mean_root,
-    piece_functions,
     slew_duration,
     slew_fraction,
 )
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
+
+# Integration steps in each piece, at least.
+_STEPS_A_PIECE = 4
 
 
 @dataclass(frozen=True)
@@ -58,9 +60,14 @@ class TorqueNoise(StochasticEffect):
     def coefficient_count(self, campaign):
         return 3 * self.pieces
 
+    def max_step(self, campaign):
+        # An edge between pieces is displaced by less than a step.
+        shortest = min(float(slew.time[-1] - slew.time[0]) for slew in campaign.slews)
+        return shortest / (_STEPS_A_PIECE * self.pieces)
+
     def coefficient_root(self, p, slew, count):
         width = slew_duration(slew) / self.pieces
         return on_each_axis(ornstein_uhlenbeck_mean_root(p["sd"], p["time"], width, self.pieces), 3)
 
     def body_torque(self, p, slew, t, state):
-        return on_axes(piece_functions(slew_fraction(slew, t), self.pieces), p["coefficients"], 3)
+        return on_pieces(slew_fraction(slew, t), p["coefficients"], 3)

@@ -7,10 +7,9 @@ from typing import ClassVar
 
 from bayes_inertia.physics.effects.scales import sd_and_time, torque_scale
 from bayes_inertia.physics.random_basis import (
-    on_axes,
     on_each_axis,
+    on_pieces,
     ornstein_uhlenbeck_mean_root,
-    piece_functions,
     slew_duration,
     slew_fraction,
 )
@@ -62,5 +61,5 @@ class WheelTorqueNoise(StochasticEffect):
 
     def delivered_torque(self, p, slew, torque):
         # The mean over each interval of the grid, as the commands are.
-        held = piece_functions(slew_fraction(slew, slew.time + 0.5 * slew.step), self.pieces)
-        return torque + on_axes(held, p["coefficients"], torque.shape[1])
+        middle = slew_fraction(slew, slew.time + 0.5 * slew.step)
+        return torque + on_pieces(middle, p["coefficients"], torque.shape[1])
