@@ -121,7 +121,7 @@ def run_one(case: Case, power: float, level: float) -> dict:
         "hidden": case.hidden,
         "sizes": sizes,
         "ideal_powers": powers,
-        **_summary(diagnosis, _truth(flight)),
+        **_summary(diagnosis, truth_of(flight)),
         "seconds": seconds,
     }
 
@@ -150,7 +150,8 @@ def _summary(diagnosis: Diagnosis, truth: np.ndarray) -> dict:
     }
 
 
-def _truth(flight: Flight) -> np.ndarray:
+def truth_of(flight: Flight) -> np.ndarray:
+    """J (six elements) and K of a flight."""
     J = flight.spacecraft.inertia_B
     return np.array(
         [J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2], *flight.spacecraft.scale_factor]

@@ -118,26 +118,25 @@ class Evidence:
         # Unknowns in prior sds, so that the matrix of what slews share is well scaled.
         unit = np.where(slope != 0.0, slope, 1.0)
         scale = np.concatenate([1.0 / unit, np.ones(N_BIAS + point.n_local)])
-        equations = SlewEquations(
-            np.asarray(0.0),
+        numbers = (
+            0.0,
             self.information.matrix.sum(1) * np.outer(scale, scale),
             self.information.gradient.sum(1) * scale,
             np.concatenate([(slope / unit) ** 2, np.ones(N_BIAS)]),
             np.concatenate([slope * distance / unit, point.bias]),
-            np.asarray(0.0),
-            np.asarray(point.local),
+            0.0,
+            point.local,
         )
         contexts = model.data.arrays.slews.context
-        roots = prior_roots(model.structure, jnp.asarray(point.theta), contexts)
-        frozen = _Frozen(
-            equations,
-            tuple(map(jnp.linalg.inv, roots)),
-            point.theta,
-            self.learnt,
-            self._priors,
+        theta = jnp.asarray(point.theta)
+        return _Frozen(
+            SlewEquations(*map(jnp.asarray, numbers)),
+            tuple(map(jnp.linalg.inv, prior_roots(model.structure, theta, contexts))),
+            theta,
+            jnp.asarray(self.learnt),
+            {key: jnp.asarray(values) for key, values in self._priors.items()},
             contexts,
         )
-        return jax.tree.map(jnp.asarray, frozen)
 
     def negative_log(self, chart: np.ndarray) -> tuple[float, np.ndarray]:
         """Minus the log evidence and log prior, up to a constant.
