@@ -26,13 +26,10 @@ from typing import Any
 from bayes_inertia.errors import EffectError
 from bayes_inertia.files import read_bytes, text_of
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 ENTRY_POINTS = "bayes_inertia.effects"
 _REFERENCE = re.compile(r"(?P<source>.+):(?P<attribute>[A-Za-z_]\w*)(?:@(?P<digest>[0-9a-f]{16}))?")
 _DIGEST_LENGTH = 16
-# Bases that a file of effects imports, which are none themselves.
-_BASES = (Effect, StochasticEffect)
 
 
 @dataclass(frozen=True)
@@ -276,7 +273,6 @@ def _classes_of(module: ModuleType) -> list[str]:
         for name, value in vars(module).items()
         if isinstance(value, type)
         and issubclass(value, Effect)
-        and value not in _BASES
         and value.__module__ == module.__name__
         and not name.startswith("_")
     ]
