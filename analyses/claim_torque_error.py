@@ -80,9 +80,7 @@ def known(campaign: Campaign, effect, values: np.ndarray) -> Estimate:
 
 def gain_errors(gains: np.ndarray, seeds: int, quick: bool) -> dict[str, np.ndarray]:
     """Relative errors of J and K (gains, seeds, 9) by how the telemetry is used."""
-    kinds = ["no tachometers, wheels start at rest", "without tachometers", "with tachometers"] + (
-        [] if quick else ["tachometers as input", "gain fitted"]
-    )
+    kinds = ["no tachometers, wheels start at rest", "with tachometers"] if quick else list(_LOOKS)
     errors_by_case = {kind: [] for kind in kinds}
     for g in gains:
         for seed in range(seeds):

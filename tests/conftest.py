@@ -7,6 +7,10 @@ Campaigns of one `Setup` have one shape, so that all tests of a session share co
 from __future__ import annotations
 
 import os
+
+# Matrices are small: with workers on all cores, more threads only wait for each other.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 from dataclasses import dataclass, field
 
 import jax

@@ -72,7 +72,7 @@ def test_a_planted_ringing_comes_back(searched):
 @pytest.mark.slow
 def test_noise_gains_what_the_p_value_says(searched):
     search, _, shape = searched
-    rng, n = np.random.default_rng(5), 120
+    rng, n = np.random.default_rng(5), 60
     found = [search(rng.normal(size=shape)) for _ in range(n)]
     for level in (0.3, 0.1):
         assert sum(p_value(f) < level for f in found) <= stats.binom.ppf(0.999, n, level)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.refits import refitted
+from support.refits import fitted_with, refitted
 
 from bayes_inertia.app.diagnosed_fit import next_fit
 from bayes_inertia.app.diagnosis_json import next_fit_from
@@ -19,11 +19,9 @@ from bayes_inertia.diagnosis.model_averaging import (
 )
 from bayes_inertia.diagnosis.residual_scan import scan_residuals
 from bayes_inertia.diagnosis.result import AlternativeEffect, Step
-from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.sampler import Settings
 from bayes_inertia.physics.effects import ConstantTorque
-from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
 from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict
 from bayes_inertia.report.fit_sections import standard_sections
@@ -39,11 +37,8 @@ def test_each_member_of_an_ambiguous_set_has_its_own_J_and_K(
     (step,) = torqued.steps
     odds = [math.exp(r.log_bayes_factor - step.log_bayes_factor) for r in step.alternatives]
     assert [o.probability for o in others] == pytest.approx([x / (1.0 + sum(odds)) for x in odds])
-    library = {e.name: e for e in rigid_library}
     for other in others:
-        direct = estimate(
-            Model(torqued.base.model.campaign, (library[other.effect],)), starts=1, discount=False
-        )
+        direct = fitted_with(torqued.base.model, other.effect)
         assert np.all(np.abs(other.mean - direct.theta[:9]) < 0.01 * direct.sd[:9])
         np.testing.assert_allclose(other.sd, direct.sd[:9], rtol=0.01)
     content = content_of(torqued, alternatives=others)
@@ -69,7 +64,7 @@ def test_each_member_of_an_ambiguous_set_has_its_own_J_and_K(
 
 
 @pytest.mark.slow
-def test_a_set_beside_another_effect_is_exchanged_with_that_effect_kept(lagging, rigid_library):
+def test_a_set_beside_another_effect_is_exchanged_with_that_effect_kept(lagging):
     """The lag was named, its alternative is the delay; a constant torque was named after it."""
     (first,), at = lagging.steps, lagging.final
     delay = refitted(lagging.base, "rate_sensor_delay")
@@ -84,21 +79,22 @@ def test_a_set_beside_another_effect_is_exchanged_with_that_effect_kept(lagging,
     (other,) = alternative_parameters(
         replace(lagging, verdict="ambiguous", steps=steps, final=torque.estimate)
     )
-    library = {e.name: e for e in rigid_library}
-    direct = estimate(
-        Model(at.model.campaign, (library["rate_sensor_delay"], library["constant_torque"])),
-        discount=False,
-    )
+    direct = fitted_with(at.model, "rate_sensor_delay", "constant_torque")
     assert other.probability == pytest.approx(1.0 / (1.0 + math.e))
     assert np.all(np.abs(other.mean - direct.theta[:9]) < 0.01 * direct.sd[:9])
     # Without the effect named beside it J and K would be others.
     assert np.any(np.abs(other.mean - delay.estimate.theta[:9]) > 0.1 * direct.sd[:9])
 
 
-@pytest.mark.slow
-def test_averaged_J_and_K_are_the_mixture_and_the_posterior_stays(torqued, tmp_path):
+@pytest.fixture(scope="module")
+def plain(torqued):
+    """The posterior with the effect that was named."""
     settings = Settings(seed=2, ensembles=2, walkers=32, steps=60, max_steps=60)
-    plain = fit(torqued.base.model.campaign, effects=(ConstantTorque(),), seed=2, settings=settings)
+    return fit(torqued.base.model.campaign, effects=(ConstantTorque(),), seed=2, settings=settings)
+
+
+@pytest.mark.slow
+def test_averaged_J_and_K_are_the_mixture_and_the_posterior_stays(plain, tmp_path):
     given = plain.summary()["parameters"]
     names = tuple(given)[:9]
     mean, sd = (np.array([given[name][key] for name in names]) for key in ("mean", "sd"))
@@ -150,9 +146,7 @@ def test_averaged_J_and_K_are_the_mixture_and_the_posterior_stays(torqued, tmp_p
 
 
 @pytest.mark.slow
-def test_an_average_holds_no_tensor_that_no_body_has(torqued):
-    settings = Settings(seed=2, ensembles=2, walkers=32, steps=12, max_steps=12)
-    plain = fit(torqued.base.model.campaign, effects=(ConstantTorque(),), seed=2, settings=settings)
+def test_an_average_holds_no_tensor_that_no_body_has(plain):
     names = plain.names[:9]
     edge = np.array(
         [4.0, 2.0, 2.0, 0.0, 0.0, 0.0, 1.0, 1.0, 1.0]

@@ -68,9 +68,10 @@ def test_a_lag_is_named_and_measured(lagging, content_of, check_contract):
 
 
 @pytest.mark.slow
-def test_a_constant_torque_is_named(flight):
+def test_a_constant_torque_is_named(flight, rigid_library):
     found = diagnose(
-        flight((ConstantTorque(),), {"constant_torque": {"torque": np.array([1e-5, 0.0, -5e-6])}})
+        flight((ConstantTorque(),), {"constant_torque": {"torque": np.array([1e-6, 0.0, -5e-7])}}),
+        library=rigid_library,
     )
     assert found.verdict == "named"
     assert found.named == ("constant_torque",)

@@ -13,10 +13,6 @@ from bayes_inertia.diagnosis.signal_basis import body_torque, cardinal_splines
 from bayes_inertia.diagnosis.signal_wording import describe
 from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.diagnosis.unexplained import unexplained_signal
-from bayes_inertia.flight.mission import most_like_mission
-from bayes_inertia.flight.plan import paper_like_plan
-from bayes_inertia.flight.planned_telemetry import planned_campaign
-from bayes_inertia.flight.simulated_campaigns import draw_flight
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
@@ -42,16 +38,12 @@ class Planted(Effect):
 
 
 @pytest.fixture(scope="module")
-def planted():
-    """`planted(sine=, square=, steady=)`: a campaign of five slews at 2 Hz with that torque."""
-    plan = replace(paper_like_plan(), telemetry_period=0.5)
-    template = planned_campaign(plan, most_like_mission())
+def planted(flight):
+    """`planted(sine=, square=, steady=)`: a campaign of three slews at 2 Hz with that torque."""
 
-    def fly(sine=0.0, square=0.0, steady=0.0, seed=1):
+    def fly(sine=0.0, square=0.0, steady=0.0):
         values = {"planted": {"sine": sine, "square": square, "steady": steady}}
-        return draw_flight(
-            template, plan, seed, effects=(Planted(),), values=values, vary=False
-        ).campaign
+        return flight((Planted(),), values, seed=1)
 
     return fly
 
@@ -106,7 +98,7 @@ def test_a_constant_torque(planted):
 def test_evidence_tells_what_a_weak_torque_follows(planted):
     # Squares of rates are nearly constant in these slews, and a constant torque explains most of
     # this one.
-    at = fitted(planted(square=8e-7))
+    at = fitted(planted(square=1e-6))
     torques = {
         name: e
         for (source, name), e in unexplained_signal(at).driven_evidence.items()

@@ -150,7 +150,7 @@ def test_another_drift_in_each_slew_is_learnt(flown):
 def test_z_scores_under_a_random_walk_are_calibrated(flying):
     """With the effect they are standard normal (0.1 % two-sided); without it far too wide."""
     scores, plain = [], []
-    for seed in range(8):
+    for seed in range(5):
         flown = flying(100 + seed)
         campaign = wandering(flown.campaign, seed)
         for effects, into in (((RateRandomWalk(functions=8),), scores), ((), plain)):

@@ -232,7 +232,7 @@ def attitude_chi2(flying, setup_type):
     treatment and with none."""
     setup = setup_type(momentum_sigma=2e-5, dt=2.0, fix_rows=(0, 1, 2, 47, 48, -3, -2, -1))
     totals = {"treated": np.zeros(4), "ignored": np.zeros(4)}
-    for seed in range(8):
+    for seed in range(4):
         campaign = flying(100 + seed, setup).campaign
         for name, stated in (("treated", 2e-5), ("ignored", 1e-9)):
             wheels = tuple(replace(w, momentum_sigma=stated) for w in campaign.wheels)
