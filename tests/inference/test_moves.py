@@ -125,11 +125,11 @@ def _wrong(t: Target) -> IndependenceMove:
 
 
 MOVES = {
-    "independence": (lambda t: _right(t), 1200),
-    "independence, wrong covariance": (lambda t: _wrong(t), 2400),
+    "independence": (lambda t: _right(t), 2000),
+    "independence, wrong covariance": (lambda t: _wrong(t), 4000),
     "differential evolution": (lambda t: emcee.moves.DEMove(), 6000),
     "stretch": (lambda t: emcee.moves.StretchMove(), 10000),
-    "as sample() mixes them": (lambda t: [(_right(t), 0.5), (emcee.moves.DEMove(), 0.5)], 1600),
+    "as sample() mixes them": (lambda t: [(_right(t), 0.5), (emcee.moves.DEMove(), 0.5)], 3000),
 }
 
 
