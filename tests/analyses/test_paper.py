@@ -103,8 +103,8 @@ def test_committed_page_is_what_the_committed_results_say(load, tmp_path):
 
 @pytest.mark.slow
 def test_scatter_is_what_repeated_campaigns_show(load):
-    """Errors of ten campaigns at 50 times our noise, whitened by the predicted scatter, are standard
-    normal.
+    """Errors of ten campaigns at 50 times our noise, whitened by the predicted scatter, are
+    standard normal.
     """
     common = load("common")
     from bayes_inertia.flight.plan import paper_like_plan
