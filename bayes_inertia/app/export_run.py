@@ -16,6 +16,7 @@ from bayes_inertia.files import write_new_files
 from bayes_inertia.flight.spacecraft import spin_tensor, without_spin
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.physics.effects import InertiaChange
 from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.report.criteria import criteria_of
 from bayes_inertia.report.export.content import (
@@ -77,6 +78,7 @@ def exported_result(run: Path, *, with_correction: bool) -> ExportedResult:
         inertia_B=J,
         inertia_locked_B=J + spin_tensor(campaign.wheels),
         correction=correction,
+        notes=_notes(summary),
     )
 
 
@@ -150,6 +152,15 @@ def _reasons_of_diagnosis(run: Path) -> list[str]:
     with blaming_diagnosis(run, content):
         unknown = content["verdict"] == "unknown"
     return ["an effect without a name is missing (diagnosis: unknown)"] if unknown else []
+
+
+def _notes(summary: dict[str, Any]) -> tuple[str, ...]:
+    if InertiaChange.name not in summary["effects"]:
+        return ()
+    return (
+        "J changed during the campaign and is that before the change; now it is J + "
+        f"{InertiaChange.name}.change_Jxx ... change_Jyz",
+    )
 
 
 def _source(summary: dict[str, Any]) -> str:

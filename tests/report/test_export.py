@@ -176,6 +176,17 @@ def test_an_untrusted_result_carries_its_warning(result, to):
     assert "DO NOT USE" not in EXPORT_FORMATS[to].text(result)
 
 
+def test_a_tensor_that_changed_on_the_way_is_said(posteriors, tmp_path):
+    posterior = Posterior(posteriors["good"].tree.copy(deep=True))
+    attributes = posterior.attributes | {"effects": ["inertia_change"]}
+    posterior.tree.attrs["bayes_inertia"] = json.dumps(attributes)
+    run_folder.start(EXAMPLE, tmp_path / "run")
+    posterior.save(tmp_path / "run" / "posterior.nc")
+    result = exported_result(tmp_path / "run", with_correction=False)
+    for form in EXPORT_FORMATS.values():
+        assert "J changed during the campaign" in form.text(result)
+
+
 def test_the_command_writes_a_file_and_overwrites_none(run, tmp_path, capsys):
     out = tmp_path / "sub" / "inertia.txt"
     assert export(run, "--to", "42", "-o", out) == 0

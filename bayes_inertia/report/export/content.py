@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -98,6 +98,8 @@ class ExportedResult:
         J_locked = J + sum Js g g^T [kg m^2].
     correction : ExportedCorrection or None
         None where it cannot be forecast, or the format does not show it.
+    notes : tuple of str
+        What must be known before the numbers are used.
     """
 
     campaign: str
@@ -109,7 +111,8 @@ class ExportedResult:
     includes_wheel_spin: bool
     inertia_B: np.ndarray
     inertia_locked_B: np.ndarray
-    correction: ExportedCorrection | None = field(default=None)
+    correction: ExportedCorrection | None = None
+    notes: tuple[str, ...] = ()
 
     def parameter(self, name: str) -> ExportedParameter:
         """The parameter of a name.
@@ -145,7 +148,8 @@ def comment_lines(result: ExportedResult, *more: str) -> list[str]:
     if not result.trusted:
         reasons = "; ".join(result.reasons) or "a gate failed"
         warning = [f"WARNING: DO NOT USE THIS RESULT AS IT STANDS: {reasons}"]
-    lines = [*warning, f"campaign: {result.campaign}", result.source, *more]
+    notes = (f"NOTE: {note}" for note in result.notes)
+    lines = [*warning, *notes, f"campaign: {result.campaign}", result.source, *more]
     return [one_line(line) for line in lines]
 
 

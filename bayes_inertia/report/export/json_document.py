@@ -28,6 +28,7 @@ def json_text(result: ExportedResult) -> str:
         "trusted": result.trusted,
         "warning": None if result.trusted else comment_lines(result)[0],
         "reasons": list(result.reasons),
+        "notes": list(result.notes),
         "campaign": result.campaign,
         "source": result.source,
         "includes_wheel_spin": result.includes_wheel_spin,
