@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from bayes_inertia.inference.kept_programs import KeptProgram
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.likelihood import Residuals
 from bayes_inertia.inference.noise_memory import Memory, innovations
@@ -170,7 +171,7 @@ def torque_response(estimate: Estimate) -> TorqueResponse:
 
 
 # Compiled without optimization: half the time to compile, a few calls of less than 0.1 s.
-@partial(jax.jit, static_argnums=0, compiler_options={"xla_backend_optimization_level": 0})
+@partial(KeptProgram, compiler_options={"xla_backend_optimization_level": 0})
 def tangents(
     structure: Structure, theta: Array, local: Array, data: Data
 ) -> tuple[Array, Array, Array, Array, Array]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -10,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from bayes_inertia.inference.kept_programs import KeptProgram
 from bayes_inertia.inference.noise_memory import Memory, innovations
 from bayes_inertia.inference.noise_model import Whitening, n_data
 from bayes_inertia.inference.point import Point
@@ -127,7 +127,7 @@ def residuals(structure: Structure, point: Point, data: Data, white: Whitening) 
     return plain if white.memory is None else _remembered(plain, white.memory)
 
 
-@partial(jax.jit, static_argnums=0)
+@KeptProgram
 def _plain_residuals(structure: Structure, point: Point, data: Data, white: Whitening) -> Residuals:
     prediction = predict_all(structure, point.theta, point.local, point.bias, data)
     return whitened(structure, prediction, data.arrays.telemetry, white)
@@ -176,7 +176,7 @@ def sensitivities(
     return Sensitivities(*(_remembered(part, white.memory) for part in plain))
 
 
-@partial(jax.jit, static_argnums=0)
+@KeptProgram
 def _plain_sensitivities(
     structure: Structure, point: Point, data: Data, white: Whitening, columns: Array | None
 ) -> Sensitivities:

@@ -27,6 +27,7 @@ from bayes_inertia.inference.coefficients import (
     log_integral,
     prior_roots,
 )
+from bayes_inertia.inference.kept_programs import KeptProgram
 from bayes_inertia.inference.likelihood import Residuals, residuals, whitened
 from bayes_inertia.inference.noise_model import Whitening
 from bayes_inertia.inference.point import Point
@@ -166,7 +167,7 @@ def log_posterior_of(structure: Structure, marginal: Marginal, theta: Array) -> 
     return jnp.where(physical & jnp.isfinite(value), value, -jnp.inf)
 
 
-@partial(jax.jit, static_argnums=0)
+@KeptProgram
 def log_posterior(structure: Structure, marginal: Marginal, thetas: Array) -> Array:
     """The compiled marginal log posterior.
 

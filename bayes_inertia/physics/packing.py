@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 from jax import Array
 
@@ -22,8 +22,10 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.physics.slew_context import SlewContext
 from bayes_inertia.physics.slew_input import ReadingProjection, SlewInput, Start
 
-# Rows are padded to a multiple of this so that campaigns of similar length share compiled code.
+# Rows and star-tracker fixes are padded to multiples of these so that campaigns of similar length
+# share compiled code.
 _ROW_MULTIPLE = 32
+_FIX_MULTIPLE = 8
 _MOST_POINTS = 1e6
 
 
@@ -200,7 +202,7 @@ def pack(
     multiple = rows_per_step * -(-_ROW_MULTIPLE // rows_per_step)
     n_grid = _padded(max(len(g) for g, _ in grids), multiple)
     n_rows = _padded(max(len(s.time) for s in campaign.slews), multiple)
-    n_fixes = max(int(s.fixes.sum()) for s in campaign.slews)
+    n_fixes = _padded(max(int(s.fixes.sum()) for s in campaign.slews), _FIX_MULTIPLE)
     packed = [
         _pack_slew(campaign, i, *grids[i], n_grid, n_rows, n_fixes, modes)
         for i in range(len(campaign.slews))
@@ -218,7 +220,7 @@ def _stack_tuples(parts):
         return None
     if isinstance(first, tuple):
         return type(first)(*(_stack_tuples(field) for field in zip(*parts, strict=True)))
-    return jnp.asarray(np.stack(parts))
+    return jax.device_put(np.stack(parts))
 
 
 def _extend(rows: np.ndarray, n: int) -> np.ndarray:
