@@ -85,9 +85,9 @@ def fit(
         # 0.00021
     """
     began = perf_counter()
-    # ArviZ takes seconds to import; it can do so while the compiler, which needs no interpreter
-    # lock, works.
-    Thread(target=import_module, args=("arviz",), daemon=True).start()
+    # ArviZ takes long to import; it can do so while the compiler, which needs no interpreter lock,
+    # works. Its plots are not needed.
+    Thread(target=import_module, args=("arviz_stats",), daemon=True).start()
     settings = settings or Settings()
     if seed is not None:
         settings = replace(settings, seed=seed)

@@ -114,20 +114,21 @@ def diagnose_chains(
     -------
     Diagnostics
     """
-    import arviz as az
+    from arviz_base import from_dict
+    from arviz_stats import ess, rhat_nested
 
     ensembles, walkers, draws, d = samples.shape
     with warnings.catch_warnings():
         # Walkers are many by design.
         warnings.filterwarnings("ignore", "Found chain dimension to be longer", UserWarning)
         flat = samples.reshape(ensembles * walkers, draws, d)
-        tree = az.from_dict({"posterior": {"theta": flat}})
+        tree = from_dict({"posterior": {"theta": flat}})
     superchains = np.repeat(range(ensembles), walkers).tolist()
-    rhat = float(az.rhat_nested(tree, superchain_ids=superchains)["theta"].max())
+    rhat = float(rhat_nested(tree, superchain_ids=superchains)["theta"].max())
     # emcee's walkers are not independent: believe the smaller of both counts.
     by_tau = ensembles * walkers * draws / max(tau, 1.0)
-    bulk = min(float(az.ess(tree, method="bulk")["theta"].min()), by_tau)
-    tail = float(az.ess(tree, method="tail")["theta"].min())
+    bulk = min(float(ess(tree, method="bulk")["theta"].min()), by_tau)
+    tail = float(ess(tree, method="tail")["theta"].min())
     many = np.minimum(bulk, tail) >= ESS_AT_LEAST
     long = draws >= AUTOCORRELATION_TIMES * tau
     return Diagnostics(

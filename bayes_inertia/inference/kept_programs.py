@@ -95,9 +95,11 @@ class KeptProgram:
 
 
 def _kept_entries() -> Any:
-    """JAX's cache on disk, or None where there is none."""
+    """JAX's cache on disk, or None where there is none, or for other devices than processors."""
     folder = jax.config.jax_compilation_cache_dir
     if not folder or not jax.config.jax_enable_compilation_cache or "://" in folder:
+        return None
+    if jax.default_backend() != "cpu":
         return None
     return _entries_in(folder, jax.config.jax_compilation_cache_max_size)
 

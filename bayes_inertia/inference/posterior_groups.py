@@ -76,7 +76,7 @@ def build_posterior(
     -------
     Posterior
     """
-    import arviz as az
+    from arviz_base import from_dict
 
     rng = np.random.default_rng([seed, 1])
     campaign, space = estimate.model.campaign, estimate.model.space
@@ -97,7 +97,7 @@ def build_posterior(
     with warnings.catch_warnings():
         # Walkers are many by design.
         warnings.filterwarnings("ignore", "Found chain dimension to be longer", UserWarning)
-        tree = az.from_dict(groups, dims=_DIMENSIONS, coords=coords)
+        tree = from_dict(groups, dims=_DIMENSIONS, coords=coords)
     tree["estimate"] = _estimate_group(estimate)
     _write_units(tree, dict(zip(space.names, space.units, strict=True)))
     attributes = {"campaign": campaign.name, "seed": seed} | context.attributes()

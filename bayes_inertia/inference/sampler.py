@@ -42,7 +42,7 @@ from bayes_inertia.physics.prediction import Data
 Progress = Callable[[str, int, int], None]
 
 _LEAST_WARM_UP_STEPS = 12
-_STEPS_BETWEEN_SAVES = 8
+_LEAST_STEPS_BETWEEN_SAVES = 8
 # This many times more draws than seem enough are taken.
 _STEPS_MARGIN = 1.1
 # Row-slews of a batch whose trajectories fit the processor's cache.
@@ -333,9 +333,7 @@ def _advance(
             done[k] += 1
             file = files[k]
             ends = stopped.is_set()
-            if file is not None and (
-                done[k] % _STEPS_BETWEEN_SAVES == 0 or done[k] == steps or ends
-            ):
+            if file is not None and (_is_saved_after(done[k]) or done[k] == steps or ends):
                 save_chain(sampler.backend, file)
             if progress:
                 progress("sampling", sum(done), target)
@@ -355,6 +353,13 @@ def _advance(
             # An interrupt or an error ends the other ensembles too, instead of waiting for their
             # last step.
             stopped.set()
+
+
+def _is_saved_after(steps: int) -> bool:
+    """Whether a chain of so many steps is written: its file is replaced whole, so that a long chain
+    waits for a sixteenth of its length.
+    """
+    return steps % max(_LEAST_STEPS_BETWEEN_SAVES, 2 ** (steps.bit_length() - 5)) == 0
 
 
 def _collect(
