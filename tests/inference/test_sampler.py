@@ -75,7 +75,10 @@ def test_more_steps_are_taken_as_need_be_and_never_more_than_twice_as_many():
     )  # something else failed: go on a little
 
 
-def test_a_second_campaign_of_one_shape_compiles_nothing(flying, small_at):
+def test_a_second_campaign_of_one_shape_compiles_nothing(flying, small_at, monkeypatch):
+    # What is kept on disk is another matter.
+    monkeypatch.setattr("bayes_inertia.inference.kept_programs._kept_entries", lambda: None)
+    estimate(Model(flying(12).campaign), starts=1)
     sample(small_at, SHORT)
     compiled = []
 
