@@ -288,8 +288,8 @@ def test_heavy_noise_of_unknown_scale_hides_no_missing_effect(name):
 
 @pytest.mark.slow
 def test_fits_to_student_t_noise_are_calibrated(flying):
-    """z-scores of ten campaigns whose truth is a draw of the prior, the noise's scale among it."""
-    rng, campaigns = np.random.default_rng(8), 10
+    """z-scores of 16 campaigns whose truth is a draw of the prior, the noise's scale among it."""
+    rng, campaigns = np.random.default_rng(8), 16
     noise = NoiseModel(rate=ChannelNoise("student_t", 4.0, scale_sampled=True))
     squares, of_scale, plain_squares, of_level = [], [], [], []
     for seed in range(100, 100 + campaigns):
