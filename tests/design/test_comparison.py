@@ -14,7 +14,7 @@ from bayes_inertia.studies.simulated_fits import fit_simulated_campaigns, simula
 @pytest.mark.slow
 def test_comparison_predicts_what_simulated_campaigns_achieve(designed, mission):
     plans = {"paper": paper_like_plan(), "designed": designed.plan}
-    paper, better = compare_plans(plans, mission, simulated=12)
+    paper, better = compare_plans(plans, mission, simulated=16)
     assert better.worst_cross_term < paper.worst_cross_term / 1.5
     assert paper.total_time == pytest.approx(1855.0)
     for contender in (paper, better):
