@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from bayes_inertia.inference.marginal_posterior import log_posterior
 from bayes_inertia.inference.noise_model import rate_noise_covariance
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.posterior_groups import build_posterior
+from bayes_inertia.inference.predicted_telemetry import predicted_telemetry
 from bayes_inertia.inference.sampler import Settings, sample, steps_wanted
 from bayes_inertia.physics.forward_model import Model
 
@@ -135,3 +137,16 @@ def test_predicted_rates_have_the_noise_that_the_likelihood_counts(small_flown):
     stated = np.square(campaign.rate_sensor.sigma)
     assert np.all(np.diag(covariance) > 4.0 * stated)
     np.testing.assert_allclose(spread, np.diag(covariance), rtol=0.1)
+
+
+def test_predicted_telemetry_is_held_once_and_a_part_of_it_again(small_at):
+    chains = sample(small_at, SHORT)
+    predicted_telemetry(small_at, chains, np.random.default_rng(1))  # Compiled.
+    tracemalloc.start()
+    try:
+        groups = predicted_telemetry(small_at, chains, np.random.default_rng(1))
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    size = sum(values.nbytes for group in groups for values in group.values())
+    assert peak < 3.0 * size
