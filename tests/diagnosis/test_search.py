@@ -120,20 +120,22 @@ def test_what_no_candidate_explains_is_unknown_and_described(
 def test_effects_that_only_imitate_another_are_not_named(
     flight, lagging, content_of, check_contract, rigid_library
 ):
-    found = diagnose(flight((Leak(),), {"leak": {"size": np.array(1.2e-5)}}), library=rigid_library)
+    rules = Rules(max_refits=3)
+    campaign = flight((Leak(),), {"leak": {"size": np.array(7e-6)}})
+    found = diagnose(campaign, library=rigid_library, rules=rules)
     assert (found.verdict, found.named) == ("unknown", ())
     assert len(found.steps) >= 2
     assert (
         found.nameless_lead
         == nameless_lead(found.steps, len(found.candidates))
-        > Rules().log_evidence_margin
+        > rules.log_evidence_margin
     )
-    assert lagging.nameless_lead < -Rules().log_evidence_margin
+    assert lagging.nameless_lead < -rules.log_evidence_margin
     content = content_of(found, unexplained=unexplained_signal(found.base)) | {
         "why_unknown": "imitation"
     }
     check_contract(content, rigid_library)
-    assert content["rules"] == asdict(Rules())
+    assert content["rules"] == asdict(rules)
     assert any(
         "an imitation of something that is not among the candidates" in s
         for s in diagnosis_verdict(content).sentences
