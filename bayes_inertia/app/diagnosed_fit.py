@@ -20,10 +20,10 @@ from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.inference.sampler import Progress, Settings
+from bayes_inertia.inference.sampler import STOCHASTIC_SETTINGS, Progress, Settings
 from bayes_inertia.inference.treatment import DirtTreatment, treated
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.effects import LIBRARY
+from bayes_inertia.physics.effects import LIBRARY, REMAINDERS
 from bayes_inertia.physics.slew_input import Drive
 
 # Enough for limits of 95 %: samples of an effect with states of its own take minutes.
@@ -215,6 +215,9 @@ def fit_after_diagnosis(
 ) -> Posterior:
     """The posterior with what a diagnosis named, averaged over what it could not tell apart.
 
+    Where something is missing that has no name, a torque and an error of the rates of free shape
+    are fitted along: the uncertainties of J and K then hold what they may have done.
+
     Parameters
     ----------
     campaign : Campaign
@@ -243,12 +246,13 @@ def fit_after_diagnosis(
     if choice.verdict == "unknown":
         # What is missing may be part of what looks like louder noise.
         treatment = replace(treatment, level=DirtTreatment().level)
+        settings = replace(settings, walkers=min(settings.walkers, STOCHASTIC_SETTINGS.walkers))
     else:
         context = replace(context, measured_noise=dict(treatment.level))
     campaign = treated(campaign, treatment, choice.drive)
     posterior = fit(
         campaign,
-        effects=choice.effects,
+        effects=(*choice.effects, *(REMAINDERS if choice.verdict == "unknown" else ())),
         drive=drive,
         settings=settings,
         chains=chains,

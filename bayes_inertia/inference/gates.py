@@ -25,6 +25,12 @@ _UNKNOWN_NOTE = (
     "the diagnosis found that something is missing which no candidate explains: "
     "it may shift J and K by more than any sd"
 )
+_REMAINDER_NOTE = (
+    "the diagnosis found that something is missing which no candidate explains; "
+    "{} of free shape, different in each slew, is fitted along, so that the sd of J and K holds "
+    "what it may have done; errors of the star tracker and the wheels it does not hold"
+)
+_REMAINDERS = {"torque_remainder": "a torque", "rate_remainder": "an error of the rates"}
 
 
 # What a wrong unit or convention makes of a scale factor or of J: the factor on it.
@@ -67,8 +73,16 @@ def check_gates(
     context = context or FitContext()
     gates = [_converged(diagnostics), _explained(estimate, context), prior_gate(estimate)]
     if context.verdict == "unknown":
-        gates.append({"name": "diagnosed", "passed": False, "says": _UNKNOWN_NOTE})
+        says = _what_is_missing(estimate)
+        gates.append({"name": "diagnosed", "passed": False, "says": says})
     return gates
+
+
+def _what_is_missing(estimate: Estimate) -> str:
+    """What an unknown verdict means for J and K."""
+    names = [effect.name for effect in estimate.model.effects]
+    free = [words for name, words in _REMAINDERS.items() if name in names]
+    return _REMAINDER_NOTE.format(" and ".join(free)) if free else _UNKNOWN_NOTE
 
 
 def _converged(diagnostics: Diagnostics) -> dict[str, Any]:

@@ -16,9 +16,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.scipy.linalg import solve_triangular
 from scipy import optimize
 
 from bayes_inertia.inference.coefficients import (
+    EliminatedSlews,
     Roots,
     SlewEquations,
     eliminated,
@@ -60,13 +62,34 @@ def without_hyperparameters(model: Model, free: np.ndarray) -> np.ndarray:
     return free if not fixed else free[~np.isin(free, fixed)]
 
 
-class _Frozen(NamedTuple):
-    """What the evidence needs, as a pytree of JAX."""
+class FrozenEvidence(NamedTuple):
+    """What the evidence needs: a pytree of JAX.
+
+    Parameters
+    ----------
+    equations : SlewEquations
+        What slews share stands in this order: the bias, then the parameters that are not learnt
+        here, in units of `scale`.
+    inverse_roots : tuple of (slews, b, m, m) arrays
+        Inverses of the roots of the coefficients' prior covariance at the point.
+    theta : (d,) array
+        The point's parameters.
+    free, learnt : (f,), (h,) array of int
+        Indices of the parameters that are not learnt here, and of those that are.
+    scale : (f,) array
+        Of the former: one prior sd.
+    priors : dict of (h,) arrays
+        Of the latter, as `ParameterSpace.constants`.
+    contexts : SlewContext
+        With the slews as leading axis.
+    """
 
     equations: SlewEquations
     inverse_roots: Roots
     theta: Array
+    free: Array
     learnt: Array
+    scale: Array
     priors: dict[str, Array]
     contexts: SlewContext
 
@@ -105,35 +128,41 @@ class Evidence:
 
     def theta(self, chart: np.ndarray) -> np.ndarray:
         """The point's parameters (d,) with the learnt ones where a chart says."""
-        return np.array(_theta(self._frozen, jnp.asarray(chart)))
+        return np.array(_theta(self.frozen, jnp.asarray(chart)))
 
     def roots(self, theta: np.ndarray) -> Roots:
         """Roots of the coefficients' prior covariance."""
-        return prior_roots(self.model.structure, jnp.asarray(theta), self._frozen.contexts)
+        return prior_roots(self.model.structure, jnp.asarray(theta), self.frozen.contexts)
 
     @cached_property
-    def _frozen(self) -> _Frozen:
+    def frozen(self) -> FrozenEvidence:
+        """What compiled functions are given."""
         model, free, point = self.model, self.information.free, self.point
         slope, distance = (rows[free] for rows in prior_rows(model, point.theta))
         # Unknowns in prior sds, so that the matrix of what slews share is well scaled.
         unit = np.where(slope != 0.0, slope, 1.0)
         scale = np.concatenate([1.0 / unit, np.ones(N_BIAS + point.n_local)])
+        f = len(free)
+        order = np.r_[f : f + N_BIAS, :f, f + N_BIAS : len(scale)]
+        matrix = self.information.matrix.sum(1) * np.outer(scale, scale)
         numbers = (
             0.0,
-            self.information.matrix.sum(1) * np.outer(scale, scale),
-            self.information.gradient.sum(1) * scale,
-            np.concatenate([(slope / unit) ** 2, np.ones(N_BIAS)]),
-            np.concatenate([slope * distance / unit, point.bias]),
+            matrix[:, order[:, None], order],
+            (self.information.gradient.sum(1) * scale)[:, order],
+            np.concatenate([np.ones(N_BIAS), (slope / unit) ** 2]),
+            np.concatenate([point.bias, slope * distance / unit]),
             0.0,
             point.local,
         )
         contexts = model.data.arrays.slews.context
         theta = jnp.asarray(point.theta)
-        return _Frozen(
+        return FrozenEvidence(
             SlewEquations(*map(jnp.asarray, numbers)),
             tuple(map(jnp.linalg.inv, prior_roots(model.structure, theta, contexts))),
             theta,
+            jnp.asarray(free),
             jnp.asarray(self.learnt),
+            jnp.asarray(scale[:f]),
             {key: jnp.asarray(values) for key, values in self._priors.items()},
             contexts,
         )
@@ -153,11 +182,11 @@ class Evidence:
             Its derivative.
         """
         at = jnp.asarray(chart)
-        value, slope = _negative_log(self.model.structure, self._frozen, at)
+        value, slope = _negative_log(self.model.structure, self.frozen, at)
         return float(value), np.asarray(slope)
 
 
-def _theta(frozen: _Frozen, chart: Array) -> Array:
+def _theta(frozen: FrozenEvidence, chart: Array) -> Array:
     """Parameters (d,) with the learnt ones where a chart says."""
     priors = frozen.priors
     value, logarithmic = priors["mean"] + priors["scale"] * chart, priors["logarithmic"]
@@ -165,16 +194,65 @@ def _theta(frozen: _Frozen, chart: Array) -> Array:
     return frozen.theta.at[frozen.learnt].set(jnp.clip(value, priors["lower"], priors["upper"]))
 
 
-@partial(jax.jit, static_argnums=0)
-@partial(jax.value_and_grad, argnums=2)
-def _negative_log(structure: Structure, frozen: _Frozen, chart: Array) -> Array:
+def _eliminated_at(structure: Structure, frozen: FrozenEvidence, chart: Array) -> EliminatedSlews:
     roots = prior_roots(structure, _theta(frozen, chart), frozen.contexts)
     turn = tuple(before @ now for before, now in zip(frozen.inverse_roots, roots, strict=True))
-    return 0.5 * jnp.sum(chart**2) - log_integral(eliminated(turn, frozen.equations))
+    return eliminated(turn, frozen.equations)
+
+
+@partial(jax.jit, static_argnums=0)
+@partial(jax.value_and_grad, argnums=2)
+def _negative_log(structure: Structure, frozen: FrozenEvidence, chart: Array) -> Array:
+    return 0.5 * jnp.sum(chart**2) - log_integral(_eliminated_at(structure, frozen, chart))
+
+
+class GivenSizes(NamedTuple):
+    """The other parameters given those of stochastic effects, to first order: normal.
+
+    Parameters
+    ----------
+    log_evidence : (n,) array
+        Of the learnt parameters, their prior included.
+    mean : (n, f) array
+        Of the others.
+    root : (n, f, f) array
+        Lower triangular; root root^T is their precision in units of their prior sds.
+    """
+
+    log_evidence: Array
+    mean: Array
+    root: Array
+
+
+@partial(jax.jit, static_argnums=0)
+def given_sizes(structure: Structure, frozen: FrozenEvidence, charts: Array) -> GivenSizes:
+    """What the data say of J, K and the like for given parameters of stochastic effects.
+
+    Parameters
+    ----------
+    structure : Structure
+    frozen : FrozenEvidence
+    charts : (n, h) array
+        The learnt parameters [prior sd].
+
+    Returns
+    -------
+    GivenSizes
+    """
+
+    def at(chart: Array) -> GivenSizes:
+        parts = _eliminated_at(structure, frozen, chart)
+        value = log_integral(parts) - 0.5 * jnp.sum(chart**2)
+        # The bias stands first: the last block of the root is what is left of it.
+        root, step = parts.shared_root[N_BIAS:, N_BIAS:], parts.shared_step[N_BIAS:]
+        move = solve_triangular(root.T, -step, lower=False)
+        return GivenSizes(value, frozen.theta[frozen.free] + frozen.scale * move, root)
+
+    return jax.vmap(at)(charts)
 
 
 # What is compiled for each shape of campaign and set of effects.
-PROGRAMS = (_negative_log,)
+PROGRAMS = (_negative_log, given_sizes)
 
 
 def evidence_at(model: Model, point: Point, white: Whitening, free: np.ndarray) -> Evidence:

@@ -20,6 +20,11 @@ from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.posterior import FORMAT, Posterior
 from bayes_inertia.inference.predicted_telemetry import predicted_telemetry
 from bayes_inertia.inference.sampler import Chains
+from bayes_inertia.inference.stochastic_signals import (
+    drawable,
+    signal_times,
+    stochastic_signals,
+)
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.parameters import log_prior
 
@@ -39,7 +44,7 @@ _RESIDUAL_AXES = _AXES | {"attitude": ["slew", "fix", "body_axis"]}
 _DIMENSIONS = (
     {"principal_moment": ["axis"]}
     | _AXES
-    | {"time": ["slew", "row"], "fix_time": ["slew", "fix"]}
+    | {"time": ["slew", "row"], "fix_time": ["slew", "fix"], "signal_time": ["slew", "instant"]}
     | {f"{c}_point": _AXES[c][:2] for c in CHANNELS}
 )
 _UNITS = {
@@ -49,6 +54,7 @@ _UNITS = {
     **{(g, "attitude"): "" for g in ("posterior_predictive", "observed_data")},
     ("constant_data", "time"): "s",
     ("constant_data", "fix_time"): "s",
+    ("constant_data", "signal_time"): "s",
     ("estimate", "residual_rate"): "stated sigma",
     ("estimate", "residual_attitude"): "stated sigma",
     ("estimate", "residual_momentum"): "stated sigma",
@@ -89,17 +95,26 @@ def build_posterior(
         "observed_data": observed,
         "constant_data": constant,
     }
-    coords = {
+    coords: dict[str, Any] = {
         "slew": [s.name for s in campaign.slews],
         "wheel": [w.name for w in campaign.wheels],
         "axis": [1, 2, 3],
     }
+    dimensions = dict(_DIMENSIONS)
+    if signals := stochastic_signals(estimate, chains, np.random.default_rng([seed, 2])):
+        groups["signal"] = signals
+        constant["signal_time"] = signal_times(estimate)
+        for effect in drawable(estimate):
+            dimensions[effect.name] = ["slew", "instant", f"{effect.name}_component"]
+            coords[f"{effect.name}_component"] = list(effect.signal_components)
     with warnings.catch_warnings():
         # Walkers are many by design.
         warnings.filterwarnings("ignore", "Found chain dimension to be longer", UserWarning)
-        tree = from_dict(groups, dims=_DIMENSIONS, coords=coords)
+        tree = from_dict(groups, dims=dimensions, coords=coords)
     tree["estimate"] = _estimate_group(estimate)
     _write_units(tree, dict(zip(space.names, space.units, strict=True)))
+    for effect in drawable(estimate):
+        tree["signal"][effect.name].attrs["units"] = effect.signal_unit
     attributes = {"campaign": campaign.name, "seed": seed} | context.attributes()
     attributes |= _attributes(estimate, chains, context)
     tree.attrs = {"format": FORMAT, "bayes_inertia": json.dumps(attributes)}

@@ -48,7 +48,7 @@ def predicted_telemetry(
     pointwise : dict of (ensembles, draws, slews, rows) arrays
         Log densities of the measurements, under "rate_point", "attitude_point", "momentum_point".
     """
-    thinned = _thinned(chains, rng)
+    thinned = thinned_draws(chains, rng)
     shape = (len(chains.samples), _DRAWS_OF_EACH_ENSEMBLE)
     predicted: dict[str, np.ndarray] = {}
     pointwise: dict[str, np.ndarray] = {}
@@ -80,7 +80,7 @@ def _of_draws(
 
     Nuisances are drawn.
     """
-    point_of, structure = _conditional(estimate), estimate.model.structure
+    point_of, structure = drawn_nuisances(estimate), estimate.model.structure
     normal_numbers = estimate.point.bias.size + estimate.point.local.size
     # Correlated noise: what was measured differs from predictions by more than what is new in it.
     memory = estimate.stated.memory
@@ -112,8 +112,18 @@ def _noise_of(
     return partial(unit_noise, channel_rules(estimate.model), thetas, rng=rng)
 
 
-def _conditional(estimate: Estimate) -> Callable[[np.ndarray, np.ndarray], Point]:
-    """How nuisances are drawn given theta, from standard normal numbers."""
+def drawn_nuisances(estimate: Estimate) -> Callable[[np.ndarray, np.ndarray], Point]:
+    """How nuisances are drawn given theta.
+
+    Parameters
+    ----------
+    estimate : Estimate
+
+    Returns
+    -------
+    callable
+        From theta (d,) and standard normal numbers (3 + slews n_local,) to a point.
+    """
     if not estimate.model.noise.is_stated:
         return conditional_point_with_noise(estimate, noise_marginal(estimate))
     return partial(conditional_point, estimate.model.structure, marginal(estimate))
@@ -127,8 +137,20 @@ def _losses(estimate: Estimate, theta: np.ndarray, channel: str, z: np.ndarray) 
     return losses(channel_rules(estimate.model), theta, channel, z, valid)
 
 
-def _thinned(chains: Chains, rng: np.random.Generator) -> np.ndarray:
-    """Some draws of each ensemble (n, d), evenly over its steps, of random walkers."""
+def thinned_draws(chains: Chains, rng: np.random.Generator) -> np.ndarray:
+    """Some draws of each ensemble, evenly over its steps, of random walkers.
+
+    Parameters
+    ----------
+    chains : Chains
+    rng : numpy.random.Generator
+        Chooses the walkers.
+
+    Returns
+    -------
+    (ensembles draws, d) array
+        theta.
+    """
     ensembles, walkers, draws, _ = chains.samples.shape
     steps = np.linspace(0, draws - 1, _DRAWS_OF_EACH_ENSEMBLE).astype(int)
     chosen = chains.samples[:, rng.integers(0, walkers, _DRAWS_OF_EACH_ENSEMBLE), steps]

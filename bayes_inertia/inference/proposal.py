@@ -6,9 +6,13 @@ import emcee
 import numpy as np
 
 from bayes_inertia.errors import EstimateError
+from bayes_inertia.inference.evidence_move import EvidenceMove
+from bayes_inertia.inference.hyperparameters import evidence_at
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.marginal_posterior import LogDensity
 from bayes_inertia.inference.moves import IndependenceMove
+
+Proposal = IndependenceMove | EvidenceMove
 
 # Below this expected acceptance the Laplace approximation is too poor to propose from.
 _POOR_ACCEPTANCE = 0.35
@@ -19,6 +23,7 @@ _PILOT_STEPS, _PILOT_WARM_UP, _PILOT_WALKERS = 400, 200, 64
 # walkers that sit where the proposal is too thin are rejected again and again, and the other move
 # frees them.
 _LEAST_SHARE, _LARGEST_SHARE = 0.5, 0.95
+_EVIDENCE_SHARE = 0.9
 # Starts are spread this many times wider than the proposal.
 _OVER_DISPERSION = 2.0
 # Rounds of draws at most until all starts have a finite density.
@@ -27,8 +32,10 @@ _MOST_DRAWS = 200
 
 def find_proposal(
     estimate: Estimate, log_density: LogDensity, random: np.random.RandomState
-) -> tuple[IndependenceMove, float, int]:
+) -> tuple[Proposal, float, int]:
     """The Laplace approximation as proposal, or, where that is poor, the shape of a pilot sample.
+
+    Where stochastic effects have sizes: the Laplace approximation given the sizes.
 
     Parameters
     ----------
@@ -41,7 +48,7 @@ def find_proposal(
 
     Returns
     -------
-    move : IndependenceMove
+    move : IndependenceMove or EvidenceMove
     share : float
         Of the sampler's steps that it should get.
     evaluations : int
@@ -53,14 +60,20 @@ def find_proposal(
         If the density is not finite around the maximum.
     """
     logarithmic = np.array([p.logarithmic for p in estimate.model.space.priors])
-    move = IndependenceMove(estimate.theta, estimate.covariance, logarithmic=logarithmic)
+    move: Proposal = IndependenceMove(estimate.theta, estimate.covariance, logarithmic=logarithmic)
+    if estimate.model.structure.hyperparameters:
+        everything = np.arange(len(estimate.theta))
+        evidence = evidence_at(estimate.model, estimate.point, estimate.white, everything)
+        move = EvidenceMove(evidence, random)
     spent = 0
     for _ in range(_MOST_PILOTS):
         draws = move.draw(random, _JUDGED_DRAWS)
         spent += len(draws)
         acceptance = _expected_acceptance(log_density(draws) - move.log_density(draws))
         if acceptance > _POOR_ACCEPTANCE:
-            return move, float(np.clip(acceptance, _LEAST_SHARE, _LARGEST_SHARE)), spent
+            # Where sizes are large and small, differences of walkers are poor proposals.
+            least = _EVIDENCE_SHARE if isinstance(move, EvidenceMove) else _LEAST_SHARE
+            return move, float(np.clip(acceptance, least, _LARGEST_SHARE)), spent
         n = walkers_needed(_PILOT_WALKERS, len(estimate.theta))
         starts = finite_starts(move, log_density, random, n)
         pilot = emcee.EnsembleSampler(
@@ -85,13 +98,13 @@ def _expected_acceptance(log_weights: np.ndarray) -> float:
 
 
 def finite_starts(
-    move: IndependenceMove, log_density: LogDensity, random: np.random.RandomState, n: int
+    move: Proposal, log_density: LogDensity, random: np.random.RandomState, n: int
 ) -> np.ndarray:
     """Over-dispersed points with finite density (emcee accepts others without a word).
 
     Parameters
     ----------
-    move : IndependenceMove
+    move : IndependenceMove or EvidenceMove
         From which they are drawn, more widely.
     log_density : callable
         From thetas (n, d) to (n,).

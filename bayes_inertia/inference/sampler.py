@@ -32,9 +32,13 @@ from bayes_inertia.inference.convergence import (
 from bayes_inertia.inference.gate_limits import AUTOCORRELATION_TIMES
 from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.marginal_posterior import LogDensity, log_density_of
-from bayes_inertia.inference.moves import IndependenceMove
 from bayes_inertia.inference.noise_marginal import log_density_with_noise
-from bayes_inertia.inference.proposal import find_proposal, finite_starts, walkers_needed
+from bayes_inertia.inference.proposal import (
+    Proposal,
+    find_proposal,
+    finite_starts,
+    walkers_needed,
+)
 from bayes_inertia.inference.reading_compression import compressed
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.prediction import Data
@@ -128,6 +132,11 @@ def _check_setting(name: str, value: Any) -> None:
         raise SettingsError(f"is {value!r}", where=name, advice=advice)
 
 
+# With effects without a fixed shape each evaluation is dear; 2,000 effective samples are enough for
+# limits of 95 %.
+STOCHASTIC_SETTINGS = Settings(walkers=48, target_ess=2_000.0)
+
+
 @array_dataclass
 class Chains:
     """Samples of the posterior.
@@ -206,7 +215,7 @@ def sample(
         If `folder` holds a chain that cannot be read, or one of another shape.
     """
     settings, began = settings or Settings(), perf_counter()
-    log_density = log_density_at(estimate)
+    log_density = log_density_at(estimate, most=settings.walkers // 2)
     seeds = np.random.SeedSequence(settings.seed).spawn(settings.ensembles + 1)
     pilot_random = np.random.RandomState(np.random.MT19937(seeds[-1]))
     move, share, spent = find_proposal(estimate, log_density, pilot_random)
@@ -229,13 +238,15 @@ def sample(
         steps = wanted
 
 
-def log_density_at(estimate: Estimate) -> LogDensity:
+def log_density_at(estimate: Estimate, most: int = 32) -> LogDensity:
     """The compiled density that is sampled around an estimate.
 
     Parameters
     ----------
     estimate : Estimate
         Of all parameters.
+    most : int
+        Draws that are evaluated at once, at most.
 
     Returns
     -------
@@ -243,10 +254,10 @@ def log_density_at(estimate: Estimate) -> LogDensity:
         From thetas (n, d) to log densities (n,).
     """
     if not estimate.model.noise.is_stated:
-        return log_density_with_noise(estimate, batch=batch_size(estimate))
+        return log_density_with_noise(estimate, batch=min(most, batch_size(estimate)))
     structure = estimate.model.structure
     few = compressed(structure, marginal(estimate))
-    return log_density_of(structure, few, batch=_batch(few.data))
+    return log_density_of(structure, few, batch=min(most, _batch(few.data)))
 
 
 def steps_wanted(diagnostics: Diagnostics, settings: Settings) -> int:
@@ -290,14 +301,14 @@ def steps_wanted(diagnostics: Diagnostics, settings: Settings) -> int:
 def _ensemble(
     log_density: LogDensity,
     moves: list[tuple[emcee.moves.Move, float]],
-    proposal: IndependenceMove,
+    proposal: Proposal,
     settings: Settings,
     seed: np.random.SeedSequence,
     file: Path | None,
 ) -> emcee.EnsembleSampler:
     """One ensemble at its start, or where its chain file ends."""
     random = np.random.RandomState(np.random.MT19937(seed))
-    d, backend = len(proposal.mean), emcee.backends.Backend()
+    d, backend = proposal.ndim, emcee.backends.Backend()
     walkers = walkers_needed(settings.walkers, d)
     if file is not None:
         remove_leftovers(file)

@@ -38,6 +38,9 @@ class StochasticEffect(Effect):
     """
 
     name: ClassVar[str] = "no_stochastic_effect"
+    # What a report says of `signal`: its unit and the name of each component.
+    signal_unit: ClassVar[str] = ""
+    signal_components: ClassVar[tuple[str, ...]] = ()
 
     def coefficient_count(self, campaign: Campaign) -> int:
         """How many coefficients one slew has.
@@ -74,3 +77,23 @@ class StochasticEffect(Effect):
             less.
         """
         return jnp.zeros((count, count))
+
+    def signal(self, p: Mapping[str, Array], slew: SlewContext, t: Array) -> Array | None:
+        """The process over time, for reports; hooks may use it.
+
+        Parameters
+        ----------
+        p : mapping of str to Array
+            "coefficients" of the slew.
+        slew : SlewContext
+            The slew.
+        t : (...) array
+            Times from the slew's own zero [s].
+
+        Returns
+        -------
+        (..., components) array or None
+            In `signal_unit`, one column for each of `signal_components`, linear in the
+            coefficients; None where there is nothing to draw.
+        """
+        return None

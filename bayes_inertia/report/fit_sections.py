@@ -30,6 +30,7 @@ from bayes_inertia.report.residual_sections import (
     telemetry_section,
 )
 from bayes_inertia.report.section import Picture, Section, packaged
+from bayes_inertia.report.signal_sections import signals_section
 from bayes_inertia.report.uncertainty import (
     contraction,
     contraction_text,
@@ -69,6 +70,7 @@ def standard_sections(posterior: Posterior) -> list[Section]:
         residuals_section(posterior),
         telemetry_section(posterior),
         star_tracker_section(posterior),
+        signals_section(posterior),
         dirt_section(posterior),
         gates_section(posterior),
         limits_section(posterior),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from bayes_inertia.app.commands.options import (
     Anyway,
     AsJson,
@@ -52,7 +54,7 @@ def fit_command(
 
     from bayes_inertia.app import run_folder
     from bayes_inertia.app.commands.run_result import finish_and_show
-    from bayes_inertia.inference.sampler import Settings
+    from bayes_inertia.inference.sampler import STOCHASTIC_SETTINGS, Settings
     from bayes_inertia.physics.channel_noise import noise_model_from_text
 
     run_folder.start(
@@ -60,7 +62,7 @@ def fit_command(
         out,
         effects=[*names_in(effects), *_REMAINDERS[remainder]],
         drive=drive,
-        settings=Settings(seed=seed),
+        settings=replace(STOCHASTIC_SETTINGS if remainder else Settings(), seed=seed),
         as_stated=as_stated,
         noise=noise_model_from_text(noise or [], names_in(sample_noise)),
     )

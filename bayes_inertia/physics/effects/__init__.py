@@ -74,8 +74,12 @@ STOCHASTIC: tuple[Effect, ...] = (
     TorqueRemainder(),
 )
 
+# What stands for everything without a name, where a model is known to be incomplete.
+REMAINDERS: tuple[Effect, ...] = (TorqueRemainder(), RateRemainder())
+
 __all__ = [
     "LIBRARY",
+    "REMAINDERS",
     "STOCHASTIC",
     "ConstantTorque",
     "EachSlew",

@@ -48,6 +48,8 @@ class RateBiasInstability(StochasticEffect):
     """
 
     name: ClassVar[str] = "rate_bias_instability"
+    signal_unit: ClassVar[str] = "rad/s"
+    signal_components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     median_sd: float | None = None
     median_time: float | None = None
     factor_sd: float = 1.5
@@ -64,6 +66,9 @@ class RateBiasInstability(StochasticEffect):
         spacing = slew_duration(slew) / (self.knots - 1)
         return on_each_axis(ornstein_uhlenbeck_root(p["sd"], p["time"], spacing, self.knots), 3)
 
+    def signal(self, p, slew, t):
+        hats = hat_functions(slew_fraction(slew, t), self.knots)
+        return on_axes(hats, p["coefficients"], 3)
+
     def rate_output(self, p, slew, trajectory, rate_S):
-        hats = hat_functions(slew_fraction(slew, slew.time), self.knots)
-        return rate_S + on_axes(hats, p["coefficients"], 3)
+        return rate_S + self.signal(p, slew, slew.time)

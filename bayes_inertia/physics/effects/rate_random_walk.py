@@ -51,6 +51,8 @@ class RateRandomWalk(StochasticEffect):
     """
 
     name: ClassVar[str] = "rate_random_walk"
+    signal_unit: ClassVar[str] = "rad/s"
+    signal_components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     median: float | None = None
     factor_sd: float = 1.5
     functions: int = 16
@@ -74,8 +76,11 @@ class RateRandomWalk(StochasticEffect):
         )
         return independent(p["density"] * jnp.tile(spread, 3), count)
 
-    def rate_output(self, p, slew, trajectory, rate_S):
-        fraction = slew_fraction(slew, slew.time)
+    def signal(self, p, slew, t):
+        fraction = slew_fraction(slew, t)
         walk = wiener_functions(fraction, self.functions)
-        offset = jnp.ones((len(fraction), 1))
-        return rate_S + on_axes(jnp.concatenate([offset, walk], -1), p["coefficients"], 3)
+        offset = jnp.ones((*fraction.shape, 1))
+        return on_axes(jnp.concatenate([offset, walk], -1), p["coefficients"], 3)
+
+    def rate_output(self, p, slew, trajectory, rate_S):
+        return rate_S + self.signal(p, slew, slew.time)

@@ -48,6 +48,8 @@ class TorqueNoise(StochasticEffect):
     """
 
     name: ClassVar[str] = "torque_noise"
+    signal_unit: ClassVar[str] = "N m"
+    signal_components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     median_sd: float | None = None
     median_time: float | None = None
     factor_sd: float = 1.5
@@ -69,5 +71,8 @@ class TorqueNoise(StochasticEffect):
         width = slew_duration(slew) / self.pieces
         return on_each_axis(ornstein_uhlenbeck_mean_root(p["sd"], p["time"], width, self.pieces), 3)
 
-    def body_torque(self, p, slew, t, state):
+    def signal(self, p, slew, t):
         return on_pieces(slew_fraction(slew, t), p["coefficients"], 3)
+
+    def body_torque(self, p, slew, t, state):
+        return self.signal(p, slew, t)
