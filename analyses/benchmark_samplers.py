@@ -20,7 +20,8 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.marginal_posterior import LogDensity, log_posterior_of
 from bayes_inertia.inference.moves import IndependenceMove
-from bayes_inertia.inference.sampler import Settings, sample
+from bayes_inertia.inference.sampler import sample
+from bayes_inertia.inference.settings import Settings
 
 WALKERS = 32  # of emcee's own moves
 OURS = "bayes_inertia (independence move + DE)"

@@ -32,7 +32,8 @@ from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.sampler import Settings, sample
+from bayes_inertia.inference.sampler import sample
+from bayes_inertia.inference.settings import Settings
 from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.studies.engine import Execution

@@ -33,7 +33,7 @@ from bayes_inertia.flight.mission import most_like_mission
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
-from bayes_inertia.inference.sampler import Settings
+from bayes_inertia.inference.settings import Settings
 from bayes_inertia.version import __version__
 
 RESULTS = Path(__file__).resolve().parent / "results"

@@ -37,7 +37,7 @@ from bayes_inertia.flight.plan_flight import Flight
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.inference.sampler import Settings
+from bayes_inertia.inference.settings import Settings
 from bayes_inertia.physics.forward_model import Model
 
 SEED = 20070701

@@ -18,7 +18,8 @@ from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.modelled_outliers import with_modelled_outliers
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.posterior_groups import build_posterior
-from bayes_inertia.inference.sampler import Progress, Settings, sample
+from bayes_inertia.inference.sampler import Progress, sample
+from bayes_inertia.inference.settings import Settings
 from bayes_inertia.inference.treatment import DirtTreatment
 from bayes_inertia.physics.channel_noise import NoiseModel
 from bayes_inertia.physics.effect import Effect

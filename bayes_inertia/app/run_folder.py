@@ -27,7 +27,8 @@ from bayes_inertia.files import write_atomically
 from bayes_inertia.folder_lock import working_in
 from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.inference.sampler import Progress, Settings
+from bayes_inertia.inference.sampler import Progress
+from bayes_inertia.inference.settings import Settings
 from bayes_inertia.physics.channel_noise import NoiseModel, noise_model_from_json
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY

@@ -10,18 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass, fields
-from math import isfinite
 from pathlib import Path
 from threading import Event
 from time import perf_counter
-from typing import Any
 
 import emcee
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from bayes_inertia.errors import SettingsError
 from bayes_inertia.files import make_folder, remove_leftovers
 from bayes_inertia.inference.chain_file import load_chain, save_chain
 from bayes_inertia.inference.convergence import (
@@ -40,6 +36,7 @@ from bayes_inertia.inference.proposal import (
     walkers_needed,
 )
 from bayes_inertia.inference.reading_compression import compressed
+from bayes_inertia.inference.settings import Settings
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.prediction import Data
 
@@ -51,90 +48,6 @@ _LEAST_STEPS_BETWEEN_SAVES = 8
 _STEPS_MARGIN = 1.1
 # Row-slews of a batch whose trajectories fit the processor's cache.
 _CACHED_ROWS = 150_000
-# The least that settings may ask for.
-_LEAST_SETTINGS = {
-    "seed": 0,
-    "ensembles": 2,
-    "walkers": 2,
-    "steps": 4,
-    "max_steps": 4,
-    "threads": 1,
-}
-
-
-@dataclass(frozen=True)
-class Settings:
-    """How to sample.
-
-    Parameters
-    ----------
-    seed : int
-        Fixes everything.
-    ensembles : int
-        Independent ensembles, at least 2: convergence is judged between them. Four or more are
-        safer.
-    walkers : int
-        Walkers in each ensemble (more, where a model has so many parameters that emcee asks for
-        them).
-    steps : int
-        Steps of each ensemble before the gates are looked at; then as many more as it seems to
-        take, at most doubled at a time, until they pass or `max_steps` is reached.
-    max_steps : int
-        Steps of each ensemble at most.
-    target_ess : float
-        Effective samples wanted of the worst parameter.
-    threads : int
-        Ensembles that run at once.
-
-    Raises
-    ------
-    SettingsError
-        If a value is not a number of its kind, or too small.
-
-    Examples
-    --------
-    >>> Settings().ensembles
-    4
-    >>> Settings(seed=-1)
-    Traceback (most recent call last):
-    bayes_inertia.errors.SettingsError: seed: is -1; give a whole number, 0 or more
-    """
-
-    seed: int = 0
-    ensembles: int = 4
-    walkers: int = 64
-    steps: int = 72
-    max_steps: int = 2304
-    target_ess: float = 10_000.0
-    threads: int = 2
-
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            _check_setting(field.name, getattr(self, field.name))
-        if self.max_steps < self.steps:
-            raise SettingsError(
-                f"is {self.max_steps}, less than the {self.steps} of steps",
-                where="max_steps",
-                advice="raise it or lower steps",
-            )
-
-
-def _check_setting(name: str, value: Any) -> None:
-    """SettingsError unless a setting is a number of its kind and large enough."""
-    least = _LEAST_SETTINGS.get(name)
-    if least is None:
-        number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
-        right, advice = number and isfinite(value) and value > 0, "give a number above 0"
-    else:
-        whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
-        right, advice = whole and value >= least, f"give a whole number, {least} or more"
-    if not right:
-        raise SettingsError(f"is {value!r}", where=name, advice=advice)
-
-
-# With effects without a fixed shape each evaluation is dear; 2,000 effective samples are enough for
-# limits of 95 %.
-STOCHASTIC_SETTINGS = Settings(walkers=48, target_ess=2_000.0)
 
 
 @array_dataclass

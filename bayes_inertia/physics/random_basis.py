@@ -227,7 +227,7 @@ def on_each_axis(root: Array, axes: int) -> Array:
     return jnp.broadcast_to(root, (axes, *root.shape))
 
 
-def independent(sd: Array, count: int) -> Array:
+def independent(sd: Array | float, count: int) -> Array:
     """The root for independent coefficients.
 
     Parameters

@@ -38,7 +38,7 @@ def signals_section(posterior: Posterior) -> Section | None:
     """
     if "signal" not in posterior.tree:
         return None
-    pictures = tuple(_picture(posterior, name) for name in posterior.tree["signal"].data_vars)
+    pictures = tuple(_picture(posterior, str(name)) for name in posterior.tree["signal"].data_vars)
     return Section("What has no fixed shape", _TEMPLATE, {}, pictures)
 
 

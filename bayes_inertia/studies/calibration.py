@@ -24,7 +24,8 @@ from bayes_inertia.flight.simulated_campaigns import draw_flight
 from bayes_inertia.flight.spacecraft import Controller
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.marginal_posterior import LogDensity
-from bayes_inertia.inference.sampler import Settings, log_density_at, sample
+from bayes_inertia.inference.sampler import log_density_at, sample
+from bayes_inertia.inference.settings import Settings
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import BASE_NAMES, N_BASE

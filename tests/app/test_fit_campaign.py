@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from bayes_inertia.app import fit_campaign
-from bayes_inertia.inference.sampler import Settings
+from bayes_inertia.inference.settings import Settings
 
 
 class Sampling(Exception):

@@ -17,7 +17,7 @@ from bayes_inertia.app import cli, run_folder
 from bayes_inertia.app.interruption import how_to_go_on
 from bayes_inertia.errors import OutputError
 from bayes_inertia.folder_lock import working_in
-from bayes_inertia.inference.sampler import Settings
+from bayes_inertia.inference.settings import Settings
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 # Commands that take long: one that Python can interrupt, one in compiled code with a worker.

@@ -16,7 +16,7 @@ from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.errors import OutputError
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.inference.sampler import Settings
+from bayes_inertia.inference.settings import Settings
 from bayes_inertia.physics.channel_noise import ChannelNoise, NoiseModel
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.report.fit_sections import standard_sections

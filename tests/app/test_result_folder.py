@@ -26,7 +26,7 @@ from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.limits import Limits
 from bayes_inertia.errors import OutputError
 from bayes_inertia.flight.plan import paper_like_plan
-from bayes_inertia.inference.sampler import Settings
+from bayes_inertia.inference.settings import Settings
 from bayes_inertia.sealing import SEAL_KEY, sealed
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"

@@ -20,7 +20,7 @@ from bayes_inertia.diagnosis.model_averaging import (
 from bayes_inertia.diagnosis.residual_scan import scan_residuals
 from bayes_inertia.diagnosis.result import AlternativeEffect, Step
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.inference.sampler import Settings
+from bayes_inertia.inference.settings import Settings
 from bayes_inertia.physics.effects import ConstantTorque
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
 from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict

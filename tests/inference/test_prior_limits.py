@@ -8,7 +8,8 @@ from scipy import stats
 from support.chains import D
 
 from bayes_inertia.inference.optimizer import estimate
-from bayes_inertia.inference.sampler import Settings, sample
+from bayes_inertia.inference.sampler import sample
+from bayes_inertia.inference.settings import Settings
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.forward_model import Model
 

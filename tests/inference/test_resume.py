@@ -22,7 +22,8 @@ from bayes_inertia.app.cli import main
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.errors import OutputError
 from bayes_inertia.inference.chain_file import load_chain, save_chain
-from bayes_inertia.inference.sampler import Settings, sample
+from bayes_inertia.inference.sampler import sample
+from bayes_inertia.inference.settings import Settings
 
 
 @pytest.mark.slow

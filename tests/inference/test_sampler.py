@@ -18,7 +18,8 @@ from bayes_inertia.inference.noise_model import rate_noise_covariance
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.posterior_groups import build_posterior
 from bayes_inertia.inference.predicted_telemetry import predicted_telemetry
-from bayes_inertia.inference.sampler import Settings, sample, steps_wanted
+from bayes_inertia.inference.sampler import sample, steps_wanted
+from bayes_inertia.inference.settings import Settings
 from bayes_inertia.physics.forward_model import Model
 
 

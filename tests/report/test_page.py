@@ -122,7 +122,7 @@ def test_own_sections_can_be_added(posteriors):
 def test_a_real_fit_can_be_reported(made, flying, setup_type):
     """The made-up posteriors above have the groups that a fit has."""
     from bayes_inertia.app.fit_campaign import fit
-    from bayes_inertia.inference.sampler import Settings
+    from bayes_inertia.inference.settings import Settings
 
     campaign = flying(
         1, setup_type(turns=((0.6, 0.1, 0.0), (0.1, 0.5, 0.5)), rows=48, dt=2.0)

@@ -7,7 +7,7 @@ from pathlib import Path
 import emcee
 import numpy as np
 
-from bayes_inertia.inference.sampler import Settings
+from bayes_inertia.inference.settings import Settings
 
 D = 9
 

@@ -11,7 +11,7 @@ def demo_command(out: OutputFolder = DEMO_FOLDER, seed: Seed = 1, as_json: AsJso
     from bayes_inertia.app.commands.run_result import finish_and_show
     from bayes_inertia.flight.plan import paper_like_plan
     from bayes_inertia.flight.simulated_campaigns import simulate_most
-    from bayes_inertia.inference.sampler import Settings
+    from bayes_inertia.inference.settings import Settings
 
     simulate_most(paper_like_plan(), out / "campaign", seed, ())
     run_folder.start(out / "campaign", out / "fit", settings=Settings(seed=seed))

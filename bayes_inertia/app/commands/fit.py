@@ -54,7 +54,7 @@ def fit_command(
 
     from bayes_inertia.app import run_folder
     from bayes_inertia.app.commands.run_result import finish_and_show
-    from bayes_inertia.inference.sampler import STOCHASTIC_SETTINGS, Settings
+    from bayes_inertia.inference.settings import STOCHASTIC_SETTINGS, Settings
     from bayes_inertia.physics.channel_noise import noise_model_from_text
 
     run_folder.start(
