@@ -7,6 +7,9 @@ themselves are few: a short ensemble explores their evidence, which costs no sim
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
+
 import emcee
 import jax
 import jax.numpy as jnp
@@ -18,19 +21,52 @@ from bayes_inertia.inference.hyperparameters import Evidence, GivenSizes, given_
 
 # The ensemble that explores the evidence.
 _WALKERS, _STEPS, _WARM_UP = 64, 60, 20
-# Proposals that are evaluated at once.
-_BATCH = 24
+# Sizes that are evaluated at once.
+_BATCH = 16
 # Degrees of freedom of the proposals given sizes: tails somewhat heavier than normal.
 _DEGREES = 20.0
-# Log densities that are kept at most.
-_MOST_KNOWN = 20_000
+# Sizes are proposed from what was explored, and at times more widely: no walker stays where the
+# exploration was thin.
+_WIDE_SHARE, _WIDE_DEGREES = 0.2, 5.0
+# Steps of the sizes by their evidence in each proposal, and from draws of the exploration.
+_SIZE_STEPS, _SIZE_STEPS_OF_DRAWS = 2, 6
+
+
+@dataclass(frozen=True, eq=False)
+class SizeProposal:
+    """Where sizes are proposed: what was explored, smoothed, and a wide distribution around it.
+
+    Parameters
+    ----------
+    explored : scipy.stats.gaussian_kde
+        Of charts of the sizes [prior sd].
+    """
+
+    explored: stats.gaussian_kde
+
+    @cached_property
+    def _wide(self) -> stats._multivariate.multivariate_t_frozen:
+        data = self.explored.dataset
+        return stats.multivariate_t(data.mean(1), np.atleast_2d(np.cov(data)), df=_WIDE_DEGREES)
+
+    def draw(self, random: np.random.RandomState, n: int) -> np.ndarray:
+        """Charts (n, h)."""
+        near = self.explored.resample(n, seed=random).T
+        far = np.reshape(self._wide.rvs(n, random_state=random), near.shape)
+        return np.where(random.random_sample((n, 1)) < _WIDE_SHARE, far, near)
+
+    def log_density(self, charts: np.ndarray) -> np.ndarray:
+        """Log density (n,) of charts (n, h)."""
+        near = self.explored.logpdf(charts.T) + np.log1p(-_WIDE_SHARE)
+        return np.logaddexp(near, np.atleast_1d(self._wide.logpdf(charts)) + np.log(_WIDE_SHARE))
 
 
 class EvidenceMove(MHMove):
     """Propose every walker anew: sizes by their evidence, then the rest given these sizes.
 
-    An independence sampler (Tierney 1994, section 2.3.3): the density sampled is exact, and nearly
-    every proposal is accepted where the data are nearly linear in J and K.
+    The sizes take a few Metropolis steps that keep the distribution of the linearised model; what
+    is accepted or not in the end is only what that model leaves out, so that the density sampled
+    is exact (Tierney 1994, section 2.3.3; Liu 2001, section 5.4).
 
     Parameters
     ----------
@@ -42,13 +78,11 @@ class EvidenceMove(MHMove):
 
     def __init__(self, evidence: Evidence, random: np.random.RandomState):
         self.evidence = evidence
-        self.density = _explored(evidence, random)
-        # Log densities of late proposals: walkers stand where they were proposed.
-        self._known: dict[bytes, float] = {}
+        self.sizes = SizeProposal(_explored(evidence, random))
         super().__init__(self._propose, ndim=len(evidence.point.theta))
 
     def log_density(self, x: np.ndarray) -> np.ndarray:
-        """Log density of proposals, up to a constant.
+        """Log density of the linearised model, up to a constant.
 
         Parameters
         ----------
@@ -59,11 +93,10 @@ class EvidenceMove(MHMove):
         -------
         (n,) array
         """
-        charts = np.array([self.evidence.chart(theta) for theta in x])
-        return self._log_density(x, charts, _given(self.evidence, charts))
+        return self._log_density(x, _given(self.evidence, self._charts(x)))
 
     def draw(self, random: np.random.RandomState, n: int, *, stretch: float = 1.0) -> np.ndarray:
-        """Draw proposals.
+        """Draw from the linearised model.
 
         Parameters
         ----------
@@ -78,51 +111,74 @@ class EvidenceMove(MHMove):
         -------
         (n, d) array
         """
-        return self._drawn(random, n, stretch)[0]
+        charts = self.sizes.draw(random, n)
+        charts, given = self._moved(
+            charts, _given(self.evidence, charts), random, _SIZE_STEPS_OF_DRAWS
+        )
+        if stretch != 1.0:
+            centre = self.sizes.explored.dataset.mean(1)
+            charts = centre + stretch * (charts - centre)
+            given = _given(self.evidence, charts)
+        return self._drawn(charts, given, random, stretch)
+
+    def _charts(self, x: np.ndarray) -> np.ndarray:
+        return np.array([self.evidence.chart(theta) for theta in x])
+
+    def _moved(
+        self, charts: np.ndarray, given: GivenSizes, random: np.random.RandomState, steps: int
+    ) -> tuple[np.ndarray, GivenSizes]:
+        """Sizes after steps of an independence sampler of their evidence."""
+        weight = given.log_evidence - self.sizes.log_density(charts)
+        for _ in range(steps):
+            new = self.sizes.draw(random, len(charts))
+            new_given = _given(self.evidence, new)
+            new_weight = new_given.log_evidence - self.sizes.log_density(new)
+            taken = np.log(random.random_sample(len(charts))) < new_weight - weight
+            charts = np.where(taken[:, None], new, charts)
+            weight = np.where(taken, new_weight, weight)
+            given = GivenSizes(
+                *(
+                    np.where(taken.reshape(-1, *(1 for _ in a.shape[1:])), b, a)
+                    for a, b in zip(given, new_given, strict=True)
+                )
+            )
+        return charts, given
 
     def _drawn(
-        self, random: np.random.RandomState, n: int, stretch: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Proposals and their log densities."""
-        charts = self.density.resample(n, seed=random).T
-        centre = self.density.dataset.mean(1)
-        charts = centre + stretch * (charts - centre)
-        given = _given(self.evidence, charts)
-        z = random.standard_normal((n, given.mean.shape[1]))
-        z = stretch * z * np.sqrt(_DEGREES / random.chisquare(_DEGREES, size=(n, 1)))
+        self,
+        charts: np.ndarray,
+        given: GivenSizes,
+        random: np.random.RandomState,
+        stretch: float = 1.0,
+    ) -> np.ndarray:
+        """Points (n, d) with these sizes."""
+        z = random.standard_normal(given.mean.shape)
+        z = stretch * z * np.sqrt(_DEGREES / random.chisquare(_DEGREES, size=(len(z), 1)))
         off = np.linalg.solve(np.swapaxes(given.root, 1, 2), z[..., None])[..., 0]
         theta = np.array([self.evidence.theta(chart) for chart in charts])
         frozen = self.evidence.frozen
         theta[:, np.asarray(frozen.free)] = given.mean + off * np.asarray(frozen.scale)
-        return theta, self._log_density(theta, charts, given)
+        return theta
 
-    def _log_density(self, x: np.ndarray, charts: np.ndarray, given: GivenSizes) -> np.ndarray:
-        """Of the sizes, and of the rest given them."""
+    def _log_density(self, x: np.ndarray, given: GivenSizes) -> np.ndarray:
+        """Of the sizes, by their evidence, and of the rest given them."""
         frozen = self.evidence.frozen
         off = (x[:, np.asarray(frozen.free)] - given.mean) / np.asarray(frozen.scale)
         z2 = np.sum(np.einsum("nji,nj->ni", given.root, off) ** 2, 1)
         log_det = np.sum(np.log(np.diagonal(given.root, axis1=1, axis2=2)), 1)
         rest = log_det - 0.5 * (_DEGREES + off.shape[1]) * np.log1p(z2 / _DEGREES)
         sizes = x[:, np.asarray(frozen.learnt)][:, np.asarray(frozen.priors["logarithmic"])]
-        return self.density.logpdf(charts.T) - np.sum(np.log(sizes), 1) + rest
+        return given.log_evidence - np.sum(np.log(sizes), 1) + rest
 
     def _propose(
         self, coords: np.ndarray, random: np.random.RandomState
     ) -> tuple[np.ndarray, np.ndarray]:
         """Proposals and the log ratio of their densities, as emcee asks for them."""
-        proposed, density = self._drawn(random, len(coords), 1.0)
-        keys = [theta.tobytes() for theta in coords]
-        new = [k for k, key in enumerate(keys) if key not in self._known]
-        before = np.array([self._known.get(key, np.nan) for key in keys])
-        if new:
-            before[new] = self.log_density(coords[new])
-        if len(self._known) > _MOST_KNOWN:
-            self._known.clear()
-        self._known.update(zip(keys, before.tolist(), strict=True))
-        self._known.update(
-            (theta.tobytes(), value) for theta, value in zip(proposed, density, strict=True)
-        )
-        return proposed, before - density
+        charts = self._charts(coords)
+        before = _given(self.evidence, charts)
+        charts, given = self._moved(charts, before, random, _SIZE_STEPS)
+        proposed = self._drawn(charts, given, random)
+        return proposed, self._log_density(coords, before) - self._log_density(proposed, given)
 
 
 def _given(evidence: Evidence, charts: np.ndarray) -> GivenSizes:
@@ -134,8 +190,7 @@ def _given(evidence: Evidence, charts: np.ndarray) -> GivenSizes:
         given_sizes(structure, frozen, jnp.asarray(padded[i : i + _BATCH]))
         for i in range(0, len(padded), _BATCH)
     ]
-    whole = jax.tree.map(lambda *values: np.concatenate(values)[:n], *parts)
-    return GivenSizes(*whole)
+    return jax.tree.map(lambda *values: np.concatenate(values)[:n], *parts)
 
 
 def _explored(evidence: Evidence, random: np.random.RandomState) -> stats.gaussian_kde:

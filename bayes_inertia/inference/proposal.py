@@ -23,7 +23,6 @@ _PILOT_STEPS, _PILOT_WARM_UP, _PILOT_WALKERS = 400, 200, 64
 # walkers that sit where the proposal is too thin are rejected again and again, and the other move
 # frees them.
 _LEAST_SHARE, _LARGEST_SHARE = 0.5, 0.95
-_EVIDENCE_SHARE = 0.9
 # Starts are spread this many times wider than the proposal.
 _OVER_DISPERSION = 2.0
 # Rounds of draws at most until all starts have a finite density.
@@ -71,9 +70,7 @@ def find_proposal(
         spent += len(draws)
         acceptance = _expected_acceptance(log_density(draws) - move.log_density(draws))
         if acceptance > _POOR_ACCEPTANCE:
-            # Where sizes are large and small, differences of walkers are poor proposals.
-            least = _EVIDENCE_SHARE if isinstance(move, EvidenceMove) else _LEAST_SHARE
-            return move, float(np.clip(acceptance, least, _LARGEST_SHARE)), spent
+            return move, float(np.clip(acceptance, _LEAST_SHARE, _LARGEST_SHARE)), spent
         n = walkers_needed(_PILOT_WALKERS, len(estimate.theta))
         starts = finite_starts(move, log_density, random, n)
         pilot = emcee.EnsembleSampler(

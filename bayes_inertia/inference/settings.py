@@ -93,4 +93,4 @@ def _check_setting(name: str, value: Any) -> None:
 
 # With effects without a fixed shape each evaluation is dear; 2,000 effective samples are enough for
 # limits of 95 %.
-STOCHASTIC_SETTINGS = Settings(walkers=48, target_ess=2_000.0)
+STOCHASTIC_SETTINGS = Settings(walkers=32, steps=40, target_ess=2_000.0)
