@@ -10,9 +10,11 @@ import pytest
 from scipy import linalg, stats
 
 from bayes_inertia.inference.coefficients import prior_roots
+from bayes_inertia.inference.evidence_move import EvidenceMove
 from bayes_inertia.inference.hyperparameters import evidence_at
 from bayes_inertia.inference.laplace import marginal
 from bayes_inertia.inference.marginal_posterior import conditional_point, log_posterior
+from bayes_inertia.inference.moves import IndependenceMove
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.effects.rate_bias_slew_drift import RateBiasSlewDrift
 from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
@@ -109,6 +111,28 @@ def test_the_evidence_is_largest_at_the_fit(wandered):
         # Slopes belong to values: over a small step to both sides.
         after, before = (evidence.negative_log(chart + (0.2 + h) * unit)[0] for h in (1e-4, -1e-4))
         assert slope[i] == pytest.approx((after - before) / 2e-4, rel=1e-4, abs=1e-5)
+
+
+def acceptance(move, structure, frozen) -> float:
+    """Of an independence sampler, from importance weights of its proposals."""
+    draws = move.draw(np.random.RandomState(8), 256)
+    density = np.asarray(log_posterior(structure, frozen, jnp.asarray(draws)))
+    weights = density - move.log_density(draws)
+    weights = np.exp(weights - weights.max())
+    return float(np.minimum(weights[:, None], weights).sum() / (len(weights) * weights.sum()))
+
+
+@pytest.mark.slow
+def test_proposals_by_evidence_resemble_the_posterior(wandered):
+    model, everything = wandered.model, np.arange(len(wandered.theta))
+    evidence = evidence_at(model, wandered.point, wandered.white, everything)
+    ours = EvidenceMove(evidence, np.random.RandomState(9))
+    logarithmic = np.array([p.logarithmic for p in model.space.priors])
+    # One ellipsoid around everything, the negative control, resembles it less.
+    ellipsoid = IndependenceMove(wandered.theta, wandered.covariance, logarithmic=logarithmic)
+    frozen = marginal(wandered)
+    assert acceptance(ours, model.structure, frozen) > 0.7
+    assert acceptance(ellipsoid, model.structure, frozen) < 0.5
 
 
 @pytest.mark.slow
