@@ -54,10 +54,12 @@ def _picture(posterior: Posterior, name: str) -> Picture:
         "slews": [str(slew) for slew in values_of(posterior, "estimate", "slew")],
         "components": [str(c) for c in np.asarray(variable[f"{name}_component"])],
         "unit": variable.attrs["units"],
-        "source": title,
+        # Short: it stands beside a small panel.
+        "source": "torque" if variable.attrs["units"] == "N m" else "rate error",
     }
     caption = (
         f"{title[0].upper()}{title[1:]}: mean (lines) and ±2 sd (bands) of the posterior, "
         "sizes included that the data leave open."
     )
-    return Picture(draw_signal(signal), caption, f"{title} over time, slew by slew")
+    figure = draw_signal(signal, whole_band=True)
+    return Picture(figure, caption, f"{title} over time, slew by slew", dense=True)

@@ -17,13 +17,16 @@ _MOST_SLEWS = 9
 
 
 @style.styled
-def draw_signal(signal: Mapping[str, Any]) -> Figure:
+def draw_signal(signal: Mapping[str, Any], *, whole_band: bool = False) -> Figure:
     """A signal over time with its band of two sd, one panel a slew.
 
     Parameters
     ----------
     signal : mapping
         `pictures.torque` or `pictures.other` of diagnosis.json.
+    whole_band : bool, optional
+        Whether most of the band must be seen. Otherwise the signal alone decides the scale: where
+        nothing pins it down its band is wide.
 
     Returns
     -------
@@ -37,8 +40,8 @@ def draw_signal(signal: Mapping[str, Any]) -> Figure:
     figure, places = style.grid(
         0.75 + 1.75 * rows, rows, columns, left=0.85, top=0.7, gap_x=0.35, gap_y=0.55
     )
-    # Where nothing pins it down the band is wide: the signal decides the scale, not the band.
-    top = 1.25 * max(float(np.abs(mean).max()), float(np.median(sd)))
+    band = float(np.quantile(2.0 * sd, 0.9) if whole_band else np.median(sd))
+    top = 1.25 * max(float(np.abs(mean).max()), band)
     scale = style.scale(signal["source"], signal["unit"], 0.0, top)
     for k, s in enumerate(chosen):
         axes = figure.add_axes(places[k])
