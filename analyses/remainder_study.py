@@ -1,6 +1,6 @@
 """Do J and K stay right when something is missing that no effect describes?
 
-    python analyses/remainder_study.py --each 5 [--work FOLDER] [--jobs 1]
+    python analyses/remainder_study.py --each 8 [--each-without 2] [--work FOLDER] [--jobs 1]
     python analyses/remainder_study.py --page
 
 Campaigns of another simulator (`independent.py`) with a disturbance from outside the library, with
@@ -151,17 +151,21 @@ def main() -> None:
     """Simulate and fit."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--each", type=int, default=0, help="campaigns of each kind and half")
+    parser.add_argument(
+        "--each-without", type=int, help="the same without tachometers, where a fit takes longer"
+    )
     parser.add_argument("--work", type=Path, default=Path("remainder_run"))
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--page", action="store_true")
     options = parser.parse_args()
     if options.each:
-        ids = tuple(f"{kind}/{i}" for i in range(options.each) for kind in KINDS)
+        few = options.each if options.each_without is None else options.each_without
         execution = Execution(
             jobs=options.jobs, progress=lambda *told: print(*told, flush=True), notice=print
         )
         lines = []
-        for tachometers in (True, False):
+        for tachometers, each in ((True, options.each), (False, few)):
+            ids = tuple(f"{kind}/{i}" for i in range(each) for kind in KINDS)
             work = Work(
                 "campaigns", FittedTwice(tachometers), ids, options={"tachometers": tachometers}
             )

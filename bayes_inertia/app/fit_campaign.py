@@ -21,12 +21,14 @@ from bayes_inertia.inference.posterior_groups import build_posterior
 from bayes_inertia.inference.sampler import Progress, sample
 from bayes_inertia.inference.settings import Settings
 from bayes_inertia.inference.treatment import DirtTreatment
+from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.physics.channel_noise import NoiseModel
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.slew_input import Drive
 
 
+@on_one_blas_thread
 def fit(
     campaign: Campaign,
     *,

@@ -22,6 +22,7 @@ from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.diagnosis.unexplained import UnexplainedSignal, unexplained_signal
 from bayes_inertia.errors import CampaignError, EffectError
+from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY
 from bayes_inertia.physics.slew_input import Drive
@@ -61,6 +62,7 @@ class Investigation:
     blind_spots: tuple[Undetected, ...] = ()
 
 
+@on_one_blas_thread
 def investigate(
     campaign: Campaign,
     *,

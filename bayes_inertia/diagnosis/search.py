@@ -28,6 +28,7 @@ from bayes_inertia.diagnosis.refitting import ScoredRound, best_step
 from bayes_inertia.diagnosis.result import Diagnosis, Step
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, FlexibleMode
 from bayes_inertia.physics.forward_model import Model
@@ -36,6 +37,7 @@ from bayes_inertia.physics.slew_input import Drive
 _MAX_NOISE_ROUNDS = 2
 
 
+@on_one_blas_thread
 def diagnose(
     campaign: Campaign,
     *,

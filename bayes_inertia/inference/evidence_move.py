@@ -8,7 +8,7 @@ themselves are few: a short ensemble explores their evidence, which costs no sim
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import emcee
 import jax
@@ -128,20 +128,15 @@ class EvidenceMove(MHMove):
         self, charts: np.ndarray, given: GivenSizes, random: np.random.RandomState, steps: int
     ) -> tuple[np.ndarray, GivenSizes]:
         """Sizes after steps of an independence sampler of their evidence."""
-        weight = given.log_evidence - self.sizes.log_density(charts)
+        weight = np.asarray(given.log_evidence) - self.sizes.log_density(charts)
         for _ in range(steps):
             new = self.sizes.draw(random, len(charts))
             new_given = _given(self.evidence, new)
-            new_weight = new_given.log_evidence - self.sizes.log_density(new)
+            new_weight = np.asarray(new_given.log_evidence) - self.sizes.log_density(new)
             taken = np.log(random.random_sample(len(charts))) < new_weight - weight
             charts = np.where(taken[:, None], new, charts)
             weight = np.where(taken, new_weight, weight)
-            given = GivenSizes(
-                *(
-                    np.where(taken.reshape(-1, *(1 for _ in a.shape[1:])), b, a)
-                    for a, b in zip(given, new_given, strict=True)
-                )
-            )
+            given = jax.tree.map(partial(_where, taken), new_given, given)
         return charts, given
 
     def _drawn(
@@ -179,6 +174,11 @@ class EvidenceMove(MHMove):
         charts, given = self._moved(charts, before, random, _SIZE_STEPS)
         proposed = self._drawn(charts, given, random)
         return proposed, self._log_density(coords, before) - self._log_density(proposed, given)
+
+
+def _where(taken: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
+    """The new row where it was taken, else the old one."""
+    return np.where(taken.reshape(-1, *(1 for _ in old.shape[1:])), new, old)
 
 
 def _given(evidence: Evidence, charts: np.ndarray) -> GivenSizes:

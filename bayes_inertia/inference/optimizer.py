@@ -36,6 +36,7 @@ from bayes_inertia.inference.objective import normal_equations
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_tests import dispersion
 from bayes_inertia.inference.start_guess import guess_nuisances
+from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.physics.forward_model import Model
 
 # The discount has settled once no slew's factor changes by more than this share; rounds at most.
@@ -43,6 +44,7 @@ _DISCOUNT_SETTLED = 0.02
 _DISCOUNT_ROUNDS = 10
 
 
+@on_one_blas_thread
 def estimate(
     model: Model,
     *,
