@@ -129,6 +129,30 @@ def prior_roots(structure: Structure, theta: Array, contexts: SlewContext) -> Ro
     return jax.vmap(lambda slew: prior_blocks(active, structure.coefficients, slew))(contexts)
 
 
+def root_change(
+    structure: Structure, inverse_roots: Roots, theta: Array, contexts: SlewContext
+) -> Roots:
+    """How whitened coefficients change with the parameters: B(p0)^-1 B(p).
+
+    Parameters
+    ----------
+    structure : Structure
+    inverse_roots : tuple of (slews, b, m, m) arrays
+        B(p0)^-1, at the point of the sensitivities.
+    theta : (d,) array
+        Parameters wanted.
+    contexts : SlewContext
+        With the slews as leading axis.
+
+    Returns
+    -------
+    tuple of (slews, b, m, m) arrays
+        One an effect.
+    """
+    roots = prior_roots(structure, theta, contexts)
+    return tuple(before @ now for before, now in zip(inverse_roots, roots, strict=True))
+
+
 def times(blocks: Roots, coefficients: Array) -> Array:
     """Coefficients of all slews times block-diagonal matrices.
 
@@ -150,13 +174,13 @@ def times(blocks: Roots, coefficients: Array) -> Array:
     return jnp.concatenate(parts, -1)
 
 
-def eliminated(turn: Roots, equations: SlewEquations) -> EliminatedSlews:
+def eliminated(change: Roots, equations: SlewEquations) -> EliminatedSlews:
     """Eliminate the nuisances of each slew, then what slews share.
 
     Parameters
     ----------
-    turn : tuple of (slews, b, m, m) arrays
-        B(p0)^-1 B(p): p of the prior wanted, p0 of the point of the equations.
+    change : tuple of (slews, b, m, m) arrays
+        Of the coefficients' prior root from the point of the equations, see `root_change`.
     equations : SlewEquations
 
     Returns
@@ -164,7 +188,7 @@ def eliminated(turn: Roots, equations: SlewEquations) -> EliminatedSlews:
     EliminatedSlews
     """
     s, n_local = len(equations.pull), equations.local.shape[1]
-    n_start = n_local - sum(block.shape[1] * block.shape[2] for block in turn)
+    n_start = n_local - sum(block.shape[1] * block.shape[2] for block in change)
     # Coefficients are counted from zero from here on.
     back = jnp.zeros_like(equations.gradient)
     back = back.at[:, s + n_start :].set(-equations.local[:, n_start:])
@@ -172,7 +196,7 @@ def eliminated(turn: Roots, equations: SlewEquations) -> EliminatedSlews:
     started = equations.local.at[:, n_start:].set(0.0)
     constant = equations.chi2 + jnp.sum((2.0 * equations.gradient + moved) * back)
     constant = constant + equations.shared_chi2 + jnp.sum(started**2)
-    matrix, slope = _turned(equations.matrix, equations.gradient + moved, turn, s + n_start)
+    matrix, slope = _changed(equations.matrix, equations.gradient + moved, change, s + n_start)
     own = matrix[:, s:, s:] + jnp.eye(n_local)
     root = jnp.linalg.cholesky(own)
     right = jnp.concatenate([(slope[:, s:] + started)[..., None], matrix[:, s:, :s]], -1)
@@ -185,12 +209,12 @@ def eliminated(turn: Roots, equations: SlewEquations) -> EliminatedSlews:
     return EliminatedSlews(constant, started, root, step, across, shared_root, shared_step)
 
 
-def _turned(matrix: Array, gradient: Array, turn: Roots, first: int) -> tuple[Array, Array]:
-    """Normal equations with the unknowns from `first` on replaced by `turn` times new ones."""
+def _changed(matrix: Array, gradient: Array, change: Roots, first: int) -> tuple[Array, Array]:
+    """Normal equations with the unknowns from `first` on replaced by `change` times new ones."""
     columns = [matrix[:, :, :first]]
     slopes = [gradient[:, :first]]
     start = first
-    for block in turn:
+    for block in change:
         stop = start + block.shape[1] * block.shape[2]
         columns.append(_times_blocks(matrix[:, :, start:stop], block))
         slopes.append(_times_blocks(gradient[:, None, start:stop], block)[:, 0])
@@ -198,7 +222,7 @@ def _turned(matrix: Array, gradient: Array, turn: Roots, first: int) -> tuple[Ar
     half = jnp.concatenate(columns, -1)
     rows = [half[:, :first]]
     start = first
-    for block in turn:
+    for block in change:
         stop = start + block.shape[1] * block.shape[2]
         across = jnp.swapaxes(half[:, start:stop], 1, 2)
         rows.append(jnp.swapaxes(_times_blocks(across, block), 1, 2))

@@ -39,7 +39,7 @@ class SizeProposal:
     Parameters
     ----------
     explored : scipy.stats.gaussian_kde
-        Of charts of the sizes [prior sd].
+        Of the sizes [prior sd].
     """
 
     explored: stats.gaussian_kde
@@ -50,15 +50,17 @@ class SizeProposal:
         return stats.multivariate_t(data.mean(1), np.atleast_2d(np.cov(data)), df=_WIDE_DEGREES)
 
     def draw(self, random: np.random.RandomState, n: int) -> np.ndarray:
-        """Charts (n, h)."""
+        """Standardised sizes (n, h)."""
         near = self.explored.resample(n, seed=random).T
         far = np.reshape(self._wide.rvs(n, random_state=random), near.shape)
         return np.where(random.random_sample((n, 1)) < _WIDE_SHARE, far, near)
 
-    def log_density(self, charts: np.ndarray) -> np.ndarray:
-        """Log density (n,) of charts (n, h)."""
-        near = self.explored.logpdf(charts.T) + np.log1p(-_WIDE_SHARE)
-        return np.logaddexp(near, np.atleast_1d(self._wide.logpdf(charts)) + np.log(_WIDE_SHARE))
+    def log_density(self, standardised: np.ndarray) -> np.ndarray:
+        """Log density (n,) of standardised sizes (n, h)."""
+        near = self.explored.logpdf(standardised.T) + np.log1p(-_WIDE_SHARE)
+        return np.logaddexp(
+            near, np.atleast_1d(self._wide.logpdf(standardised)) + np.log(_WIDE_SHARE)
+        )
 
 
 class EvidenceMove(MHMove):
@@ -93,7 +95,7 @@ class EvidenceMove(MHMove):
         -------
         (n,) array
         """
-        return self._log_density(x, _given(self.evidence, self._charts(x)))
+        return self._log_density(x, _given(self.evidence, self.evidence.standardised(x)))
 
     def draw(self, random: np.random.RandomState, n: int, *, stretch: float = 1.0) -> np.ndarray:
         """Draw from the linearised model.
@@ -111,37 +113,34 @@ class EvidenceMove(MHMove):
         -------
         (n, d) array
         """
-        charts = self.sizes.draw(random, n)
-        charts, given = self._moved(
-            charts, _given(self.evidence, charts), random, _SIZE_STEPS_OF_DRAWS
+        standardised = self.sizes.draw(random, n)
+        standardised, given = self._moved(
+            standardised, _given(self.evidence, standardised), random, _SIZE_STEPS_OF_DRAWS
         )
         if stretch != 1.0:
             centre = self.sizes.explored.dataset.mean(1)
-            charts = centre + stretch * (charts - centre)
-            given = _given(self.evidence, charts)
-        return self._drawn(charts, given, random, stretch)
-
-    def _charts(self, x: np.ndarray) -> np.ndarray:
-        return np.array([self.evidence.chart(theta) for theta in x])
+            standardised = centre + stretch * (standardised - centre)
+            given = _given(self.evidence, standardised)
+        return self._drawn(standardised, given, random, stretch)
 
     def _moved(
-        self, charts: np.ndarray, given: GivenSizes, random: np.random.RandomState, steps: int
+        self, standardised: np.ndarray, given: GivenSizes, random: np.random.RandomState, steps: int
     ) -> tuple[np.ndarray, GivenSizes]:
         """Sizes after steps of an independence sampler of their evidence."""
-        weight = np.asarray(given.log_evidence) - self.sizes.log_density(charts)
+        weight = np.asarray(given.log_evidence) - self.sizes.log_density(standardised)
         for _ in range(steps):
-            new = self.sizes.draw(random, len(charts))
+            new = self.sizes.draw(random, len(standardised))
             new_given = _given(self.evidence, new)
             new_weight = np.asarray(new_given.log_evidence) - self.sizes.log_density(new)
-            taken = np.log(random.random_sample(len(charts))) < new_weight - weight
-            charts = np.where(taken[:, None], new, charts)
+            taken = np.log(random.random_sample(len(standardised))) < new_weight - weight
+            standardised = np.where(taken[:, None], new, standardised)
             weight = np.where(taken, new_weight, weight)
             given = jax.tree.map(partial(_where, taken), new_given, given)
-        return charts, given
+        return standardised, given
 
     def _drawn(
         self,
-        charts: np.ndarray,
+        standardised: np.ndarray,
         given: GivenSizes,
         random: np.random.RandomState,
         stretch: float = 1.0,
@@ -150,7 +149,7 @@ class EvidenceMove(MHMove):
         z = random.standard_normal(given.mean.shape)
         z = stretch * z * np.sqrt(_DEGREES / random.chisquare(_DEGREES, size=(len(z), 1)))
         off = np.linalg.solve(np.swapaxes(given.root, 1, 2), z[..., None])[..., 0]
-        theta = np.array([self.evidence.theta(chart) for chart in charts])
+        theta = self.evidence.theta(standardised)
         frozen = self.evidence.frozen
         theta[:, np.asarray(frozen.free)] = given.mean + off * np.asarray(frozen.scale)
         return theta
@@ -169,10 +168,10 @@ class EvidenceMove(MHMove):
         self, coords: np.ndarray, random: np.random.RandomState
     ) -> tuple[np.ndarray, np.ndarray]:
         """Proposals and the log ratio of their densities, as emcee asks for them."""
-        charts = self._charts(coords)
-        before = _given(self.evidence, charts)
-        charts, given = self._moved(charts, before, random, _SIZE_STEPS)
-        proposed = self._drawn(charts, given, random)
+        standardised = self.evidence.standardised(coords)
+        before = _given(self.evidence, standardised)
+        standardised, given = self._moved(standardised, before, random, _SIZE_STEPS)
+        proposed = self._drawn(standardised, given, random)
         return proposed, self._log_density(coords, before) - self._log_density(proposed, given)
 
 
@@ -181,10 +180,10 @@ def _where(taken: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
     return np.where(taken.reshape(-1, *(1 for _ in old.shape[1:])), new, old)
 
 
-def _given(evidence: Evidence, charts: np.ndarray) -> GivenSizes:
+def _given(evidence: Evidence, standardised: np.ndarray) -> GivenSizes:
     """The rest given sizes, as numpy, in batches of one shape."""
-    n = len(charts)
-    padded = np.concatenate([charts, np.repeat(charts[-1:], -n % _BATCH, axis=0)])
+    n = len(standardised)
+    padded = np.concatenate([standardised, np.repeat(standardised[-1:], -n % _BATCH, axis=0)])
     structure, frozen = evidence.model.structure, evidence.frozen
     parts = [
         given_sizes(structure, frozen, jnp.asarray(padded[i : i + _BATCH]))
@@ -195,13 +194,13 @@ def _given(evidence: Evidence, charts: np.ndarray) -> GivenSizes:
 
 def _explored(evidence: Evidence, random: np.random.RandomState) -> stats.gaussian_kde:
     """The distribution of sizes by their evidence, smoothed."""
-    begin = evidence.chart(evidence.point.theta)
+    begin = evidence.standardised(evidence.point.theta)
     walkers = max(_WALKERS, 2 * len(begin))
     starts = begin + 0.3 * random.standard_normal((walkers, len(begin)))
     sampler = emcee.EnsembleSampler(
         walkers,
         len(begin),
-        lambda charts: _given(evidence, charts).log_evidence,
+        lambda standardised: _given(evidence, standardised).log_evidence,
         vectorize=True,
         moves=[(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)],
     )

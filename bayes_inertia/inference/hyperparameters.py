@@ -26,6 +26,7 @@ from bayes_inertia.inference.coefficients import (
     eliminated,
     log_integral,
     prior_roots,
+    root_change,
     times,
 )
 from bayes_inertia.inference.likelihood import Information, information_blocks
@@ -120,15 +121,15 @@ class Evidence:
         constants = self.model.space.constants().items()
         return {key: np.asarray(values)[self.learnt] for key, values in constants}
 
-    def chart(self, theta: np.ndarray) -> np.ndarray:
-        """The learnt parameters (h,) in prior sds from the centre of their prior."""
-        value, logarithmic = np.asarray(theta)[self.learnt], self._priors["logarithmic"]
+    def standardised(self, theta: np.ndarray) -> np.ndarray:
+        """The learnt parameters (..., h) of all (..., d), in prior sds from the centre."""
+        value, logarithmic = np.asarray(theta)[..., self.learnt], self._priors["logarithmic"]
         value = np.where(logarithmic, np.log(np.where(logarithmic, value, 1.0)), value)
         return (value - self._priors["mean"]) / self._priors["scale"]
 
-    def theta(self, chart: np.ndarray) -> np.ndarray:
-        """The point's parameters (d,) with the learnt ones where a chart says."""
-        return np.array(_theta(self.frozen, jnp.asarray(chart)))
+    def theta(self, standardised: np.ndarray) -> np.ndarray:
+        """The point's parameters (..., d) with the learnt ones from standardised ones (..., h)."""
+        return np.array(_theta(self.frozen, jnp.asarray(standardised)))
 
     def roots(self, theta: np.ndarray) -> Roots:
         """Roots of the coefficients' prior covariance."""
@@ -167,12 +168,12 @@ class Evidence:
             contexts,
         )
 
-    def negative_log(self, chart: np.ndarray) -> tuple[float, np.ndarray]:
+    def negative_log(self, standardised: np.ndarray) -> tuple[float, np.ndarray]:
         """Minus the log evidence and log prior, up to a constant.
 
         Parameters
         ----------
-        chart : (h,) array
+        standardised : (h,) array
             The learnt parameters [prior sd].
 
         Returns
@@ -181,29 +182,35 @@ class Evidence:
         slope : (h,) array
             Its derivative.
         """
-        at = jnp.asarray(chart)
+        at = jnp.asarray(standardised)
         value, slope = _negative_log(self.model.structure, self.frozen, at)
         return float(value), np.asarray(slope)
 
 
-def _theta(frozen: FrozenEvidence, chart: Array) -> Array:
-    """Parameters (d,) with the learnt ones where a chart says."""
+def _theta(frozen: FrozenEvidence, standardised: Array) -> Array:
+    """Parameters (..., d) with the learnt ones from standardised ones (..., h)."""
     priors = frozen.priors
-    value, logarithmic = priors["mean"] + priors["scale"] * chart, priors["logarithmic"]
+    value, logarithmic = priors["mean"] + priors["scale"] * standardised, priors["logarithmic"]
     value = jnp.where(logarithmic, jnp.exp(jnp.where(logarithmic, value, 0.0)), value)
-    return frozen.theta.at[frozen.learnt].set(jnp.clip(value, priors["lower"], priors["upper"]))
+    value = jnp.clip(value, priors["lower"], priors["upper"])
+    theta = jnp.broadcast_to(frozen.theta, (*standardised.shape[:-1], len(frozen.theta)))
+    return theta.at[..., frozen.learnt].set(value)
 
 
-def _eliminated_at(structure: Structure, frozen: FrozenEvidence, chart: Array) -> EliminatedSlews:
-    roots = prior_roots(structure, _theta(frozen, chart), frozen.contexts)
-    turn = tuple(before @ now for before, now in zip(frozen.inverse_roots, roots, strict=True))
-    return eliminated(turn, frozen.equations)
+def _all_but_learnt_eliminated(
+    structure: Structure, frozen: FrozenEvidence, standardised: Array
+) -> EliminatedSlews:
+    theta = _theta(frozen, standardised)
+    change = root_change(structure, frozen.inverse_roots, theta, frozen.contexts)
+    return eliminated(change, frozen.equations)
 
 
 @partial(jax.jit, static_argnums=0)
 @partial(jax.value_and_grad, argnums=2)
-def _negative_log(structure: Structure, frozen: FrozenEvidence, chart: Array) -> Array:
-    return 0.5 * jnp.sum(chart**2) - log_integral(_eliminated_at(structure, frozen, chart))
+def _negative_log(structure: Structure, frozen: FrozenEvidence, standardised: Array) -> Array:
+    return 0.5 * jnp.sum(standardised**2) - log_integral(
+        _all_but_learnt_eliminated(structure, frozen, standardised)
+    )
 
 
 class GivenSizes(NamedTuple):
@@ -225,14 +232,14 @@ class GivenSizes(NamedTuple):
 
 
 @partial(jax.jit, static_argnums=0)
-def given_sizes(structure: Structure, frozen: FrozenEvidence, charts: Array) -> GivenSizes:
+def given_sizes(structure: Structure, frozen: FrozenEvidence, standardised: Array) -> GivenSizes:
     """What the data say of J, K and the like for given parameters of stochastic effects.
 
     Parameters
     ----------
     structure : Structure
     frozen : FrozenEvidence
-    charts : (n, h) array
+    standardised : (n, h) array
         The learnt parameters [prior sd].
 
     Returns
@@ -240,15 +247,15 @@ def given_sizes(structure: Structure, frozen: FrozenEvidence, charts: Array) -> 
     GivenSizes
     """
 
-    def at(chart: Array) -> GivenSizes:
-        parts = _eliminated_at(structure, frozen, chart)
-        value = log_integral(parts) - 0.5 * jnp.sum(chart**2)
+    def at(standardised: Array) -> GivenSizes:
+        parts = _all_but_learnt_eliminated(structure, frozen, standardised)
+        value = log_integral(parts) - 0.5 * jnp.sum(standardised**2)
         # The bias stands first: the last block of the root is what is left of it.
         root, step = parts.shared_root[N_BIAS:, N_BIAS:], parts.shared_step[N_BIAS:]
         move = solve_triangular(root.T, -step, lower=False)
         return GivenSizes(value, frozen.theta[frozen.free] + frozen.scale * move, root)
 
-    return jax.vmap(at)(charts)
+    return jax.vmap(at)(standardised)
 
 
 # What is compiled for each shape of campaign and set of effects.
@@ -292,7 +299,7 @@ def most_probable(evidence: Evidence) -> tuple[Point, float]:
     change : float
         By how much the parameters moved, the largest [prior sd].
     """
-    begin = evidence.chart(evidence.point.theta)
+    begin = evidence.standardised(evidence.point.theta)
     bounds = [(-_FARTHEST, _FARTHEST)] * len(begin)
     best = optimize.minimize(
         evidence.negative_log, begin, jac=True, method="L-BFGS-B", bounds=bounds
@@ -336,8 +343,8 @@ def information_with_learnt(
     plain = evidence.information
     curvature = _curvature(evidence)
     slope, distance = prior_rows(model, point.theta)
-    to_chart = slope[evidence.learnt]
-    own = np.outer(to_chart, to_chart) * (curvature - np.eye(len(to_chart)))
+    to_standardised = slope[evidence.learnt]
+    own = np.outer(to_standardised, to_standardised) * (curvature - np.eye(len(to_standardised)))
     p, slews = len(free) + point.n_local + N_BIAS, model.n_slews
     known = np.flatnonzero(~np.isin(np.arange(p), np.searchsorted(free, evidence.learnt)))
     learnt = np.searchsorted(free, evidence.learnt)
@@ -345,13 +352,13 @@ def information_with_learnt(
     matrix[..., known[:, None], known] = plain.matrix
     gradient[..., known] = plain.gradient
     matrix[:, 0][:, learnt[:, None], learnt] = own / slews
-    gradient[:, 0][:, learnt] = -to_chart * distance[evidence.learnt] / slews
+    gradient[:, 0][:, learnt] = -to_standardised * distance[evidence.learnt] / slews
     return plain._replace(matrix=matrix, gradient=gradient, free=free)
 
 
 def _curvature(evidence: Evidence) -> np.ndarray:
     """Second derivatives (h, h) by differences of slopes, lifted to be positive definite."""
-    at = evidence.chart(evidence.point.theta)
+    at = evidence.standardised(evidence.point.theta)
     slopes = [
         [evidence.negative_log(at + side * unit)[1] for side in (1.0, -1.0)]
         for unit in _STEP * np.eye(len(at))

@@ -25,7 +25,7 @@ from bayes_inertia.inference.coefficients import (
     conditional_nuisances,
     eliminated,
     log_integral,
-    prior_roots,
+    root_change,
 )
 from bayes_inertia.inference.kept_programs import KeptProgram
 from bayes_inertia.inference.likelihood import Residuals, residuals, whitened
@@ -115,7 +115,7 @@ def _project(structure: Structure, marginal: Marginal, theta: Array) -> tuple[Ar
     return chi2 + marginal.unexplained, gradient
 
 
-def _eliminated_at(
+def _nuisances_eliminated(
     structure: Structure, marginal: Marginal, theta: Array
 ) -> tuple[EliminatedSlews, Array]:
     """The integral over all nuisances at one theta, where their prior depends on it; the bias."""
@@ -128,15 +128,14 @@ def _eliminated_at(
         for channel, columns in zip(r, marginal.columns, strict=True)
     )
     chi2: Any = sum(jnp.sum(channel**2) for channel in r)
-    contexts = marginal.data.arrays.slews.context
     part: Any = marginal.coefficients
-    roots = prior_roots(structure, theta, contexts)
-    turn = tuple(before @ now for before, now in zip(part.inverse_roots, roots, strict=True))
+    contexts = marginal.data.arrays.slews.context
+    change = root_change(structure, part.inverse_roots, theta, contexts)
     bias = point.bias
     equations = SlewEquations(
         chi2, part.information, slew_gradient, jnp.ones(len(bias)), bias, bias @ bias, point.local
     )
-    return eliminated(turn, equations), bias
+    return eliminated(change, equations), bias
 
 
 def log_posterior_of(structure: Structure, marginal: Marginal, theta: Array) -> Array:
@@ -162,7 +161,7 @@ def log_posterior_of(structure: Structure, marginal: Marginal, theta: Array) -> 
         explained = jnp.sum((marginal.root @ gradient) ** 2)
         value = log_prior(marginal.prior, theta) - 0.5 * (chi2 - explained)
     else:
-        parts, _ = _eliminated_at(structure, marginal, safe)
+        parts, _ = _nuisances_eliminated(structure, marginal, safe)
         value = log_prior(marginal.prior, theta) + log_integral(parts)
     return jnp.where(physical & jnp.isfinite(value), value, -jnp.inf)
 
@@ -187,7 +186,7 @@ def log_posterior(structure: Structure, marginal: Marginal, thetas: Array) -> Ar
     return jax.vmap(partial(log_posterior_of, structure, marginal))(thetas)
 
 
-_compiled_elimination = jax.jit(_eliminated_at, static_argnums=0)
+_compiled_elimination = jax.jit(_nuisances_eliminated, static_argnums=0)
 # What is compiled for each shape of campaign, largest first.
 PROGRAMS = (log_posterior, _compiled_elimination)
 

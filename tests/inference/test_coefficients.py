@@ -102,14 +102,16 @@ def test_the_evidence_is_largest_at_the_fit(wandered):
     evidence = evidence_at(
         wandered.model, wandered.point, wandered.white, np.arange(len(wandered.theta))
     )
-    chart = evidence.chart(wandered.theta)
-    for i, unit in enumerate(np.eye(len(chart))):
+    standardised = evidence.standardised(wandered.theta)
+    for i, unit in enumerate(np.eye(len(standardised))):
         (up, slope), (here, _), (down, _) = (
-            evidence.negative_log(chart + step * unit) for step in (0.2, 0.0, -0.2)
+            evidence.negative_log(standardised + step * unit) for step in (0.2, 0.0, -0.2)
         )
         assert min(up, down) > here - 5e-3
         # Slopes belong to values: over a small step to both sides.
-        after, before = (evidence.negative_log(chart + (0.2 + h) * unit)[0] for h in (1e-4, -1e-4))
+        after, before = (
+            evidence.negative_log(standardised + (0.2 + h) * unit)[0] for h in (1e-4, -1e-4)
+        )
         assert slope[i] == pytest.approx((after - before) / 2e-4, rel=1e-4, abs=1e-5)
 
 
