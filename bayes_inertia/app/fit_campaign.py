@@ -19,7 +19,7 @@ from bayes_inertia.inference.modelled_outliers import with_modelled_outliers
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.posterior_groups import build_posterior
 from bayes_inertia.inference.sampler import Progress, sample
-from bayes_inertia.inference.settings import Settings
+from bayes_inertia.inference.settings import Settings, usual_settings
 from bayes_inertia.inference.treatment import DirtTreatment
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.physics.channel_noise import NoiseModel
@@ -91,7 +91,7 @@ def fit(
     # ArviZ takes long to import; it can do so while the compiler, which needs no interpreter lock,
     # works. Its plots are not needed.
     Thread(target=import_module, args=("arviz_stats",), daemon=True).start()
-    settings = settings or Settings()
+    settings = settings or usual_settings(effects)
     if seed is not None:
         settings = replace(settings, seed=seed)
     if progress:

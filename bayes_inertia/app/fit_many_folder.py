@@ -18,7 +18,7 @@ from bayes_inertia.conventions.check import refuse_impossible
 from bayes_inertia.errors import BayesInertiaError, CampaignError
 from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.fit_context import FitContext
-from bayes_inertia.inference.settings import Settings
+from bayes_inertia.inference.settings import Settings, usual_settings
 from bayes_inertia.maths.values import json_ready
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.slew_input import Drive
@@ -152,7 +152,8 @@ def fit_many(
     """
     folder, out = Path(campaigns).resolve(), Path(out)
     names = pinned_names(effects)
-    settings = replace(settings or Settings(), seed=seed, threads=1)
+    settings = settings or usual_settings(effects_named(names))
+    settings = replace(settings, seed=seed, threads=1)
     options = {
         "effects": list(names),
         "drive": drive,

@@ -28,7 +28,7 @@ from bayes_inertia.folder_lock import working_in
 from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.sampler import Progress
-from bayes_inertia.inference.settings import Settings
+from bayes_inertia.inference.settings import Settings, usual_settings
 from bayes_inertia.physics.channel_noise import NoiseModel, noise_model_from_json
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY
@@ -199,8 +199,8 @@ def start(
     OutputError
         If the folder holds another run, or files that a run would overwrite.
     """
-    settings, noise = settings or Settings(), noise or NoiseModel()
-    names = pinned_names(effects)
+    names, noise = pinned_names(effects), noise or NoiseModel()
+    settings = settings or usual_settings(effects_named(names))
     Model(read_campaign(campaign), effects_named(names), drive, noise)
     digest = campaign_sha256(campaign)
     run = Run(digest, names, drive, settings, kind, as_stated, noise)

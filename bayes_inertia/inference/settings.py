@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Iterable
+from dataclasses import dataclass, fields, replace
 from math import isfinite
 from typing import Any
 
 import numpy as np
 
 from bayes_inertia.errors import SettingsError
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 # The least that settings may ask for.
 _LEAST_SETTINGS = {
@@ -94,3 +97,26 @@ def _check_setting(name: str, value: Any) -> None:
 # With effects without a fixed shape each evaluation is dear; 2,000 effective samples are enough for
 # limits of 95 %.
 STOCHASTIC_SETTINGS = Settings(walkers=32, steps=40, target_ess=2_000.0)
+
+
+def usual_settings(effects: Iterable[Effect], *, seed: int = 0) -> Settings:
+    """The settings of a fit of which nobody said how to sample.
+
+    Parameters
+    ----------
+    effects : iterable of Effect
+        What is fitted along.
+    seed : int, optional
+        Fixes everything.
+
+    Returns
+    -------
+    Settings
+
+    Examples
+    --------
+    >>> usual_settings((), seed=3) == Settings(seed=3)
+    True
+    """
+    stochastic = any(isinstance(effect, StochasticEffect) for effect in effects)
+    return replace(STOCHASTIC_SETTINGS if stochastic else Settings(), seed=seed)

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 from bayes_inertia.errors import EffectError
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effect_declaration import check_declaration, guarded
-from bayes_inertia.physics.effects import LIBRARY, STOCHASTIC, by_name
+from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, STOCHASTIC, by_name
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.outside_effects import load_effect, pinned, reference_of
 from bayes_inertia.physics.prediction import predict_all
@@ -50,6 +50,27 @@ def effects_named(names: Sequence[str]) -> tuple[Effect, ...]:
                 "the same effect twice", where=effect.name, advice="name each effect once"
             )
     return effects
+
+
+def remainders(kind: str | None) -> tuple[Effect, ...]:
+    """What stands for disturbances without a name in a fit.
+
+    Parameters
+    ----------
+    kind : str or None
+        "torque", "rate", "both", or None for none.
+
+    Returns
+    -------
+    tuple of Effect
+
+    Examples
+    --------
+    >>> [effect.name for effect in remainders("both")]
+    ['torque_remainder', 'rate_remainder']
+    """
+    wanted = {f"{kind}_remainder"} if kind != "both" else {effect.name for effect in REMAINDERS}
+    return tuple(effect for effect in REMAINDERS if effect.name in wanted)
 
 
 def pinned_names(names: Sequence[str]) -> tuple[str, ...]:

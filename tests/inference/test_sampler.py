@@ -19,7 +19,8 @@ from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.posterior_groups import build_posterior
 from bayes_inertia.inference.predicted_telemetry import predicted_telemetry
 from bayes_inertia.inference.sampler import sample, steps_wanted
-from bayes_inertia.inference.settings import Settings
+from bayes_inertia.inference.settings import Settings, usual_settings
+from bayes_inertia.physics.effects import ConstantTorque, RateRandomWalk
 from bayes_inertia.physics.forward_model import Model
 
 
@@ -151,3 +152,11 @@ def test_predicted_telemetry_is_held_once_and_a_part_of_it_again(small_at):
         tracemalloc.stop()
     size = sum(values.nbytes for group in groups for values in group.values())
     assert peak < 3.0 * size
+
+
+def test_an_effect_with_sizes_gets_the_settings_of_one_wherever_it_is_named():
+    assert usual_settings((ConstantTorque(),), seed=2) == Settings(seed=2)
+    wandering = usual_settings((ConstantTorque(), RateRandomWalk()), seed=2)
+    assert wandering.seed == 2
+    assert wandering.target_ess < Settings().target_ess
+    assert wandering.walkers < Settings().walkers

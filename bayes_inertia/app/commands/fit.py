@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from bayes_inertia.app.commands.options import (
     Anyway,
     AsJson,
@@ -19,13 +17,6 @@ from bayes_inertia.app.commands.options import (
     WithReport,
     names_in,
 )
-
-_REMAINDERS: dict[str | None, tuple[str, ...]] = {
-    None: (),
-    "torque": ("torque_remainder",),
-    "rate": ("rate_remainder",),
-    "both": ("torque_remainder", "rate_remainder"),
-}
 
 
 def fit_command(
@@ -54,15 +45,17 @@ def fit_command(
 
     from bayes_inertia.app import run_folder
     from bayes_inertia.app.commands.run_result import finish_and_show
-    from bayes_inertia.inference.settings import STOCHASTIC_SETTINGS, Settings
+    from bayes_inertia.inference.settings import usual_settings
     from bayes_inertia.physics.channel_noise import noise_model_from_text
+    from bayes_inertia.physics.named_effects import effects_named, remainders
 
+    names = [*names_in(effects), *(effect.name for effect in remainders(remainder))]
     run_folder.start(
         campaign,
         out,
-        effects=[*names_in(effects), *_REMAINDERS[remainder]],
+        effects=names,
         drive=drive,
-        settings=replace(STOCHASTIC_SETTINGS if remainder else Settings(), seed=seed),
+        settings=usual_settings(effects_named(names), seed=seed),
         as_stated=as_stated,
         noise=noise_model_from_text(noise or [], names_in(sample_noise)),
     )
