@@ -19,6 +19,7 @@ from bayes_inertia.inference.gate_limits import (
     PRIOR_SD_AT_MOST,
 )
 from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.physics.effects import REMAINDERS
 from bayes_inertia.physics.parameters import N_BASE
 
 _UNKNOWN_NOTE = (
@@ -27,10 +28,9 @@ _UNKNOWN_NOTE = (
 )
 _REMAINDER_NOTE = (
     "the diagnosis found that something is missing which no candidate explains; "
-    "{} of free shape, different in each slew, is fitted along, so that the sd of J and K holds "
-    "what it may have done; errors of the star tracker and the wheels it does not hold"
+    "fitted along: {}, of free shape and different in each slew. The sd of J and K holds what that "
+    "may have done, and not what errors of the star tracker and the wheels may have done"
 )
-_REMAINDERS = {"torque_remainder": "a torque", "rate_remainder": "an error of the rates"}
 
 
 # What a wrong unit or convention makes of a scale factor or of J: the factor on it.
@@ -81,7 +81,7 @@ def check_gates(
 def _what_is_missing(estimate: Estimate) -> str:
     """What an unknown verdict means for J and K."""
     names = [effect.name for effect in estimate.model.effects]
-    free = [words for name, words in _REMAINDERS.items() if name in names]
+    free = [effect.signal_title for effect in REMAINDERS if effect.name in names]
     return _REMAINDER_NOTE.format(" and ".join(free)) if free else _UNKNOWN_NOTE
 
 

@@ -27,6 +27,7 @@ from bayes_inertia.inference.stochastic_signals import (
 )
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.parameters import log_prior
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -114,11 +115,20 @@ def build_posterior(
     tree["estimate"] = _estimate_group(estimate)
     _write_units(tree, dict(zip(space.names, space.units, strict=True)))
     for effect in drawable(estimate):
-        tree["signal"][effect.name].attrs["units"] = effect.signal_unit
+        tree["signal"][effect.name].attrs.update(_signal_words(effect))
     attributes = {"campaign": campaign.name, "seed": seed} | context.attributes()
     attributes |= _attributes(estimate, chains, context)
     tree.attrs = {"format": FORMAT, "bayes_inertia": json.dumps(attributes)}
     return Posterior(tree)
+
+
+def _signal_words(effect: StochasticEffect) -> dict[str, str]:
+    """What the file says of an effect's signal."""
+    return {
+        "long_name": effect.signal_title or effect.name.replace("_", " "),
+        "quantity": effect.signal_quantity or "signal",
+        "units": effect.signal_unit,
+    }
 
 
 def _sampled(estimate: Estimate, chains: Chains, rng: np.random.Generator) -> Groups:

@@ -38,7 +38,10 @@ class StochasticEffect(Effect):
     """
 
     name: ClassVar[str] = "no_stochastic_effect"
-    # What a report says of `signal`: its unit and the name of each component.
+    # What a report says of `signal`: what it is called, what is measured (short, beside an axis),
+    # its unit and the name of each component.
+    signal_title: ClassVar[str] = ""
+    signal_quantity: ClassVar[str] = ""
     signal_unit: ClassVar[str] = ""
     signal_components: ClassVar[tuple[str, ...]] = ()
 

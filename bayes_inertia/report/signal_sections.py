@@ -9,13 +9,6 @@ from bayes_inertia.report.pictures.equivalent_signal import draw_signal
 from bayes_inertia.report.pictures.posterior_data import values_of
 from bayes_inertia.report.section import Picture, Section
 
-_NAMES = {
-    "torque_remainder": "torque without a name",
-    "rate_remainder": "error of the rates without a name",
-    "torque_noise": "random torque on the body",
-    "rate_bias_instability": "wandering rate bias",
-    "rate_random_walk": "random walk of the rate bias",
-}
 _TEMPLATE = (
     "<p>These have no fixed shape: in each slew they are free to be what the data ask for. "
     "What they may have done is taken from the information on J and K. "
@@ -46,7 +39,7 @@ def _picture(posterior: Posterior, name: str) -> Picture:
     """One effect: mean and band over time."""
     draws = values_of(posterior, "signal", name)
     variable = posterior.tree["signal"][name]
-    title = _NAMES.get(name, name.replace("_", " "))
+    title = variable.attrs["long_name"]
     signal = {
         "time": values_of(posterior, "constant_data", "signal_time"),
         "mean": draws.mean((0, 1)),
@@ -54,8 +47,7 @@ def _picture(posterior: Posterior, name: str) -> Picture:
         "slews": [str(slew) for slew in values_of(posterior, "estimate", "slew")],
         "components": [str(c) for c in np.asarray(variable[f"{name}_component"])],
         "unit": variable.attrs["units"],
-        # Short: it stands beside a small panel.
-        "source": "torque" if variable.attrs["units"] == "N m" else "rate error",
+        "source": variable.attrs["quantity"],
     }
     caption = (
         f"{title[0].upper()}{title[1:]}: mean (lines) and ±2 sd (bands) of the posterior, "

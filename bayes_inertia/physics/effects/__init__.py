@@ -39,6 +39,7 @@ from bayes_inertia.physics.effects.wheel_friction import WheelFriction
 from bayes_inertia.physics.effects.wheel_misalignment import WheelMisalignment
 from bayes_inertia.physics.effects.wheel_torque_gain import WheelTorqueGain
 from bayes_inertia.physics.effects.wheel_torque_noise import WheelTorqueNoise
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 LIBRARY: tuple[Effect, ...] = (
     RateBias(),
@@ -75,7 +76,7 @@ STOCHASTIC: tuple[Effect, ...] = (
 )
 
 # What stands for everything without a name, where a model is known to be incomplete.
-REMAINDERS: tuple[Effect, ...] = (TorqueRemainder(), RateRemainder())
+REMAINDERS: tuple[StochasticEffect, ...] = (TorqueRemainder(), RateRemainder())
 
 __all__ = [
     "LIBRARY",

@@ -48,6 +48,8 @@ class RateBiasInstability(StochasticEffect):
     """
 
     name: ClassVar[str] = "rate_bias_instability"
+    signal_title: ClassVar[str] = "wandering rate bias"
+    signal_quantity: ClassVar[str] = "rate error"
     signal_unit: ClassVar[str] = "rad/s"
     signal_components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     median_sd: float | None = None

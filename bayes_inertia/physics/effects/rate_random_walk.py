@@ -51,6 +51,8 @@ class RateRandomWalk(StochasticEffect):
     """
 
     name: ClassVar[str] = "rate_random_walk"
+    signal_title: ClassVar[str] = "random walk of the rate bias"
+    signal_quantity: ClassVar[str] = "rate error"
     signal_unit: ClassVar[str] = "rad/s"
     signal_components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     median: float | None = None

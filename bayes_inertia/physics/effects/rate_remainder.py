@@ -27,4 +27,5 @@ class RateRemainder(RateBiasInstability):
     """
 
     name: ClassVar[str] = "rate_remainder"
+    signal_title: ClassVar[str] = "rate error without a name"
     factor_sd: float = 2.3

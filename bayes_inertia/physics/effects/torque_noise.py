@@ -48,6 +48,8 @@ class TorqueNoise(StochasticEffect):
     """
 
     name: ClassVar[str] = "torque_noise"
+    signal_title: ClassVar[str] = "random torque on the body"
+    signal_quantity: ClassVar[str] = "torque"
     signal_unit: ClassVar[str] = "N m"
     signal_components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     median_sd: float | None = None

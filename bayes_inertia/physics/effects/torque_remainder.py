@@ -27,4 +27,5 @@ class TorqueRemainder(TorqueNoise):
     """
 
     name: ClassVar[str] = "torque_remainder"
+    signal_title: ClassVar[str] = "torque without a name"
     factor_sd: float = 2.3
