@@ -1,5 +1,6 @@
 # `make demo` and `make test` are all the set-up there is: each makes the environment it needs.
-# `make test-all` adds the slow tests, the formatter and the type checker.
+# `make test-all` adds the slow tests, the formatter, the type checker and the documentation, which
+# `make docs` writes to build/docs/index.html; its tutorials are run.
 # PYTHON=... chooses an interpreter; otherwise the first that is 3.12 or newer.
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.14 python3 python; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 12))' 2>/dev/null && echo $$p && break; done)
@@ -8,10 +9,10 @@ BIN := $(VENV)/bin
 DEMO ?= demo_run
 
 # The tests of one environment share compiled code: two workers, fast tests and slow ones.
-test test-all: export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/$(VENV)/jax_cache
-test test-all: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.3
+test test-all docs: export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/$(VENV)/jax_cache
+test test-all docs: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.3
 
-.PHONY: demo test test-all lint types clean
+.PHONY: demo test test-all lint types docs clean
 
 demo: $(VENV)/ready
 	$(BIN)/bayes-inertia demo -o $(DEMO)
@@ -20,7 +21,7 @@ test: $(VENV)/ready-test
 	$(BIN)/ruff check .
 	$(BIN)/python -m pytest -q -n 2 --dist worksteal -m "not slow"
 
-test-all: test lint types
+test-all: test lint types docs
 	$(BIN)/python -m pytest -q -n 2 --dist worksteal -m slow
 
 lint: $(VENV)/ready-test
@@ -30,6 +31,9 @@ lint: $(VENV)/ready-test
 types: $(VENV)/ready-test
 	$(BIN)/mypy
 
+docs: $(VENV)/ready-docs
+	$(BIN)/python -m sphinx -q -n -W --keep-going -j 2 -c docs -d build/docs_pages . build/docs
+
 $(VENV)/ready: pyproject.toml constraints.txt
 	@test -n "$(PYTHON)" || { echo "no Python 3.12 or newer found: install one, or call make PYTHON=/path/to/python"; exit 1; }
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
@@ -38,6 +42,10 @@ $(VENV)/ready: pyproject.toml constraints.txt
 
 $(VENV)/ready-test: $(VENV)/ready
 	$(BIN)/python -m pip install --no-compile --quiet --disable-pip-version-check -c constraints.txt -e '.[test]'
+	@touch $@
+
+$(VENV)/ready-docs: $(VENV)/ready
+	$(BIN)/python -m pip install --no-compile --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
 	@touch $@
 
 clean:

@@ -37,7 +37,7 @@ class ParameterObservability:
     signal_by : (slews, 3) array
         The same by slew and channel.
     signal_of_size : float
-        The same for its own size (|J|; |K - 1|; an effect's distance from its null).
+        The same for its own size (`|J|`; `|K - 1|`; an effect's distance from its null).
     conditional_sd : float
         Were everything else known.
     variance_inflation : float

@@ -21,7 +21,7 @@ from bayes_inertia.app.commands.run_result import run_result_json
 from bayes_inertia.app.terminal import progress_bar, quietly
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
-DOCUMENTED = Path(bayes_inertia.__file__).parents[1] / "docs" / "json_output.md"
+DOCUMENTED = Path(bayes_inertia.__file__).parents[1] / "docs" / "how_to" / "json_output.md"
 
 
 def run(*arguments) -> int:

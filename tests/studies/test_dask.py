@@ -119,7 +119,7 @@ def address_in(file: Path) -> str:
 
 
 def test_the_script_for_slurm_writes_a_job(tmp_path):
-    script = Path(__file__).parents[2] / "docs" / "cluster_slurm.py"
+    script = Path(__file__).parents[2] / "docs" / "how_to" / "cluster_slurm.py"
     words = [sys.executable, str(script), "--dry-run", "--partition", "main", "--hours", "3"]
     job = subprocess.run(words, capture_output=True, text=True, check=True).stdout
     assert "#SBATCH -p main" in job
