@@ -123,10 +123,10 @@ def load_effect(reference: EffectReference) -> Effect:
         the file is not the one that was pinned.
     """
     module = _module(reference)
-    found = getattr(module, reference.attribute, None)
-    if found is None:
+    value = getattr(module, reference.attribute, None)
+    if value is None:
         _raise_no_such_class(reference, module)
-    return _instance(found, reference)
+    return _instance(value, reference)
 
 
 def effects_in_file(path: Path) -> tuple[Effect, ...]:
@@ -287,16 +287,16 @@ def _raise_no_such_class(reference: EffectReference, module: ModuleType) -> None
     )
 
 
-def _instance(found: Any, reference: EffectReference) -> Effect:
-    if isinstance(found, Effect):
-        return found
+def _instance(value: Any, reference: EffectReference) -> Effect:
+    if isinstance(value, Effect):
+        return value
     where = f"{reference.source}:{reference.attribute}"
-    if not (isinstance(found, type) and issubclass(found, Effect)):
+    if not (isinstance(value, type) and issubclass(value, Effect)):
         raise EffectError(
             "is no effect", where=where, advice="derive the class from bayes_inertia.Effect"
         )
     try:
-        return found()
+        return value()
     except Exception as error:
         raise EffectError(
             f"cannot be made without arguments ({_first_line(error)})",
