@@ -117,11 +117,18 @@ class RateSensor:
         Prior standard deviation of b [rad/s].
     correlated_noise : CorrelatedNoise, optional
         How the noise is correlated in time; None: it is white.
+    rate_random_walk : float, optional
+        Density of the bias' random walk, RRW [rad/s^1.5]; None: the bias is constant.
+    bias_instability : float, optional
+        Sd of a bias that wanders about its mean, BI [rad/s]; None: it does not.
+    bias_instability_time : float, optional
+        Its correlation time [s]; wanted with `bias_instability`.
 
     Raises
     ------
     CampaignError
-        If the axes are not three independent unit vectors, or a number is not positive.
+        If the axes are not three independent unit vectors, a number is not positive, or one of
+        `bias_instability` and its time is absent.
 
     Examples
     --------
@@ -137,6 +144,9 @@ class RateSensor:
     bias: Vector = (0.0, 0.0, 0.0)
     bias_sigma: Vector = (1e-5, 1e-5, 1e-5)
     correlated_noise: CorrelatedNoise | None = None
+    rate_random_walk: float | None = None
+    bias_instability: float | None = None
+    bias_instability_time: float | None = None
 
     def __post_init__(self) -> None:
         axes = np.array(self.axes, dtype=float)
@@ -146,7 +156,14 @@ class RateSensor:
             object.__setattr__(self, key, triple(getattr(self, key), f"rate_sensor.{key}"))
             if key != "bias":
                 require_positive(getattr(self, key), f"rate_sensor.{key}")
-        require_positive(self.range, "rate_sensor.range", optional=True)
+        for key in ("range", "rate_random_walk", "bias_instability", "bias_instability_time"):
+            require_positive(getattr(self, key), f"rate_sensor.{key}", optional=True)
+        require(
+            (self.bias_instability is None) == (self.bias_instability_time is None),
+            "rate_sensor.bias_instability",
+            "the sd and its correlation time belong together",
+            "give bias_instability [rad/s] and bias_instability_time [s], or neither",
+        )
 
 
 def _require_independent_axes(axes: np.ndarray) -> None:
@@ -177,6 +194,9 @@ class StarTracker:
         Noise across the boresight [rad].
     sigma_roll : float
         Noise about the boresight [rad].
+    low_frequency_sigma : float, optional
+        Sd of the error that all fixes of a group share, another in each group, on each axis [rad];
+        None: there is none.
 
     Raises
     ------
@@ -192,9 +212,12 @@ class StarTracker:
     boresight_B: Vector
     sigma_cross: float
     sigma_roll: float
+    low_frequency_sigma: float | None = None
 
     def __post_init__(self) -> None:
         boresight_B = unit_vector(self.boresight_B, "star_tracker.boresight")
         object.__setattr__(self, "boresight_B", boresight_B)
         require_positive(self.sigma_cross, "star_tracker.sigma_cross")
         require_positive(self.sigma_roll, "star_tracker.sigma_roll")
+        key = "star_tracker.low_frequency_sigma"
+        require_positive(self.low_frequency_sigma, key, optional=True)

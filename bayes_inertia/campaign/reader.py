@@ -222,11 +222,10 @@ def _hardware(parsed: CampaignPart) -> dict[str, Any]:
     for part in parsed.wheels:
         given = _given(part)
         wheels.append(Wheel(axis_B=tuple(given.pop("axis")), **given))
-    given_tracker, tracker = parsed.star_tracker, None
-    if given_tracker is not None:
-        x, y, z = given_tracker.boresight
-        sigma_cross, sigma_roll = given_tracker.sigma_cross, given_tracker.sigma_roll
-        tracker = StarTracker((x, y, z), sigma_cross, sigma_roll)
+    tracker = None
+    if parsed.star_tracker is not None:
+        given = _given(parsed.star_tracker)
+        tracker = StarTracker(tuple(given.pop("boresight")), **given)
     return {
         "inertia": InertiaPrior(
             **{**_given(parsed.inertia), "tensor": np.array(parsed.inertia.tensor)}

@@ -90,6 +90,9 @@ class RateSensorPart(_Part):
     scale_factor_sigma: OneOrThree | None = None
     bias: OneOrThree | None = None
     bias_sigma: OneOrThree | None = None
+    rate_random_walk: float | None = None
+    bias_instability: float | None = None
+    bias_instability_time: float | None = None
 
 
 class StarTrackerPart(_Part):
@@ -98,6 +101,7 @@ class StarTrackerPart(_Part):
     boresight: Vector3 = Field(description="boresight = a unit vector in body axes")
     sigma_cross: float = Field(description="sigma_cross = the noise across the boresight [rad]")
     sigma_roll: float = Field(description="sigma_roll = the noise about the boresight [rad]")
+    low_frequency_sigma: float | None = None
 
 
 class TimeColumn(_Part):

@@ -176,6 +176,7 @@ def _toml(campaign: Campaign, columns: dict[str, list[str]], files: list[str]) -
             boresight=tracker.boresight_B,
             sigma_cross=tracker.sigma_cross,
             sigma_roll=tracker.sigma_roll,
+            low_frequency_sigma=tracker.low_frequency_sigma,
         )
     document["columns"] = _columns_toml(columns)
     document["slews"] = array_of_tables(

@@ -82,6 +82,7 @@ def hardware_text(name: str, wheels: Sequence[str], *, tracker: bool) -> str:
         "# sigma = ...  # white noise per sample [rad/s]; left out, the import says what it sees",
         "# scale_factor_sigma = 0.03",
         "# bias_sigma = 1e-5  # [rad/s]",
+        "# rate_random_walk = ...  # RRW of the data sheet [rad/s^1.5]",
     ]
     if tracker:
         lines += [

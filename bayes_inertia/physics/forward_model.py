@@ -27,6 +27,7 @@ from bayes_inertia.physics.parameters import (
 from bayes_inertia.physics.prediction import Data, NuisanceScale, Sensors, Structure
 from bayes_inertia.physics.random_inputs import coefficient_counts
 from bayes_inertia.physics.slew_input import Drive
+from bayes_inertia.physics.stated_noise import stated_noise
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 # Slow shapes of tachometer noise that move the attitude; the rest acts only on its own sample.
@@ -227,7 +228,8 @@ def _structure(
 
 
 def _acting(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> tuple[Effect, ...]:
-    """The effects, with the unknown torque of lost commands where commands drive the model."""
+    """The effects, stated noise that wanders, and lost commands where commands drive the model."""
+    effects = (*effects, *stated_noise(campaign, effects))
     lost = drive == "commanded" and any(s.lost_command is not None for s in campaign.slews)
     return (*effects, LostCommands()) if lost else effects
 

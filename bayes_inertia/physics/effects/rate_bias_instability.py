@@ -30,10 +30,12 @@ class RateBiasInstability(StochasticEffect):
     Parameters
     ----------
     median_sd, median_time : float or None, optional
-        Medians of the priors [rad/s, s]; None takes the noise of one reading, and a fifth of a
-        slew.
+        Medians of the priors [rad/s, s]; None takes what the campaign states, or else the noise of
+        one reading, and a fifth of a slew.
     factor_sd : float, optional
         Sd of the logarithm of the sd. The time is known to a factor of 2 (sd 0.7).
+    known : bool, optional
+        Whether sd and time are what the campaign states, and nothing is estimated.
     knots : int, optional
         On each axis, evenly over the slew.
 
@@ -55,18 +57,24 @@ class RateBiasInstability(StochasticEffect):
     median_sd: float | None = None
     median_time: float | None = None
     factor_sd: float = 1.5
+    known: bool = False
     knots: int = 17
 
     def parameters(self, campaign):
-        sd = self.median_sd or float(np.max(campaign.rate_sensor.sigma))
-        return sd_and_time(campaign, "rad/s", sd, self.median_time, self.factor_sd)
+        if self.known:
+            return ()
+        sensor = campaign.rate_sensor
+        sd = self.median_sd or sensor.bias_instability or float(np.max(sensor.sigma))
+        time = self.median_time or sensor.bias_instability_time
+        return sd_and_time(campaign, "rad/s", sd, time, self.factor_sd)
 
     def coefficient_count(self, campaign):
         return 3 * self.knots
 
     def coefficient_root(self, p, slew, count):
         spacing = slew_duration(slew) / (self.knots - 1)
-        return on_each_axis(ornstein_uhlenbeck_root(p["sd"], p["time"], spacing, self.knots), 3)
+        sd, time = (self.median_sd, self.median_time) if self.known else (p["sd"], p["time"])
+        return on_each_axis(ornstein_uhlenbeck_root(sd, time, spacing, self.knots), 3)
 
     def signal(self, p, slew, t):
         hats = hat_functions(slew_fraction(slew, t), self.knots)

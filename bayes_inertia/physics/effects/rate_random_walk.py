@@ -31,10 +31,12 @@ class RateRandomWalk(StochasticEffect):
     Parameters
     ----------
     median : float or None, optional
-        Median of the density's prior [rad/s^1.5]; None takes the walk that reaches the noise of one
-        reading within a slew.
+        Median of the density's prior [rad/s^1.5]; None takes what the campaign states, or else the
+        walk that reaches the noise of one reading within a slew.
     factor_sd : float, optional
         Sd of the logarithm of the density: 1.5 allows a factor of 20 either way.
+    known : bool, optional
+        Whether the density is what the campaign states, and nothing is estimated.
     functions : int, optional
         Sines of the walk on each axis. What they leave out, 2 / (pi^2 functions) of its variance,
         is fast and remains in the residuals.
@@ -57,10 +59,13 @@ class RateRandomWalk(StochasticEffect):
     signal_components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     median: float | None = None
     factor_sd: float = 1.5
+    known: bool = False
     functions: int = 16
 
     def parameters(self, campaign):
-        median = self.median
+        if self.known:
+            return ()
+        median = self.median or campaign.rate_sensor.rate_random_walk
         if median is None:
             sigma = float(np.max(campaign.rate_sensor.sigma))
             median = sigma / np.sqrt(campaign.scale_of_motion()[1])
@@ -76,7 +81,8 @@ class RateRandomWalk(StochasticEffect):
         spread = jnp.concatenate(
             [jnp.sqrt(away)[None], jnp.full(self.functions, jnp.sqrt(duration))]
         )
-        return independent(p["density"] * jnp.tile(spread, 3), count)
+        density = self.median if self.known else p["density"]
+        return independent(density * jnp.tile(spread, 3), count)
 
     def signal(self, p, slew, t):
         fraction = slew_fraction(slew, t)

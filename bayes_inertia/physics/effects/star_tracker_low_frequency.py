@@ -24,9 +24,12 @@ class StarTrackerLowFrequency(StochasticEffect):
     Parameters
     ----------
     median : float or None, optional
-        Median of the prior of the sd [rad]; None takes the tracker's sigma_cross.
+        Median of the prior of the sd [rad]; None takes what the campaign states, or else the
+        tracker's sigma_cross.
     factor_sd : float, optional
         Sd of the logarithm of the sd.
+    known : bool, optional
+        Whether the sd is what the campaign states, and nothing is estimated.
 
     References
     ----------
@@ -42,9 +45,13 @@ class StarTrackerLowFrequency(StochasticEffect):
     name: ClassVar[str] = "star_tracker_low_frequency"
     median: float | None = None
     factor_sd: float = 1.5
+    known: bool = False
 
     def parameters(self, campaign):
-        sigma = campaign.star_tracker.sigma_cross if campaign.star_tracker else 2.5e-5
+        if self.known:
+            return ()
+        tracker = campaign.star_tracker
+        sigma = (tracker.low_frequency_sigma or tracker.sigma_cross) if tracker else 2.5e-5
         prior = LogNormal(self.median or sigma, self.factor_sd)
         return (scalar("sd", unit="rad", prior=prior),)
 
@@ -52,7 +59,7 @@ class StarTrackerLowFrequency(StochasticEffect):
         return 3 * max(int(fix_groups(slew).max(initial=0)) + 1 for slew in campaign.slews)
 
     def coefficient_root(self, p, slew, count):
-        return independent(p["sd"], count)
+        return independent(self.median if self.known else p["sd"], count)
 
     def attitude_output(self, p, slew, trajectory, attitude):
         if slew.fix_group is None:
