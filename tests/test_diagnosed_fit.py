@@ -10,6 +10,7 @@ import pytest
 import bayes_inertia as bi
 from bayes_inertia.app import diagnosed_fit, run_folder
 from bayes_inertia.app.diagnosed_fit import NextFit, fit_after_diagnosis
+from bayes_inertia.app.stored_diagnosis import read_diagnosis
 from bayes_inertia.inference.treatment import DirtTreatment
 from bayes_inertia.physics.effects import REMAINDERS, ConstantTorque
 
@@ -31,7 +32,7 @@ def test_the_pipeline_gives_the_same_bits_with_and_without_a_folder(flown, tmp_p
     run_folder.start(tmp_path / "campaign", folder, settings=QUICK, kind="diagnose")
     stored = run_folder.finish(folder, report=False)
     result = bi.diagnose_and_fit(bi.read_campaign(tmp_path / "campaign"), settings=QUICK)
-    assert result.diagnosis.verdict == run_folder.read_diagnosis(folder)["verdict"]
+    assert result.diagnosis.verdict == read_diagnosis(folder)["verdict"]
     assert result.trusted == (result.posterior.trusted and result.diagnosis.verdict != "unknown")
     assert said(result.posterior) == said(stored)
     np.testing.assert_array_equal(result.posterior.samples, stored.samples)

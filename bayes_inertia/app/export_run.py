@@ -8,7 +8,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from bayes_inertia.app.run_folder import blaming_diagnosis, read_diagnosis
+from bayes_inertia.app.stored_diagnosis import blaming_diagnosis, read_diagnosis
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.design.correction_slew import correction_with_update

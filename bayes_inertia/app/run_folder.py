@@ -8,18 +8,18 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 from bayes_inertia.app.diagnosed_fit import fit_after_diagnosis
-from bayes_inertia.app.diagnosis_json import FORMAT as DIAGNOSIS_FORMAT
 from bayes_inertia.app.diagnosis_json import next_fit_from, to_json
 from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.app.investigation import investigate
 from bayes_inertia.app.result_folder import ResultFolder, write_json
+from bayes_inertia.app.run_report import run_summary, write_run_report
+from bayes_inertia.app.stored_diagnosis import DIAGNOSIS_FILE, blaming_diagnosis, read_diagnosis
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import campaign_sha256, copy_campaign, read_campaign
 from bayes_inertia.errors import CampaignError, SettingsError
@@ -35,13 +35,11 @@ from bayes_inertia.physics.effects import LIBRARY
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.slew_input import Drive
-from bayes_inertia.sealing import SEAL_KEY, blaming, read_sealed_json, sealed
+from bayes_inertia.sealing import read_sealed_json, sealed
 from bayes_inertia.version import __version__
 
 FORMAT = "bayes-inertia-run/1"
-_DIAGNOSIS = "diagnosis.json"
 _NEW_RUN = "start a new run in another folder"
-_NEW_DIAGNOSIS = "delete it and run `bayes-inertia resume`"
 _RESULT_FILES = ("posterior.nc", "summary.json", "diagnosis.json", "report.html", "chains")
 
 
@@ -252,47 +250,12 @@ def _finish(folder: Path, run: Run, report: bool, progress: Progress | None) -> 
         )
     posterior = _posterior(folder, run, progress)
     posterior.save(folder / "posterior.nc")
-    write_json(folder / "summary.json", posterior.summary())
+    write_json(folder / "summary.json", run_summary(posterior, folder))
     if report:
         if progress:
             progress("writing the report", 0, 1)
         write_run_report(posterior, folder, intact=True)
     return posterior
-
-
-def write_run_report(posterior: Posterior, folder: Path, *, intact: bool) -> Path:
-    """Write the report of a run: of its diagnosis, if it has one, then of its fit.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        Of the run.
-    folder : Path
-        Of the run.
-    intact : bool
-        Whether the posterior is known to be what was written.
-
-    Returns
-    -------
-    Path
-        Of report.html.
-
-    Raises
-    ------
-    CampaignError
-        If the diagnosis, or a posterior that may be damaged, cannot be shown.
-    """
-    # Plots take half a second to load: not before sampling.
-    from bayes_inertia.report.diagnosis_sections import diagnosis_sections
-    from bayes_inertia.report.fit_sections import standard_sections
-    from bayes_inertia.report.page import write_report
-
-    content = read_diagnosis(folder)
-    sealed_diagnosis = content is None or SEAL_KEY in content
-    with blaming(folder, intact=intact and sealed_diagnosis, advice=_NEW_RUN):
-        before = [] if content is None else diagnosis_sections(content)
-        parts = before + standard_sections(posterior)
-        return write_report(posterior, folder / "report.html", parts)
 
 
 def _posterior(folder: Path, run: Run, progress: Progress | None) -> Posterior:
@@ -344,7 +307,7 @@ def _diagnosed(
     )
     content = sealed(to_json(investigation))
     text = json.dumps(content, indent=None, separators=(", ", ": "), allow_nan=False)
-    write_atomically(folder / _DIAGNOSIS, text + "\n")
+    write_atomically(folder / DIAGNOSIS_FILE, text + "\n")
     return content
 
 
@@ -352,48 +315,3 @@ def _candidates(run: Run) -> tuple[Effect, ...]:
     """What a diagnosis tries: the library, and what the run names beyond it."""
     further = tuple(e for e in effects_named(run.effects) if e not in LIBRARY)
     return (*LIBRARY, *further)
-
-
-def blaming_diagnosis(folder: Path, content: Mapping[str, Any]) -> AbstractContextManager[None]:
-    """Take any exception for damage of a run's diagnosis.json, where that has no seal.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the run.
-    content : dict
-        From `read_diagnosis`.
-
-    Returns
-    -------
-    context manager
-        See `blaming`.
-    """
-    return blaming(folder / _DIAGNOSIS, intact=SEAL_KEY in content, advice=_NEW_DIAGNOSIS)
-
-
-def read_diagnosis(folder: Path) -> dict[str, Any] | None:
-    """The content of a run's diagnosis.json.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the run.
-
-    Returns
-    -------
-    dict or None
-        None if the run has no diagnosis.
-
-    Raises
-    ------
-    CampaignError
-        If the file cannot be read.
-    """
-    path = folder / _DIAGNOSIS
-    if not path.is_file():
-        return None
-    content = read_sealed_json(path, _NEW_DIAGNOSIS)
-    if content.get("format") != DIAGNOSIS_FORMAT:
-        raise CampaignError("not a diagnosis", where=str(path), advice=_NEW_DIAGNOSIS)
-    return content

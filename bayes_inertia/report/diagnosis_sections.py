@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from typing import Any
 
 from bayes_inertia.campaign.channel_names import CHANNELS
-from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict
 from bayes_inertia.report.diagnosis_wording import (
     alike_sentences,
     probabilities,
@@ -39,7 +38,7 @@ _MOST_MATCHES_LISTED = 3
 
 
 def diagnosis_sections(content: Mapping[str, Any]) -> list[Section]:
-    """The sections that a diagnosis puts before those of the fit.
+    """The evidence of a diagnosis, for the report of the fit that follows it.
 
     Parameters
     ----------
@@ -49,12 +48,11 @@ def diagnosis_sections(content: Mapping[str, Any]) -> list[Section]:
     Returns
     -------
     list of Section
-        Verdict, where the model disagrees, candidates, what naming changed, what may be true
-        instead, what may hide still, the torque that nothing explains. What this diagnosis
-        does not have is left out.
+        Where the model disagrees, candidates, what naming changed, what may be true instead,
+        what may hide still, the torque that nothing explains. What this diagnosis does not have
+        is left out; its verdict stands with that of the fit.
     """
     sections = (
-        _verdict_section(content),
         _disagreement_section(content),
         _candidates_section(content),
         _changes_section(content),
@@ -63,11 +61,6 @@ def diagnosis_sections(content: Mapping[str, Any]) -> list[Section]:
         _unknown_section(content),
     )
     return [section for section in sections if section is not None]
-
-
-def _verdict_section(content: Mapping[str, Any]) -> Section:
-    context = {"verdict": diagnosis_verdict(content)}
-    return Section("What is missing?", packaged("verdict.html"), context)
 
 
 def _disagreement_section(content: Mapping[str, Any]) -> Section:

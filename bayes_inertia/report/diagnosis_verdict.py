@@ -190,10 +190,8 @@ def _on_the_fit_below(content: Mapping[str, Any]) -> list[str]:
     """Which model the numbers further down the page are of."""
     steps = content["steps"]
     if content["verdict"] == "unknown":
-        return [
-            "The fit below is the base model's: "
-            "what is missing may shift J and K by more than their sd."
-        ]
+        # The fit's own gate says what was fitted along, and what that does not hold.
+        return []
     if not steps:
         return ["The fit below is the base model's."]
     if content.get("alternatives"):

@@ -33,7 +33,7 @@ def fit_verdict(summary: Mapping[str, Any], n_slews: int) -> Verdict:
     gates = {gate["name"]: gate for gate in summary["gates"]}
     converged, explained = (_passed(gates, name) for name in ("converged", "explained"))
     has_robust = any(row["robust_sd"] is not None for row in rows.values())
-    too_large, too_small = ([], []) if explained else _misfits(fit, criteria)
+    too_large, too_small = ([], []) if explained else misfit_channels(fit, criteria)
     failed = [typeset(gate["says"]) for gate in gates.values() if _failed_besides(gate)]
     undetermined = names_by_determination(rows, criteria)["not determined"]
     sentences = [_on_sampler(converged, summary["diagnostics"], criteria)]
@@ -139,8 +139,21 @@ def _on_sampler(converged: bool, diagnostics: Mapping[str, Any], criteria: Crite
     )
 
 
-def _misfits(fit: Mapping[str, Any], criteria: Criteria) -> tuple[list[str], list[str]]:
-    """Channels whose residuals are too large or structured, and those whose are too small."""
+def misfit_channels(fit: Mapping[str, Any], criteria: Criteria) -> tuple[list[str], list[str]]:
+    """Channels whose residuals are not what model and noise predict.
+
+    Parameters
+    ----------
+    fit : mapping
+        `fit` of summary.json, see `channel_verdict`.
+    criteria : Criteria
+        The limits that were used.
+
+    Returns
+    -------
+    too_large, too_small : list of str
+        Names of channels, or "all channels together". Those structured in time count as too large.
+    """
     too_large, too_small = [], []
     for channel in CHANNELS:
         verdict = channel_verdict(fit, channel, criteria)

@@ -69,7 +69,7 @@ def number(value: float, sd: float, power: int = 0) -> str:
     if not (math.isfinite(value) and sd > 0 and math.isfinite(sd)):
         return f"{value / 10.0**power:.4g}"
     decimals = 1 - math.floor(math.log10(sd / 10.0**power))
-    rounded = round(value / 10.0**power, decimals)
+    rounded = round(value / 10.0**power, decimals) + 0.0  # no minus before a zero
     return with_minus_sign(f"{rounded:.{max(0, decimals)}f}")
 
 

@@ -12,6 +12,7 @@ from bayes_inertia.report.formatting import CHANNEL_NAMES, NOT_GIVEN
 from bayes_inertia.report.pictures.attitude import draw_attitude
 from bayes_inertia.report.pictures.posterior_data import n_slews, values_of, worst_slews
 from bayes_inertia.report.pictures.telemetry import draw_momentum, draw_rates
+from bayes_inertia.report.residual_data import explorer_data, residual_channels
 from bayes_inertia.report.residual_wording import channel_verdict, discount_text, whiteness_text
 from bayes_inertia.report.section import Picture, Section, packaged
 
@@ -87,7 +88,7 @@ def _channel_row(channel: str, fit: Mapping[str, Any], criteria: Criteria) -> di
 
 
 def telemetry_section(posterior: Posterior) -> Section | None:
-    """Measured against simulated telemetry.
+    """Measured against simulated telemetry: residuals to choose, enlarge and read, and pictures.
 
     Parameters
     ----------
@@ -128,8 +129,16 @@ def telemetry_section(posterior: Posterior) -> Section | None:
             f"gain, lag or friction would show here as a pattern.{which}"
         )
         alt = "Residuals of wheel momentum, slew by slew"
-        pictures.append(Picture(figure, caption, alt, dense=True))
-    return Section("Measured against simulated", "", {}, tuple(pictures)) if pictures else None
+        pictures.append(Picture(figure, caption, alt, dense=True, instead_of_script=True))
+    if not pictures:
+        return None
+    return Section(
+        "Measured against simulated",
+        packaged("residual_explorer.html"),
+        {"data": explorer_data(residual_channels(posterior))},
+        tuple(pictures),
+        packaged("residual_explorer.js"),
+    )
 
 
 def star_tracker_section(posterior: Posterior) -> Section | None:

@@ -12,6 +12,8 @@ from matplotlib.figure import Figure
 
 from bayes_inertia.report.pictures.figure_file import figure_bytes
 
+_LARGEST_SVG = 60_000  # bytes; beyond, a PNG with a palette is smaller and as good to read
+
 
 @dataclass(frozen=True)
 class Picture:
@@ -26,13 +28,18 @@ class Picture:
     alt : str
         For readers who cannot see it.
     dense : bool
-        Whether it has thousands of points: then it is embedded as PNG, otherwise as SVG.
+        Whether it has thousands of points: then it is embedded as PNG, otherwise as SVG where that
+        is small.
+    instead_of_script : bool
+        Whether a script of the section shows the same: then the picture is for paper, and for
+        readers who run no scripts.
     """
 
     figure: Figure
     caption: str
     alt: str
     dense: bool = False
+    instead_of_script: bool = False
 
 
 @dataclass(frozen=True)
@@ -50,6 +57,9 @@ class Section:
         The values it prints.
     pictures : tuple of Picture
         Drawn under the body, in order.
+    script : str
+        JavaScript that the page runs, once for all sections that want it. Everything must be
+        readable without it.
 
     Examples
     --------
@@ -61,10 +71,11 @@ class Section:
     template: str
     context: Mapping[str, Any] = field(default_factory=dict)
     pictures: tuple[Picture, ...] = ()
+    script: str = ""
 
 
 def packaged(name: str) -> str:
-    """Source of a template or style sheet of this package.
+    """Source of a template, style sheet or script of this package.
 
     Parameters
     ----------
@@ -97,6 +108,9 @@ def data_uri(picture: Picture) -> str:
     str
         For the `src` of an image.
     """
-    content = figure_bytes(picture.figure, "png" if picture.dense else "svg")
-    kind = "image/png" if picture.dense else "image/svg+xml"
+    content, kind = b"", "image/svg+xml"
+    if not picture.dense:
+        content = figure_bytes(picture.figure, "svg")
+    if picture.dense or len(content) > _LARGEST_SVG:
+        content, kind = figure_bytes(picture.figure, "png"), "image/png"
     return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"

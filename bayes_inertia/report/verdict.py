@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 Level = Literal["good", "caution", "bad"]
+_FROM_THE_WORST: tuple[Level, ...] = ("bad", "caution", "good")
 
 
 @dataclass(frozen=True)
@@ -25,3 +27,24 @@ class Verdict:
     level: Level
     title: str
     sentences: tuple[str, ...]
+
+
+def worst_level(levels: Sequence[Level]) -> Level:
+    """The level of several verdicts together.
+
+    Parameters
+    ----------
+    levels : sequence of {"good", "caution", "bad"}
+        At least one.
+
+    Returns
+    -------
+    {"good", "caution", "bad"}
+        The worst of them.
+
+    Examples
+    --------
+    >>> worst_level(["good", "bad", "caution"])
+    'bad'
+    """
+    return min(levels, key=_FROM_THE_WORST.index)

@@ -82,13 +82,12 @@ def test_the_report_says_and_draws_it(lagging, pumped, content_of):
     content = content_of(lagging)
     sections = diagnosis_sections(content)
     assert [s.title for s in sections] == [
-        "What is missing?",
         "Where does the base model disagree?",
         "Candidates",
         "What adding effects changes",
     ]
-    assert sections[0].context["verdict"].title == "Found what is missing: wheel command lag."
-    assert [len(s.pictures) for s in sections] == [0, 2, 1, 2]
+    assert diagnosis_verdict(content).title == "Found what is missing: wheel command lag."
+    assert [len(s.pictures) for s in sections] == [2, 1, 2]
     last = diagnosis_sections(content_of(pumped, unexplained=unexplained_signal(pumped.base)))[-1]
     assert last.title == "What nothing explains"
     assert len(last.pictures) >= 1

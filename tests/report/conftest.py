@@ -28,6 +28,7 @@ class Case:
     sharpness: float = 300.0
     robust: bool = True
     name: str = "a campaign <of slews> & more"
+    slew: str = "slew"
 
 
 CASES = {
@@ -36,6 +37,11 @@ CASES = {
     "thrown": Case(lengths=(2100,) * 15, fixes=0, drive="measured", misfit=3.0, converged=False),
     "many_effects": Case(extra=tuple(f"wheel_friction.coulomb{i}" for i in range(1, 9))),
 }
+
+
+# What a browser would run, wherever it is not escaped.
+ATTACK = """</script><script>window.hacked = 1</script>"'><img src=x onerror="window.hacked=1">"""
+HOSTILE = Case(name=ATTACK, slew=f"<!--<script>{ATTACK}")
 
 
 def make(case: Case, seed: int = 0) -> Posterior:
@@ -66,7 +72,7 @@ def _draws(case: Case, names: list[str], rng) -> dict[str, xr.Dataset]:
     prior = mean + prior_sd * rng.normal(size=(1, 500, d))
     robust = 1.4**2 * covariance if case.robust else np.full((d, d), np.nan)
     slews, labels = (
-        [f"slew {i + 1}" for i in range(len(case.lengths))],
+        [f"{case.slew} {i + 1}" for i in range(len(case.lengths))],
         ["rate", "attitude", "momentum"],
     )
     n = np.array(
@@ -107,7 +113,7 @@ def _draws(case: Case, names: list[str], rng) -> dict[str, xr.Dataset]:
 
 def _telemetry(case: Case, rng) -> dict[str, xr.Dataset]:
     slews, rows, draws = (
-        [f"slew {i + 1}" for i in range(len(case.lengths))],
+        [f"{case.slew} {i + 1}" for i in range(len(case.lengths))],
         max(case.lengths),
         (2, 16),
     )
@@ -240,3 +246,9 @@ def attributes():
 def stated_sigma():
     """Stated sigma of each made-up channel."""
     return SIGMA
+
+
+@pytest.fixture(scope="session")
+def hostile() -> Posterior:
+    """A posterior whose campaign and slews have names that attack the page."""
+    return make(HOSTILE)

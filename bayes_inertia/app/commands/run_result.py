@@ -39,16 +39,19 @@ def finish_and_show(folder: Path, report: bool, as_json: bool = False) -> None:
         With code 3, if a gate failed or the diagnosis found no name for what is missing.
     """
     from bayes_inertia.app import run_folder
+    from bayes_inertia.app.run_report import run_summary
+    from bayes_inertia.app.stored_diagnosis import blaming_diagnosis, read_diagnosis
 
     with progress_bar() as progress:
         posterior = run_folder.finish(folder, report=report, progress=progress)
-    content, summary = run_folder.read_diagnosis(folder), posterior.summary()
+    content, summary = read_diagnosis(folder), run_summary(posterior, folder)
     trusted = posterior.trusted and (content is None or content["verdict"] != "unknown")
     if as_json:
         print_json(run_result_json(folder, summary, content, trusted))
     else:
+        show_verdict(summary["verdict_sentence"], trusted)
         if content is not None:
-            with run_folder.blaming_diagnosis(folder, content):
+            with blaming_diagnosis(folder, content):
                 show_diagnosis(content)
         show_summary(summary, folder, report)
     if not trusted:
@@ -88,8 +91,22 @@ def run_result_json(
     }
 
 
+def show_verdict(sentence: str, trusted: bool) -> None:
+    """Print the answer of a run in one sentence.
+
+    Parameters
+    ----------
+    sentence : str
+        `verdict_sentence` of summary.json.
+    trusted : bool
+        Whether the result may be used.
+    """
+    color = _COLORS["good" if trusted else "bad"]
+    plain_console().print(headed(sentence, style=f"bold {color}"))
+
+
 def show_summary(summary: dict[str, Any], folder: Path, report: bool = True) -> None:
-    """Print a fit's verdict first, then its numbers.
+    """Print a fit's gates first, then its numbers.
 
     Parameters
     ----------
@@ -104,10 +121,6 @@ def show_summary(summary: dict[str, Any], folder: Path, report: bool = True) -> 
     from bayes_inertia.report.parameter_wording import averaged_over
 
     console = plain_console()
-    if summary["trusted"]:
-        console.print(headed("The result can be used.", style="bold green"))
-    else:
-        console.print(headed("Do not use this result as it stands.", style="bold red"))
     for gate in summary["gates"]:
         console.print(_gate_line(gate))
     for sentence in dirt_sentences(summary.get("dirt", [])):

@@ -1,17 +1,23 @@
-"""A figure as the bytes of a file, the same every time: no dates, ids from a fixed salt."""
+"""A figure as the bytes of a small file, the same every time: no dates, ids from a fixed salt.
+
+PNG gets a palette, a third of its size in full colour. SVG gets hundredths of a point.
+"""
 
 from __future__ import annotations
 
 import io
+import re
 from pathlib import Path
 from typing import Any, Literal
 
 from matplotlib import rc_context
 from matplotlib.figure import Figure
+from PIL import Image
 
 from bayes_inertia.files import write_atomically
 
 _DPI = 130
+_PALETTE = 128  # colours of a PNG
 _REPRODUCIBLE_SETTINGS: dict[Any, Any] = {
     "svg.hashsalt": "bayes-inertia",
     "svg.fonttype": "path",
@@ -46,7 +52,24 @@ def figure_bytes(figure: Figure, form: Literal["png", "svg"]) -> bytes:
     file = io.BytesIO()
     with rc_context(_REPRODUCIBLE_SETTINGS):
         figure.savefig(file, format=form, dpi=_DPI, metadata=_METADATA[form])
-    return file.getvalue()
+    return _with_palette(file) if form == "png" else _rounded(file.getvalue())
+
+
+def _with_palette(file: io.BytesIO) -> bytes:
+    """A PNG in full colour as one with a palette."""
+    smaller = io.BytesIO()
+    with Image.open(file) as image:
+        colours = image.convert("RGB").quantize(
+            _PALETTE, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE
+        )
+    colours.save(smaller, "PNG", optimize=True)
+    return smaller.getvalue()
+
+
+def _rounded(svg: bytes) -> bytes:
+    """An SVG without digits that nobody sees and without indentation; scales stay as they are."""
+    text = re.sub(r"(?<![\d.])(-?\d+\.\d\d)\d+(?=[ \"])", r"\1", svg.decode("utf-8"))
+    return re.sub(r"\n\s*", "\n", text).encode("utf-8")
 
 
 def write_png(figure: Figure, path: str | Path) -> Path:

@@ -18,6 +18,7 @@ from bayes_inertia.report.formatting import unit_text, with_minus_sign
 from bayes_inertia.report.pictures import posterior_data, style
 
 _CELL_PIXELS = 44
+_SHADES = 12  # of the densities; more cost bytes and show nothing
 _CELL_HALF_WIDTH_SD = 3.4  # cells show the mean +- this many of the larger sd
 _RADIUS_90 = float(np.sqrt(2.0 * np.log(10.0)))  # of the 90 % ellipse of a bivariate normal
 _CELL_GAP = 0.06
@@ -134,7 +135,7 @@ def _densities(axes: Axes, z: np.ndarray) -> None:
 
 def _blues() -> Colormap:
     return LinearSegmentedColormap.from_list(
-        "posterior", ["#ffffff", "#cfe3f1", "#7db4d8", "#2f84bd", "#003f66"]
+        "posterior", ["#ffffff", "#cfe3f1", "#7db4d8", "#2f84bd", "#003f66"], N=_SHADES
     ).with_extremes(bad="#ffffff")
 
 

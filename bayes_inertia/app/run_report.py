@@ -1,0 +1,100 @@
+"""What a run folder says of itself: the content of its summary.json, and its page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from bayes_inertia.app.stored_diagnosis import blaming_diagnosis, read_diagnosis
+from bayes_inertia.files import write_atomically
+from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.report.verdict_sentence import with_verdict_sentence
+from bayes_inertia.sealing import SEAL_KEY, blaming
+
+_NEW_RUN = "start a new run in another folder"
+
+
+def run_summary(posterior: Posterior, folder: Path) -> dict[str, Any]:
+    """The content of a run's summary.json.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Of the run.
+    folder : Path
+        Of the run; its diagnosis has a say in the verdict.
+
+    Returns
+    -------
+    dict
+        `Posterior.summary` with the verdict in one sentence.
+
+    Raises
+    ------
+    CampaignError
+        If the diagnosis cannot be read.
+    """
+    content = read_diagnosis(folder)
+    if content is None:
+        return with_verdict_sentence(posterior.summary())
+    with blaming_diagnosis(folder, content):
+        return with_verdict_sentence(posterior.summary(), content)
+
+
+def run_page(posterior: Posterior, folder: Path, *, intact: bool) -> str:
+    """The report of a run: of its fit, and of its diagnosis if it has one.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Of the run.
+    folder : Path
+        Of the run.
+    intact : bool
+        Whether the posterior is known to be what was written.
+
+    Returns
+    -------
+    str
+        An HTML page.
+
+    Raises
+    ------
+    CampaignError
+        If the diagnosis, or a posterior that may be damaged, cannot be shown.
+    """
+    # Plots take half a second to load: not before sampling.
+    from bayes_inertia.report.fit_sections import standard_sections
+    from bayes_inertia.report.page import render
+
+    content = read_diagnosis(folder)
+    sealed_diagnosis = content is None or SEAL_KEY in content
+    with blaming(folder, intact=intact and sealed_diagnosis, advice=_NEW_RUN):
+        return render(posterior, standard_sections(posterior, content))
+
+
+def write_run_report(posterior: Posterior, folder: Path, *, intact: bool) -> Path:
+    """Write report.html in a run folder.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        Of the run.
+    folder : Path
+        Of the run.
+    intact : bool
+        Whether the posterior is known to be what was written.
+
+    Returns
+    -------
+    Path
+        Of the page.
+
+    Raises
+    ------
+    CampaignError
+        If the diagnosis, or a posterior that may be damaged, cannot be shown.
+    OutputError
+        If it cannot be written.
+    """
+    return write_atomically(folder / "report.html", run_page(posterior, folder, intact=intact))

@@ -1,0 +1,150 @@
+"""The sections of a page that puts two runs side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.report.formatting import (
+    CHANNEL_NAMES,
+    NOT_GIVEN,
+    exponent,
+    listed,
+    number,
+    plain,
+    tenths,
+    typeset,
+    unit_text,
+)
+from bayes_inertia.report.page import render_page
+from bayes_inertia.report.pictures.run_differences import draw_run_differences
+from bayes_inertia.report.run_comparison import (
+    NOTICEABLE_SD,
+    ComparedRun,
+    ParameterDifference,
+    RunComparison,
+)
+from bayes_inertia.report.section import Picture, Section, packaged
+from bayes_inertia.report.uncertainty import quoted_sd
+
+
+def comparison_page(comparison: RunComparison) -> str:
+    """Two runs side by side as one HTML page that needs nothing from outside.
+
+    Parameters
+    ----------
+    comparison : RunComparison
+        Of two runs.
+
+    Returns
+    -------
+    str
+        The page.
+    """
+    sections = [
+        _verdict_section(comparison),
+        _parameters_section(comparison),
+        _gates_section(comparison),
+        _settings_section(comparison),
+    ]
+    title = f"{comparison.first.label} and {comparison.second.label}"
+    return render_page(title, sections)
+
+
+def _verdict_section(comparison: RunComparison) -> Section:
+    far = any(abs(p.in_sd or 0.0) > NOTICEABLE_SD for p in comparison.J_and_K)
+    runs = [_run_box(letter, run) for letter, run in _lettered(comparison)]
+    context = {
+        "sentence": comparison.sentence,
+        "level": "caution" if far else "good",
+        "runs": runs,
+        "same_telemetry": comparison.same_telemetry,
+    }
+    return Section("Verdict", packaged("comparison_verdict.html"), context)
+
+
+def _lettered(comparison: RunComparison) -> tuple[tuple[str, ComparedRun], ...]:
+    return (("A", comparison.first), ("B", comparison.second))
+
+
+def _run_box(letter: str, run: ComparedRun) -> dict[str, str]:
+    return {
+        "letter": letter,
+        "label": run.label,
+        "level": "good" if run.summary["trusted"] else "bad",
+        "sentence": run.summary["verdict_sentence"],
+        "campaign": str(run.summary["campaign"] or ""),
+    }
+
+
+def _parameters_section(comparison: RunComparison) -> Section:
+    figure = draw_run_differences(comparison.J_and_K)
+    caption = (
+        "J and K of B (dots) relative to A (squares), each with its quoted uncertainty, "
+        "all in combined sd. Differences beyond the shaded band are noticeable."
+    )
+    pictures = () if figure is None else (Picture(figure, caption, "Differences in combined sd"),)
+    rows = [_parameter_row(p) for p in comparison.parameters]
+    context = {"rows": rows}
+    return Section("Parameters", packaged("comparison_parameters.html"), context, pictures)
+
+
+def _parameter_row(parameter: ParameterDifference) -> dict[str, Any]:
+    present = [row for row in (parameter.first, parameter.second) if row is not None]
+    sds = [quoted_sd(row["sd"], row["robust_sd"]).sd for row in present]
+    power = exponent(max(abs(row["mean"]) for row in present), max(sds))
+    difference, combined, in_sd = parameter.difference, parameter.combined_sd, parameter.in_sd
+    shown = NOT_GIVEN
+    if difference is not None and combined is not None:
+        shown = number(difference, combined, power)
+    return {
+        "name": plain(parameter.name).replace(".", ": "),
+        "unit": unit_text(parameter.unit, power),
+        "sides": [_cells(row, power) for row in (parameter.first, parameter.second)],
+        "difference": shown,
+        "in_sd": NOT_GIVEN if in_sd is None else tenths(in_sd),
+        "noticeable": in_sd is not None and abs(in_sd) > NOTICEABLE_SD,
+    }
+
+
+def _cells(row: Mapping[str, Any] | None, power: int) -> dict[str, str]:
+    """Mean and both sds of one run."""
+    if row is None:
+        return dict.fromkeys(("mean", "sd", "robust_sd", "source"), NOT_GIVEN)
+    quoted, robust = quoted_sd(row["sd"], row["robust_sd"]), row["robust_sd"]
+    return {
+        "mean": number(row["mean"], quoted.sd, power),
+        "sd": number(row["sd"], row["sd"], power),
+        "robust_sd": NOT_GIVEN if robust is None else number(robust, robust, power),
+        "source": quoted.source,
+    }
+
+
+def _gates_section(comparison: RunComparison) -> Section:
+    by_name = [
+        {gate["name"]: gate | {"says": typeset(gate["says"])} for gate in run.summary["gates"]}
+        for _, run in _lettered(comparison)
+    ]
+    names = dict.fromkeys(name for gates in by_name for name in gates)
+    fits = [run.summary["fit"]["reduced_chi2"] for _, run in _lettered(comparison)]
+    context = {
+        "gates": [{"name": n, "sides": [gates.get(n) for gates in by_name]} for n in names],
+        "reduced": [
+            (CHANNEL_NAMES[channel], *(_reduced_text(fit[channel]) for fit in fits))
+            for channel in (*CHANNELS, "total")
+        ],
+    }
+    return Section("Gates", packaged("comparison_gates.html"), context)
+
+
+def _reduced_text(value: float | None) -> str:
+    return NOT_GIVEN if value is None else f"{value:.3f}"
+
+
+def _settings_section(comparison: RunComparison) -> Section:
+    rows = comparison.differing_settings
+    differing = {row[0] for row in rows}
+    same = listed([name for name in comparison.first.settings if name not in differing])
+    context = {"rows": rows, "same": same}
+    return Section("What differs in settings", packaged("comparison_settings.html"), context)

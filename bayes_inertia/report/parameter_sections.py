@@ -1,0 +1,137 @@
+"""The sections of a fit on its parameters: the tables, and what the campaign determines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.report.criteria import Criteria, criteria_of
+from bayes_inertia.report.formatting import NOT_GIVEN, exponent, listed, number, unit_text
+from bayes_inertia.report.parameter_wording import averaged_over, correlation_sentences, meaning
+from bayes_inertia.report.pictures.pairs import draw_pairs
+from bayes_inertia.report.pictures.posterior_data import values_of
+from bayes_inertia.report.pictures.priors import draw_priors
+from bayes_inertia.report.section import Picture, Section, packaged
+from bayes_inertia.report.uncertainty import (
+    contraction,
+    contraction_text,
+    determination,
+    interval_90,
+    names_by_determination,
+    quoted_sd,
+)
+
+_MOST_PARAMETERS_DRAWN = 16
+
+
+def parameters_section(posterior: Posterior) -> Section:
+    """The headline table, the principal moments, prior against posterior.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        A finished fit.
+
+    Returns
+    -------
+    Section
+        With one picture.
+    """
+    summary, criteria = posterior.summary(), criteria_of(posterior.attributes)
+    prior_mean = values_of(posterior, "estimate", "prior_mean")
+    rows = [
+        _parameter_row(name, row, float(center), criteria)
+        for (name, row), center in zip(summary["parameters"].items(), prior_mean, strict=True)
+    ]
+    picture = Picture(
+        draw_priors(posterior),
+        "Posterior of each parameter (blue). Bars below: mean ± sd of the model and, "
+        "where there are enough slews, ± robust sd, which is what the slews themselves support. "
+        "Where the data sharpen the prior more than eightfold, the panel shows only the posterior, "
+        "and the grey strip above it shows the prior over ±3 sd "
+        "with the posterior's place as a blue mark; elsewhere prior and posterior share the axis.",
+        "Prior and posterior densities of every parameter",
+    )
+    context = {
+        "rows": rows,
+        "moments": [_value_cells(name, row) for name, row in summary["derived"].items()],
+        "averaged": averaged_over(summary),
+        "criteria": criteria,
+    }
+    return Section("Parameters", packaged("parameters.html"), context, (picture,))
+
+
+def _value_cells(name: str, row: Mapping[str, Any]) -> dict[str, str]:
+    """Mean and both sds of one row, in one power of ten."""
+    quoted = quoted_sd(row["sd"], row["robust_sd"])
+    power = exponent(row["mean"], quoted.sd)
+    robust = row["robust_sd"]
+    return {
+        "name": name,
+        "mean": number(row["mean"], quoted.sd, power),
+        "sd": number(row["sd"], row["sd"], power),
+        "robust_sd": NOT_GIVEN if robust is None else number(robust, robust, power),
+        "source": quoted.source,
+        "unit": unit_text(row["unit"], power),
+    }
+
+
+def _parameter_row(
+    name: str, row: Mapping[str, Any], prior_mean: float, criteria: Criteria
+) -> dict[str, str]:
+    quoted = quoted_sd(row["sd"], row["robust_sd"])
+    power = exponent(row["mean"], quoted.sd)
+    low, high = (number(end, quoted.sd, power) for end in interval_90(row))
+    prior, prior_sd = (number(x, row["prior_sd"], power) for x in (prior_mean, row["prior_sd"]))
+    share = contraction(quoted.sd, row["prior_sd"])
+    return _value_cells(name, row) | {
+        "meaning": meaning(name),
+        "prior": f"{prior} ± {prior_sd}",
+        "interval": f"{low} … {high}",
+        "contraction": contraction_text(share, criteria),
+        "determined": determination(share, criteria),
+    }
+
+
+def determination_section(posterior: Posterior) -> Section:
+    """What the campaign determines, in words, and the pair plot.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        A finished fit.
+
+    Returns
+    -------
+    Section
+        With one picture.
+    """
+    rows, names = posterior.summary()["parameters"], posterior.names
+    matrix = np.atleast_2d(np.corrcoef(posterior.samples.T)).tolist()
+    robust = not posterior.trusted and any(row["robust_sd"] is not None for row in rows.values())
+    dashed = (
+        " Dashed orange: the same from the robust covariance, because the result is not trusted."
+    )
+    only_some = (
+        f" Only the {_MOST_PARAMETERS_DRAWN} most correlated of {len(names)} parameters are drawn."
+    )
+    picture = Picture(
+        draw_pairs(posterior, _MOST_PARAMETERS_DRAWN),
+        "Every pair of parameters: posterior draws (shading) with the ellipse that holds 90 % "
+        "of a normal distribution of the same covariance (blue)."
+        f"{dashed if robust else ''} Each cell shows the range given on the left. "
+        "Numbers: correlations, framed beyond ±0.9."
+        f"{only_some if len(names) > _MOST_PARAMETERS_DRAWN else ''}",
+        "Pair plot of the posterior with correlations",
+        dense=True,
+    )
+    context = {
+        "groups": names_by_determination(rows, criteria_of(posterior.attributes)),
+        "correlations": correlation_sentences(names, matrix),
+        "listed": listed,
+    }
+    title = "What this campaign determines"
+    return Section(title, packaged("determination.html"), context, (picture,))

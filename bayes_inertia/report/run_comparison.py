@@ -1,0 +1,212 @@
+"""Two runs side by side: how far their parameters differ, and what they were made with.
+
+A difference is counted in the combined sd, the root of the sum of squares of the two quoted
+uncertainties: what noise makes of the difference where the two runs share no data.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from bayes_inertia.report.formatting import with_minus_sign
+from bayes_inertia.report.uncertainty import quoted_sd
+
+# Differences beyond it are pointed out: noise makes one in three hundred.
+NOTICEABLE_SD = 3.0
+_ROW_KEYS = ("mean", "sd", "robust_sd")
+
+
+@dataclass(frozen=True)
+class ComparedRun:
+    """One of two runs.
+
+    Parameters
+    ----------
+    folder : str
+        Where it is.
+    label : str
+        What the page calls it.
+    summary : mapping
+        The content of summary.json, with `verdict_sentence`.
+    settings : mapping of str to str
+        What it was made with, by name.
+    """
+
+    folder: str
+    label: str
+    summary: Mapping[str, Any]
+    settings: Mapping[str, str]
+
+    @property
+    def rows(self) -> Mapping[str, Mapping[str, Any]]:
+        """Parameters and principal moments."""
+        return self.summary["parameters"] | self.summary["derived"]
+
+
+@dataclass(frozen=True)
+class ParameterDifference:
+    """One parameter in two runs.
+
+    Parameters
+    ----------
+    name, unit : str
+        Of the parameter.
+    first, second : mapping or None
+        Its rows in the two summaries; None in a run without it.
+    """
+
+    name: str
+    unit: str
+    first: Mapping[str, Any] | None
+    second: Mapping[str, Any] | None
+
+    @property
+    def difference(self) -> float | None:
+        """Second minus first, in the parameter's unit; None where one is absent."""
+        if self.first is None or self.second is None:
+            return None
+        return self.second["mean"] - self.first["mean"]
+
+    @property
+    def combined_sd(self) -> float | None:
+        """Root of the sum of squares of the quoted uncertainties."""
+        if self.first is None or self.second is None:
+            return None
+        return math.hypot(
+            *(quoted_sd(r["sd"], r["robust_sd"]).sd for r in (self.first, self.second))
+        )
+
+    @property
+    def in_sd(self) -> float | None:
+        """The difference in combined sd."""
+        if self.difference is None or not self.combined_sd:
+            return None
+        return self.difference / self.combined_sd
+
+    def json(self) -> dict[str, Any]:
+        """As it stands in a JSON document."""
+        first, second = (
+            None if row is None else {key: row[key] for key in _ROW_KEYS}
+            for row in (self.first, self.second)
+        )
+        return {
+            "unit": self.unit,
+            "first": first,
+            "second": second,
+            "difference": self.difference,
+            "combined_sd": self.combined_sd,
+            "difference_in_sd": self.in_sd,
+        }
+
+
+@dataclass(frozen=True)
+class RunComparison:
+    """Two runs side by side.
+
+    Parameters
+    ----------
+    first, second : ComparedRun
+        The runs.
+    parameters : tuple of ParameterDifference
+        Of all parameters and principal moments that one of them has.
+    """
+
+    first: ComparedRun
+    second: ComparedRun
+    parameters: tuple[ParameterDifference, ...]
+
+    @property
+    def same_telemetry(self) -> bool:
+        """Whether both were made from the same files."""
+        digests = [run.summary.get("campaign_sha256") for run in (self.first, self.second)]
+        return digests[0] is not None and digests[0] == digests[1]
+
+    @property
+    def differing_settings(self) -> tuple[tuple[str, str, str], ...]:
+        """Name and both values of the settings that are not the same."""
+        first, second = self.first.settings, self.second.settings
+        both = ((name, first.get(name, ""), second.get(name, "")) for name in {**first, **second})
+        return tuple(row for row in both if row[1] != row[2])
+
+    @property
+    def J_and_K(self) -> tuple[ParameterDifference, ...]:
+        """Those of J and K that both runs have."""
+        return tuple(p for p in self.parameters if p.name[0] in "JK" and p.in_sd is not None)
+
+    @property
+    def sentence(self) -> str:
+        """The largest difference of J and K in one sentence."""
+        known = self.J_and_K
+        if not known:
+            return "The runs have no parameter in common."
+        worst = max(known, key=lambda p: abs(p.in_sd or 0.0))
+        far = [p for p in known if abs(p.in_sd or 0.0) > NOTICEABLE_SD]
+        size = with_minus_sign(f"{worst.in_sd:+.1f}")
+        if not far:
+            return (
+                f"J and K of both runs agree: the largest difference is that of {worst.name}, "
+                f"{size} combined sd."
+            )
+        return (
+            f"{len(far)} of {len(known)} elements of J and K differ by more than "
+            f"{NOTICEABLE_SD:g} combined sd, most of all {worst.name}: {size}."
+        )
+
+
+def compare_runs(first: ComparedRun, second: ComparedRun) -> RunComparison:
+    """Put two runs side by side.
+
+    Parameters
+    ----------
+    first, second : ComparedRun
+        The runs; differences are those of the second from the first.
+
+    Returns
+    -------
+    RunComparison
+        All parameters of both.
+    """
+    units = {name: row["unit"] for run in (second, first) for name, row in run.rows.items()}
+    names = dict.fromkeys([*first.rows, *second.rows])
+    differences = tuple(
+        ParameterDifference(name, units[name], first.rows.get(name), second.rows.get(name))
+        for name in names
+    )
+    return RunComparison(first, second, differences)
+
+
+def comparison_json(comparison: RunComparison) -> dict[str, Any]:
+    """A comparison as a JSON document.
+
+    Parameters
+    ----------
+    comparison : RunComparison
+        Of two runs.
+
+    Returns
+    -------
+    dict
+        `sentence`, `same_telemetry`, `runs`, `parameters`, and the `settings` that differ.
+    """
+    return {
+        "sentence": comparison.sentence,
+        "same_telemetry": comparison.same_telemetry,
+        "runs": [
+            {
+                "run": run.folder,
+                "campaign": run.summary["campaign"],
+                "verdict_sentence": run.summary["verdict_sentence"],
+                "trusted": run.summary["trusted"],
+                "gates": run.summary["gates"],
+            }
+            for run in (comparison.first, comparison.second)
+        ],
+        "parameters": {p.name: p.json() for p in comparison.parameters},
+        "settings": [
+            {"name": name, "first": first, "second": second}
+            for name, first, second in comparison.differing_settings
+        ],
+    }

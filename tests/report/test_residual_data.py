@@ -1,0 +1,52 @@
+"""Residuals in the page: nothing lost, and outliers kept where there are too many rows."""
+
+import base64
+
+import numpy as np
+import pytest
+
+from bayes_inertia.report.residual_data import explorer_data, extreme_rows, residual_channels
+
+
+def unpacked(channel: dict, slew: int) -> tuple[np.ndarray, np.ndarray]:
+    """Times and residuals of one slew, as the page's script reads them."""
+    part = channel["slews"][slew]
+    time = np.frombuffer(base64.b64decode(part["time"]), "<f4")
+    columns = [np.frombuffer(base64.b64decode(text), "<i2") for text in part["residual"]]
+    return time, np.array(columns).T * channel["step"]
+
+
+def test_every_residual_is_in_the_page_to_a_fraction_of_its_noise(posteriors):
+    channels = residual_channels(posteriors["good"])
+    content = explorer_data(channels)
+    assert [c["name"] for c in content["channels"]] == [
+        "rate sensor",
+        "star tracker",
+        "wheel momentum",
+    ]
+    for channel, packed in zip(channels, content["channels"], strict=True):
+        for s, residual in enumerate(channel.residual):
+            time, shown = unpacked(packed, s)
+            assert packed["slews"][s]["rows"] == len(residual)
+            np.testing.assert_allclose(time, channel.time[s], rtol=1e-6)
+            np.testing.assert_allclose(shown, residual, atol=1e-3)
+
+
+def test_too_many_rows_keep_their_outliers_and_say_how_many(posteriors):
+    channels = residual_channels(posteriors["thrown"])
+    content = explorer_data(channels)
+    kept = 0
+    for s, residual in enumerate(channels[0].residual):
+        _, shown = unpacked(content["channels"][0], s)
+        kept += shown.size
+        assert content["channels"][0]["slews"][s]["rows"] == len(residual) > len(shown)
+        np.testing.assert_allclose(shown.max(0), residual.max(0), atol=1e-3)
+        np.testing.assert_allclose(shown.min(0), residual.min(0), atol=1e-3)
+    assert kept < 1.1 * 30_000
+
+
+@pytest.mark.parametrize("share", [0.01, 0.3])
+def test_gaps_are_never_taken_for_extremes(share):
+    residual = np.full((500, 2), np.nan)
+    residual[100:110, 0] = np.arange(10.0)
+    assert {100, 109} <= set(extreme_rows(residual, share).tolist())

@@ -1,0 +1,103 @@
+"""The answer of a run in one sentence, for every kind of answer."""
+
+import pytest
+
+from bayes_inertia.report.verdict_sentence import verdict_sentence, with_verdict_sentence
+
+NUMBERS = (
+    "J to 0.080 %, products of inertia to 1.3 × 10⁻⁴ kg m², K to 0.012 % (1 sd, the worst of each)"
+)
+ROWS = {
+    "Jxx": {"mean": 2.5, "sd": 1e-3, "robust_sd": 2e-3, "prior_sd": 0.1, "unit": "kg m^2"},
+    "Jyy": {"mean": 2.5, "sd": 1e-3, "robust_sd": 1e-3, "prior_sd": 0.1, "unit": "kg m^2"},
+    "Jxy": {"mean": 0.0, "sd": 1.3e-4, "robust_sd": None, "prior_sd": 0.03, "unit": "kg m^2"},
+    "K1": {"mean": 1.0, "sd": 1.2e-4, "robust_sd": 1e-4, "prior_sd": 0.03, "unit": ""},
+}
+FIT = {
+    "reduced_chi2": {"rate": 9.0, "attitude": 1.0, "momentum": None, "total": 5.0},
+    "interval_99": {"rate": [0.9, 1.1], "attitude": [0.8, 1.2], "momentum": None, "total": None},
+    "p_white": {"rate": 0.3, "attitude": None, "momentum": None, "total": None},
+    "starts_agreeing": [3, 3],
+}
+
+
+def summary(*, failed: str = "", says: str = "it says", **changes) -> dict:
+    """A summary of which one gate may have failed."""
+    gates = [
+        {"name": name, "passed": name != failed, "says": says}
+        for name in ("converged", "explained", "prior", "diagnosed")
+    ]
+    diagnostics = {"nested_rhat_max": 1.2, "ess_bulk_min": 50.0, "ess_tail_min": 1234.0}
+    content = {"parameters": ROWS, "fit": FIT, "gates": gates, "effects": []}
+    return content | {"diagnostics": diagnostics} | changes
+
+
+def undetermined(name: str) -> dict:
+    row = ROWS[name]
+    return {"parameters": ROWS | {name: row | {"sd": row["prior_sd"], "robust_sd": None}}}
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({}, f"{NUMBERS}; the model explains the data."),
+        (
+            {"effects": ["rate_bias"]},
+            f"{NUMBERS}; the model, with rate bias fitted along, explains the data.",
+        ),
+        (
+            {"verdict": "consistent"},
+            f"{NUMBERS}; nothing is missing: the model explains the data.",
+        ),
+        (
+            {"verdict": "named", "effects": ["wheel_command_lag"]},
+            f"{NUMBERS}; wheel command lag was missing, and with it the model explains the data.",
+        ),
+        (
+            {"failed": "converged"},
+            "Do not use this result as it stands: the sampler has not converged "
+            "(nested R-hat 1.200, 50 effective samples).",
+        ),
+        (
+            {"failed": "explained"},
+            "Do not use this result as it stands: the model does not explain the data, rate sensor "
+            f"(reduced χ² 9); what the slews themselves support is {NUMBERS}.",
+        ),
+        (
+            {"failed": "prior", "says": "it contradicts: K1 = 0.0174. Check `units`."},
+            "Do not use this result as it stands: it contradicts: K1 = 0.0174.",
+        ),
+        (
+            {"failed": "diagnosed"},
+            "Do not use this result as it stands: something is missing that no candidate explains, "
+            f"and J and K may be off by more than their uncertainty ({NUMBERS}).",
+        ),
+        (
+            {"failed": "diagnosed", "effects": ["torque_remainder"]},
+            "Do not use this result as it stands: something is missing that no candidate explains; "
+            f"with a disturbance of free shape allowed for, {NUMBERS}.",
+        ),
+        (
+            undetermined("K1"),
+            "J to 0.080 %, products of inertia to 1.3 × 10⁻⁴ kg m² (1 sd, the worst of each); "
+            "the model explains the data; K1 is not determined.",
+        ),
+    ],
+)
+def test_sentences(changes, sentence):
+    assert verdict_sentence(summary(**changes)) == sentence
+
+
+def test_an_ambiguous_set_is_said_with_its_names():
+    diagnosis = {"verdict": "ambiguous", "ambiguous_with": [["a_lag", "a_delay"]]}
+    content = summary(effects=["a_lag"], verdict="ambiguous")
+    assert "either a lag or a delay is missing" in verdict_sentence(content, diagnosis)
+    rows = [{"effects": [name], "probability": 0.5} for name in ("a_lag", "a_delay")]
+    said = verdict_sentence(content | {"averaged_over": rows})
+    assert "a lag 50 %, a delay 50 % is missing" in said
+
+
+def test_the_sentence_stands_before_the_numbers_of_a_summary():
+    content = with_verdict_sentence({"format": "x", "campaign": "c"} | summary())
+    assert list(content)[:3] == ["format", "campaign", "verdict_sentence"]
+    assert content["parameters"] == ROWS
