@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -61,8 +62,8 @@ def dirty(case: Case, raw: RawCampaign) -> RawCampaign:
     return raw
 
 
-def row_of(case: Case, work: Path, twins: dict[tuple, Outcome]) -> dict:
-    """What became of a case, against its clean twin (kept in `twins`) and the truth."""
+def row_of(case: Case, work: Path) -> dict:
+    """What became of a case, against its clean twin and the truth."""
     clean = case.folder(work)
     # A folder of its own: several parts may run at once.
     with TemporaryDirectory() as temporary:
@@ -84,7 +85,7 @@ def row_of(case: Case, work: Path, twins: dict[tuple, Outcome]) -> dict:
         "named": list(outcome.named),
         "seconds": round(outcome.seconds, 2),
     }
-    twin = outcome if not case.dirt else _twin(case, clean, twins)
+    twin = outcome if not case.dirt else _twin(clean)
     return row | _distances(outcome, twin, truth_in(clean))
 
 
@@ -97,12 +98,10 @@ def _counted(dirt: tuple[dict, ...]) -> list[str]:
     return [f"{key} ({rows})" if rows else key for key, rows in short.items()]
 
 
-def _twin(case: Case, clean: Path, twins: dict[tuple, Outcome]) -> Outcome:
-    """The clean campaign's fit, with a Laplace estimate; made once."""
-    key = (case.origin, case.index, case.hidden, case.strength)
-    if key not in twins:
-        twins[key] = guarded(judged, clean)
-    return twins[key]
+@lru_cache(maxsize=64)
+def _twin(clean: Path) -> Outcome:
+    """The clean campaign's fit, with a Laplace estimate; made once in a process."""
+    return guarded(judged, clean)
 
 
 def _distances(outcome: Outcome, twin: Outcome, truth: np.ndarray) -> dict:

@@ -8,21 +8,24 @@ Parts: `table` (every kind of dirt alone, three spacecraft, against the clean tw
 `random` (200 random combinations), `uncleaned` (the same without cleaning: the negative control),
 `hidden` (a missing physical effect, alone and with dirt: does the cleaning hide it?), `throws`
 (real bodies thrown by hand, which no model here explains: nothing may be trusted), `diagnose` and
-`fit` (the package's own calls on a few). A part goes on where it was stopped; `--label` keeps
-the rows of another version beside. `page` writes results/dirt_study.md.
+`fit` (the package's own calls on a few). A part goes on where it was stopped; cases that have
+rows are not run again. `--label` keeps the rows of another version beside. `page` writes results/dirt_study.md.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
-import time
+from dataclasses import dataclass
 from pathlib import Path
 
 import dirt_cases
+import numpy as np
 from dirt_page import write_page
 
 from bayes_inertia.files import write_atomically
+from bayes_inertia.studies.engine import Execution
+from bayes_inertia.studies.work import Row, Work
 
 RESULTS = Path(__file__).parent / "results" / "dirt_study.json"
 
@@ -41,24 +44,40 @@ def store(part: str, rows: list[dict]) -> None:
     write_atomically(RESULTS, "{\n" + lines + "\n}\n")
 
 
+@dataclass(frozen=True)
+class DirtyCase:
+    """The task: one case of a part. Ids are the labels of the cases."""
+
+    part: str
+    work: Path
+    basilisk: Path | None
+    delft: Path | None
+
+    def __call__(self, task_id: str, seed: np.random.SeedSequence) -> Row:
+        """Its row; each case has a seed of its own."""
+        chosen = dirt_cases.cases(self.part, self.basilisk, self.delft)
+        case = next(case for case in chosen if case.label == task_id)
+        return {"line": json.dumps(dirt_cases.row_of(case, self.work))}
+
+
 def run_part(part: str, options: argparse.Namespace) -> None:
     """Run the cases of a part that have no row yet."""
     name = f"{part}.{options.label}" if options.label else part
     rows = [] if options.again else stored().get(name, [])
-    twins: dict = {}
-    done, end = {row["case"] for row in rows}, time.time() + 60.0 * options.minutes
-    for case in dirt_cases.cases(part, options.basilisk, options.delft)[: options.count]:
-        if case.label in done or options.only not in case.label:
-            continue
-        if time.time() > end:
-            print("time is up; run again to go on")
-            break
-        row = dirt_cases.row_of(case, options.work, twins)
-        rows.append(row)
-        store(name, rows)
-        keys = ("status", "policy", "shift", "z", "verdict", "named", "says", "seconds")
-        shown = [row[k] if not isinstance(row[k], float) else round(row[k], 2) for k in keys]
-        print(case.label, *[str(x)[:110] for x in shown], sep=" | ", flush=True)
+    done = {row["case"] for row in rows}
+    chosen = dirt_cases.cases(part, options.basilisk, options.delft)[: options.count]
+    labels = [case.label for case in chosen]
+    ids = tuple(x for x in labels if x not in done and options.only in x)
+    if not ids:
+        return
+    task = DirtyCase(part, options.work, options.basilisk, options.delft)
+    execution = Execution(jobs=options.jobs, progress=_say, notice=print)
+    result = execution.run(Work("cases", task, ids, options={"part": name}), options.work / name)
+    store(name, rows + [json.loads(row["line"]) for row in result.rows])
+
+
+def _say(what: str, done: int, of: int) -> None:
+    print(f"{what}: {done} of {of}", flush=True)
 
 
 def main() -> None:
@@ -69,7 +88,7 @@ def main() -> None:
     parser.add_argument("--basilisk", type=Path, help="folder of Basilisk campaigns")
     parser.add_argument("--delft", type=Path, help="folder of the thrown bodies")
     parser.add_argument("--label", default="", help="kept with the rows, for another version")
-    parser.add_argument("--minutes", type=float, default=60.0, help="stop after this time")
+    parser.add_argument("--jobs", type=int, default=1, help="worker processes")
     parser.add_argument("--count", type=int, help="so many cases only")
     parser.add_argument("--only", default="", help="cases with this text in their label")
     parser.add_argument("--again", action="store_true", help="forget the part's earlier rows")
