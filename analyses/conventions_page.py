@@ -1,14 +1,12 @@
 """The page of `conventions_study.py`, from its rows.
 
-    python analyses/conventions_page.py [ROWS.jsonl ...]
+    python analyses/conventions_page.py
 
-adds rows of pieces of the study to `results/conventions_study.json`, in the place of the same
-cases, and writes `results/conventions_study.md` from all of them.
+writes `results/conventions_study.md` from `results/conventions_study.json` anew.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -242,16 +240,10 @@ def _seconds(judged: Sequence[Row], timed: Sequence[Row], seconds: float) -> str
     return f"{table}\n\nThe study took {seconds / 60.0:.0f} minutes of processor time."
 
 
-def main() -> None:
-    """Add rows to the stored ones, and write the page."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("rows", nargs="*", type=Path, help="rows of pieces of the study")
-    rows: list[Row] = json.loads(ROWS.read_text(encoding="utf-8")) if ROWS.exists() else []
-    for path in parser.parse_args().rows:
-        lines = path.read_text(encoding="utf-8").splitlines()
-        rows = merged(rows, [json.loads(line) for line in lines])
-    write_page(rows)
+def stored_rows() -> list[Row]:
+    """The rows so far; none where there is no file."""
+    return json.loads(ROWS.read_text(encoding="utf-8")) if ROWS.exists() else []
 
 
 if __name__ == "__main__":
-    main()
+    write_page(stored_rows())

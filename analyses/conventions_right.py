@@ -61,9 +61,9 @@ def as_kind(raw: RawCampaign, kind: str) -> RawCampaign:
     return without(raw, "attitude") if kind == NO_TRACKER else raw
 
 
-def right_campaigns(delft: Path | None, basilisk: Path | None, group: str = "") -> Iterator[Right]:
-    """All of them, or those of one group, in a fixed order; absent folders are left out."""
-    groups: dict[str, Callable[[], Iterator[Right]]] = {
+def groups(delft: Path | None, basilisk: Path | None) -> dict[str, Callable[[], Iterator[Right]]]:
+    """What makes the campaigns of each group, in a fixed order; absent folders are left out."""
+    return {
         "clean": _clean,
         "hidden effect": _with_effects,
         "dirt": _with_dirt,
@@ -73,9 +73,6 @@ def right_campaigns(delft: Path | None, basilisk: Path | None, group: str = "") 
         "another simulator": partial(_of_basilisk, basilisk),
         "edge": _at_the_edge,
     }
-    for name, campaigns in groups.items():
-        if group in ("", name):
-            yield from campaigns()
 
 
 def _clean() -> Iterator[Right]:

@@ -1,10 +1,11 @@
 """Is a wrong convention named, and a right campaign never accused?
 
     python analyses/conventions_study.py [--delft ../shared/data/delft]
-        [--basilisk ../shared/data/basilisk] [--part wrong|right|time] [--only TEXT]
+        [--basilisk ../shared/data/basilisk] [--jobs 2] [--only TEXT] [--work FOLDER]
 
-writes `analyses/results/conventions_study.md` and `conventions_study.json`. Pieces of it, with
-`--rows FILE`, are added to those by `conventions_page.py FILE`. Each wrong convention
+writes `analyses/results/conventions_study.md` and `conventions_study.json`. What was stopped goes
+on in its work folder. With `--only` only tasks with this text in their name run (such as
+"right/throws"); their rows take the place of the same cases. Each wrong convention
 of `conventions_wrong.py` is put into campaigns of four kinds, flown and thrown by the package's own
 simulator, by another one and by hand; then `doctor` judges campaigns of `conventions_right.py`.
 All seeds are fixed. Folders that are absent are left out, and the page says so.
@@ -31,14 +32,15 @@ import numpy as np
 from conventions_cases import THROWS, Base, Wrong
 from conventions_dirt import DIRT
 from conventions_folder import RawCampaign, raw_of, read_raw, write_raw
-from conventions_page import write_page
+from conventions_page import merged, stored_rows, write_page
 from conventions_random import random_craft
 from conventions_right import (
     BASILISK_FOLDERS,
     FLOWN_KINDS,
     THROW_FOLDERS,
+    Right,
     as_kind,
-    right_campaigns,
+    groups,
 )
 from conventions_spacecraft import THROWN_BODIES, Craft, ThrownBody, crafts, flown, thrown
 from conventions_wrong import wrong_conventions
@@ -46,19 +48,24 @@ from conventions_wrong import wrong_conventions
 import bayes_inertia
 from bayes_inertia.conventions.check import check_conventions
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.studies.engine import Execution
+from bayes_inertia.studies.work import Row, Work
 
 HERE = Path(__file__).parent
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 # How often each command is timed as a process.
 TIMED = 5
+COMMANDS = ("check", "doctor")
 RANDOM_SEEDS = range(20, 32)
 DIRTY_SEED = 100
 
 
-def bases(delft: Path | None, basilisk: Path | None, campaign: str = "") -> Iterator[Base]:
-    """The right campaigns that are spoilt: of each kind, flown and thrown, simulated and real.
+def makers_of_bases(
+    delft: Path | None, basilisk: Path | None
+) -> dict[str, Callable[[], Iterator[Base]]]:
+    """The right campaigns that are spoilt, by name: flown and thrown, simulated and real.
 
-    Only those whose name contains `campaign`.
+    Each is made in the kinds that it can have.
     """
     makers: dict[str, Callable[[], Iterator[Base]]] = {}
     for number, (craft, moving) in enumerate(product(crafts(), (False, True))):
@@ -76,9 +83,7 @@ def bases(delft: Path | None, basilisk: Path | None, campaign: str = "") -> Iter
         makers[f"{body.name}, seed {seed}"] = partial(_thrown, body, seed)
     for name in THROW_FOLDERS if delft else ():
         makers[f"real {name}"] = partial(_really_thrown, delft / name)
-    for name, make in makers.items():
-        if campaign in name:
-            yield from make()
+    return makers
 
 
 def _flown(name: str, craft: Craft, seed: int, moving: bool) -> Iterator[Base]:
@@ -173,120 +178,101 @@ def wrong_row(base: Base, wrong: Wrong, answer: dict[str, Any]) -> dict[str, Any
 
 
 @dataclass(frozen=True)
-class Options:
-    """Where data of others lie, what is to be done, and where folders are written for a moment."""
+class JudgedCampaigns:
+    """The task: all cases of one campaign, group or command. Ids are "wrong/<campaign>",
+    "right/<group>" and "time/<command>".
+
+    `delft` and `basilisk` say where telemetry of others lies; None leaves it out.
+    """
 
     delft: Path | None
     basilisk: Path | None
-    only: str
-    campaign: str
-    group: str
-    folder: Path
+
+    def ids(self) -> tuple[str, ...]:
+        """All tasks."""
+        wrong = makers_of_bases(self.delft, self.basilisk)
+        parts = {"wrong": wrong, "right": groups(self.delft, self.basilisk), "time": COMMANDS}
+        return tuple(f"{part}/{name}" for part, names in parts.items() for name in names)
+
+    def __call__(self, task_id: str, seed: np.random.SeedSequence) -> Row:
+        """Its rows as one; every case has a seed of its own."""
+        part, _, name = task_id.partition("/")
+        made = {"wrong": self._wrong, "right": self._right, "time": time_rows}[part]
+        begun = time.process_time()
+        with tempfile.TemporaryDirectory() as folder:
+            rows = list(made(name, Path(folder)))
+        rows.append({"part": "cost", "piece": task_id, "seconds": time.process_time() - begun})
+        for row in rows:
+            _say(row)
+        return {"lines": json.dumps([row | {"version": _version()} for row in rows])}
+
+    def _wrong(self, name: str, folder: Path) -> Iterator[dict[str, Any]]:
+        """Every wrong convention in a campaign that has what it is about."""
+        for number, base in enumerate(makers_of_bases(self.delft, self.basilisk)[name]()):
+            rng = np.random.default_rng([zlib.crc32(f"{base.name}, {base.kind}".encode()), 7])
+            for k, wrong in enumerate(wrong_conventions(base, rng)):
+                yield wrong_row(base, wrong, judged(wrong.raw, folder / f"{number}_{k}"))
+
+    def _right(self, name: str, folder: Path) -> Iterator[dict[str, Any]]:
+        """Every right campaign of a group."""
+        for number, right in enumerate(groups(self.delft, self.basilisk)[name]()):
+            yield right_row(right, judged(right.raw, folder / str(number)))
 
 
-def wrong_rows(options: Options) -> Iterator[dict[str, Any]]:
-    """Every wrong convention in every campaign that has what it is about."""
-    for number, base in enumerate(bases(options.delft, options.basilisk, options.campaign)):
-        rng = np.random.default_rng([zlib.crc32(f"{base.name}, {base.kind}".encode()), 7])
-        for k, wrong in enumerate(wrong_conventions(base, rng)):
-            if options.only not in f"{wrong.name} | {base.kind} | {base.name}":
-                continue
-            answer = judged(wrong.raw, options.folder / f"wrong_{number}_{k}")
-            yield wrong_row(base, wrong, answer)
+def right_row(right: Right, answer: dict[str, Any]) -> dict[str, Any]:
+    """What the doctor says of a right campaign."""
+    changes = proposed(answer["changes"]) if answer["changes"] else []
+    return {
+        "part": "right",
+        "group": right.group,
+        "kind": right.kind,
+        "campaign": right.name,
+        "verdict": answer["verdict"],
+        "error": answer.get("error", ""),
+        "changes": [{"key": c["key"], "to": c["to"]} for c in changes],
+        "seconds": answer["seconds"],
+        "worst_misfit": round(max(answer.get("misfits", {}).values(), default=0.0), 3),
+    }
 
 
-def right_rows(options: Options) -> Iterator[dict[str, Any]]:
-    """Every right campaign."""
-    for number, right in enumerate(right_campaigns(options.delft, options.basilisk, options.group)):
-        if options.only not in f"{right.group} | {right.kind} | {right.name}":
-            continue
-        answer = judged(right.raw, options.folder / f"right_{number}")
-        changes = proposed(answer["changes"]) if answer["changes"] else []
+def time_rows(command: str, folder: Path) -> Iterator[dict[str, Any]]:
+    """Processor time of a command as a process, on the example campaign of five slews."""
+    for number in range(TIMED):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        call = f"from bayes_inertia.app.cli import main; main(['{command}', {str(EXAMPLE)!r}])"
+        done = subprocess.run([sys.executable, "-c", call], capture_output=True, check=False)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
         yield {
-            "part": "right",
-            "group": right.group,
-            "kind": right.kind,
-            "campaign": right.name,
-            "verdict": answer["verdict"],
-            "error": answer.get("error", ""),
-            "changes": [{"key": c["key"], "to": c["to"]} for c in changes],
-            "seconds": answer["seconds"],
-            "worst_misfit": round(max(answer.get("misfits", {}).values(), default=0.0), 3),
+            "part": "time",
+            "command": command,
+            "number": number,
+            "exit": done.returncode,
+            "seconds": seconds,
         }
 
 
-def time_rows(options: Options) -> Iterator[dict[str, Any]]:
-    """Processor time of the commands as processes, on the example campaign of five slews."""
-    for command in ("check", "doctor"):
-        for number in range(TIMED):
-            before = resource.getrusage(resource.RUSAGE_CHILDREN)
-            call = f"from bayes_inertia.app.cli import main; main(['{command}', {str(EXAMPLE)!r}])"
-            done = subprocess.run([sys.executable, "-c", call], capture_output=True, check=False)
-            after = resource.getrusage(resource.RUSAGE_CHILDREN)
-            seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
-            yield {
-                "part": "time",
-                "command": command,
-                "number": number,
-                "exit": done.returncode,
-                "seconds": seconds,
-            }
-
-
-PARTS = {"wrong": wrong_rows, "right": right_rows, "time": time_rows}
-
-
 def main() -> None:
-    """Run the study, or one part of it."""
+    """Run the study, or a piece of it."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--delft", type=Path, default=HERE.parent.parent / "shared/data/delft")
     parser.add_argument(
         "--basilisk", type=Path, default=HERE.parent.parent / "shared/data/basilisk"
     )
-    parser.add_argument("--part", choices=PARTS, help="only this part; no page is written")
-    parser.add_argument("--only", default="", help="only rows that contain this text")
-    parser.add_argument("--campaign", default="", help="only campaigns to spoil of this name")
-    parser.add_argument("--group", default="", help="only this group of right campaigns")
-    parser.add_argument(
-        "--rows",
-        type=Path,
-        help="file that a piece of the study adds its rows to; without naming a piece the page "
-        "is written from it",
-    )
-    parser.add_argument("--keep", type=Path, help="keep the campaign folders here")
+    parser.add_argument("--only", default="", help="only tasks with this text in their name")
+    parser.add_argument("--jobs", type=int, default=1, help="worker processes")
+    parser.add_argument("--work", type=Path, help="folder in which a stopped study goes on")
     given = parser.parse_args()
     delft, basilisk = (p if p.is_dir() else None for p in (given.delft, given.basilisk))
     for path, name in ((delft, "thrown bodies"), (basilisk, "the other simulator")):
         if path is None:
             print(f"no telemetry of {name}: left out", file=sys.stderr)
-    piece = given.part or given.only or given.campaign or given.group
-    rows: list[dict[str, Any]] = []
-    if given.rows and given.rows.exists():
-        rows = [json.loads(line) for line in given.rows.read_text(encoding="utf-8").splitlines()]
-    if piece or not rows:
-        rows += _new_rows(given, delft, basilisk)
-    if given.rows and piece:
-        given.rows.write_text("".join(json.dumps(row) + "\n" for row in rows), encoding="utf-8")
-    if not piece:
-        write_page(rows)
-
-
-def _new_rows(
-    given: argparse.Namespace, delft: Path | None, basilisk: Path | None
-) -> list[dict[str, Any]]:
-    """The rows of the study, or of a piece of it."""
-    rows = []
-    with tempfile.TemporaryDirectory() as temporary:
-        folder = given.keep or Path(temporary)
-        options = Options(delft, basilisk, given.only, given.campaign, given.group, folder)
-        for part in [given.part] if given.part else PARTS:
-            for row in PARTS[part](options):
-                rows.append(row)
-                _say(row)
-    pieces = (given.part, given.only, given.campaign, given.group)
-    cost = {"part": "cost", "piece": " ".join(p for p in pieces if p)}
-    rows.append(cost | {"seconds": time.process_time()})
-    return [row | {"version": _version()} for row in rows]
+    task = JudgedCampaigns(delft, basilisk)
+    ids = tuple(task_id for task_id in task.ids() if given.only in task_id)
+    work = Work("campaigns", task, ids, options={"version": _version()})
+    result = Execution(jobs=given.jobs, notice=print).run(work, given.work)
+    rows = [row for made in result.rows for row in json.loads(made["lines"])]
+    write_page(merged(stored_rows(), rows) if given.only else rows)
 
 
 def _version() -> str:
@@ -297,6 +283,8 @@ def _version() -> str:
 
 def _say(row: dict[str, Any]) -> None:
     """One line a row on standard output; what failed is marked."""
+    if row["part"] == "cost":
+        return
     if row["part"] == "time":
         print(f"{row['command']}: exit {row['exit']}, {row['seconds']:.2f} s")
         return

@@ -9,7 +9,8 @@ Parts: `table` (every kind of dirt alone, three spacecraft, against the clean tw
 `hidden` (a missing physical effect, alone and with dirt: does the cleaning hide it?), `throws`
 (real bodies thrown by hand, which no model here explains: nothing may be trusted), `diagnose` and
 `fit` (the package's own calls on a few). A part goes on where it was stopped; cases that have
-rows are not run again. `--label` keeps the rows of another version beside. `page` writes results/dirt_study.md.
+rows are not run again. `--label` keeps the rows of another version beside. `page` writes
+results/dirt_study.md.
 """
 
 from __future__ import annotations
