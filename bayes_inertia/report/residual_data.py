@@ -1,14 +1,13 @@
 """Residuals of all slews and channels, small enough to lie in the page, for its own script.
 
 A residual is a whole number of steps of a fine scale in 16 bits, times are 32-bit floats, both in
-base64. Where there are too many rows, each stretch of time keeps the lowest and the highest
-residual of each component, so that no outlier is lost; how many rows are shown is said.
+base64. Where there are too many rows, some are left out (`thinned_rows`), never an outlier; how
+many are shown is said.
 """
 
 from __future__ import annotations
 
 import base64
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,11 +16,12 @@ from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.report.formatting import CHANNEL_NAMES
 from bayes_inertia.report.pictures.posterior_data import attitude_misfit, channel_series, values_of
+from bayes_inertia.report.pictures.thinning import thinned_rows
 
-_MOST_NUMBERS = 30_000  # residuals in a page
+_MOST_NUMBERS = 24_000  # residuals in a page
 _NOT_MEASURED = -32768  # stands for a gap
 _LARGEST = 32767  # steps
-_FEWEST_STRETCHES = 8
+_FEWEST_ROWS = 50  # of a slew and channel
 
 
 @array_dataclass
@@ -142,7 +142,7 @@ def _channel_content(channel: ResidualChannel, share: float) -> dict[str, Any]:
 def _slew_content(
     time: np.ndarray, residual: np.ndarray, share: float, step: float
 ) -> dict[str, Any]:
-    rows = extreme_rows(residual, share)
+    rows = thinned_rows(residual, max(_FEWEST_ROWS, int(share * len(time))))
     steps = np.nan_to_num(np.round(residual[rows] / step), nan=_NOT_MEASURED)
     return {
         "rows": len(time),
@@ -150,42 +150,6 @@ def _slew_content(
         "time": _base64(time[rows].astype("<f4")),
         "residual": [_base64(column.astype("<i2")) for column in steps.T],
     }
-
-
-def extreme_rows(residual: np.ndarray, share: float) -> np.ndarray:
-    """Rows to keep: in each stretch of time those with the lowest or highest of a component.
-
-    Parameters
-    ----------
-    residual : (rows, components) array
-        In any unit; NaN where a component was not measured.
-    share : float
-        About which share of the rows to keep; from 1 on all.
-
-    Returns
-    -------
-    (kept,) array of int
-        Indices in their order.
-
-    Examples
-    --------
-    >>> residual = np.zeros((1000, 1))
-    >>> residual[[7, 900], 0] = 5.0, -4.0
-    >>> rows = extreme_rows(residual, 0.1)
-    >>> 7 in rows, 900 in rows, len(rows) <= 100
-    (True, True, True)
-    """
-    n, width = residual.shape
-    if share >= 1.0 or n == 0:
-        return np.arange(n)
-    stretches = max(_FEWEST_STRETCHES, round(share * n / (2 * width)))
-    edges = np.linspace(0, n, min(n, stretches) + 1).astype(int)
-    kept: set[int] = set()
-    for a, b in pairwise(edges):
-        low = np.where(np.isfinite(residual[a:b]), residual[a:b], np.inf)
-        high = np.where(np.isfinite(residual[a:b]), residual[a:b], -np.inf)
-        kept.update((a + low.argmin(0)).tolist(), (a + high.argmax(0)).tolist())
-    return np.array(sorted(kept))
 
 
 def _largest(channels: list[ResidualChannel]) -> list[int]:

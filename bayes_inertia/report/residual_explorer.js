@@ -61,6 +61,7 @@
     let hidden = new Set(); // components
     let cursor = null; // index of a row
     let dragged = null; // [from, to] in pixels
+    let digits = 2; // of times in print
 
     const width = () => canvas.clientWidth - MARGIN.left - MARGIN.right;
     const height = () => canvas.clientHeight - MARGIN.top - MARGIN.bottom;
@@ -83,10 +84,12 @@
       view = span();
       cursor = null;
       const kept = series.time.length;
+      const step = (view[1] - view[0]) / Math.max(1, packed.rows);
+      digits = Math.min(6, Math.max(2, Math.ceil(1 - Math.log10(step))));
       shown.textContent = kept === packed.rows
         ? `All ${kept} rows of this slew are shown.`
-        : `${kept} of ${packed.rows} rows of this slew are shown: of each short stretch those `
-          + "with the lowest and the highest residual of each component.";
+        : `${kept} of ${packed.rows} rows of this slew are shown: evenly spaced ones, and of each `
+          + "stretch those with the lowest and the highest residual.";
       draw();
     }
 
@@ -226,12 +229,12 @@
 
     function read() {
       if (cursor === null) {
-        reading.textContent = `${view[0].toFixed(2)} to ${view[1].toFixed(2)} s`;
+        reading.textContent = `${view.map((t) => t.toFixed(digits)).join(" to ")} s`;
         return;
       }
       const names = data.channels[channel.value].components;
       const said = names.map((name, i) => `${name} ${signed(series.residual[i][cursor])}`);
-      const at = `t = ${series.time[cursor].toFixed(3)} s`;
+      const at = `t = ${series.time[cursor].toFixed(digits)} s`;
       reading.textContent = [at, ...said.filter((_, i) => !hidden.has(i))].join("   ");
     }
 

@@ -11,14 +11,13 @@ from bayes_inertia.report.criteria import Criteria, criteria_of
 from bayes_inertia.report.formatting import CHANNEL_NAMES, NOT_GIVEN
 from bayes_inertia.report.pictures.attitude import draw_attitude
 from bayes_inertia.report.pictures.posterior_data import n_slews, values_of, worst_slews
-from bayes_inertia.report.pictures.telemetry import draw_momentum, draw_rates
+from bayes_inertia.report.pictures.telemetry import MOST_DOTS, draw_momentum, draw_rates
 from bayes_inertia.report.residual_data import explorer_data, residual_channels
 from bayes_inertia.report.residual_wording import channel_verdict, discount_text, whiteness_text
 from bayes_inertia.report.section import Picture, Section, packaged
 
 _MOST_SLEWS_DRAWN = 9
 _MOST_SLEWS_LISTED = 40
-_MOST_POINTS_DRAWN = 2000
 
 
 def residuals_section(posterior: Posterior) -> Section:
@@ -102,10 +101,10 @@ def telemetry_section(posterior: Posterior) -> Section | None:
     """
     slews, total = worst_slews(posterior, _MOST_SLEWS_DRAWN), n_slews(posterior)
     which = ""
-    if posterior.tree["constant_data"].sizes["row"] > _MOST_POINTS_DRAWN:
+    if posterior.tree["constant_data"].sizes["row"] > MOST_DOTS:
         which += (
-            f" Lines of more than {_MOST_POINTS_DRAWN} points "
-            "are drawn by their lowest and highest values."
+            f" Of more than {MOST_DOTS} rows, lines and bands show the lowest and highest values, "
+            "residuals evenly spaced rows and the lowest and highest of each stretch."
         )
     if len(slews) < total:
         which += f" The {len(slews)} of {total} slews that fit worst are drawn."

@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from bayes_inertia.report.pictures.figure_file import figure_bytes
 
 _LARGEST_SVG = 60_000  # bytes; beyond, a PNG with a palette is smaller and as good to read
+_LARGEST_PNG = 125_000  # bytes
 
 
 @dataclass(frozen=True)
@@ -112,5 +113,5 @@ def data_uri(picture: Picture) -> str:
     if not picture.dense:
         content = figure_bytes(picture.figure, "svg")
     if picture.dense or len(content) > _LARGEST_SVG:
-        content, kind = figure_bytes(picture.figure, "png"), "image/png"
+        content, kind = figure_bytes(picture.figure, "png", _LARGEST_PNG), "image/png"
     return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"

@@ -16,8 +16,8 @@ from PIL import Image
 
 from bayes_inertia.files import write_atomically
 
-_DPI = 130
-_PALETTE = 128  # colours of a PNG
+# Dots per inch and colours of a PNG: the next where the file would be too large.
+_QUALITIES = ((130, 128), (110, 32), (100, 24))
 _REPRODUCIBLE_SETTINGS: dict[Any, Any] = {
     "svg.hashsalt": "bayes-inertia",
     "svg.fonttype": "path",
@@ -29,7 +29,9 @@ _METADATA: dict[str, dict[str, None]] = {
 }
 
 
-def figure_bytes(figure: Figure, form: Literal["png", "svg"]) -> bytes:
+def figure_bytes(
+    figure: Figure, form: Literal["png", "svg"], most_bytes: int | None = None
+) -> bytes:
     """A figure as a file in memory.
 
     Parameters
@@ -38,6 +40,8 @@ def figure_bytes(figure: Figure, form: Literal["png", "svg"]) -> bytes:
         Any matplotlib figure.
     form : {"png", "svg"}
         PNG for thousands of points, otherwise SVG.
+    most_bytes : int or None
+        From there on a PNG is made coarser, within what can be read; None: never.
 
     Returns
     -------
@@ -49,20 +53,32 @@ def figure_bytes(figure: Figure, form: Literal["png", "svg"]) -> bytes:
     >>> figure_bytes(Figure(figsize=(1.0, 1.0)), "png")[:4]
     b'\\x89PNG'
     """
+    if form == "svg":
+        return _rounded(_drawn(figure, form, _QUALITIES[0][0]).getvalue())
+    content = b""
+    for dpi, colours in _QUALITIES:
+        content = _with_palette(_drawn(figure, form, dpi), colours)
+        if most_bytes is None or len(content) <= most_bytes:
+            break
+    return content
+
+
+def _drawn(figure: Figure, form: Literal["png", "svg"], dpi: int) -> io.BytesIO:
+    """A figure as matplotlib writes it."""
     file = io.BytesIO()
     with rc_context(_REPRODUCIBLE_SETTINGS):
-        figure.savefig(file, format=form, dpi=_DPI, metadata=_METADATA[form])
-    return _with_palette(file) if form == "png" else _rounded(file.getvalue())
+        figure.savefig(file, format=form, dpi=dpi, metadata=_METADATA[form])
+    return file
 
 
-def _with_palette(file: io.BytesIO) -> bytes:
+def _with_palette(file: io.BytesIO, colours: int) -> bytes:
     """A PNG in full colour as one with a palette."""
     smaller = io.BytesIO()
     with Image.open(file) as image:
-        colours = image.convert("RGB").quantize(
-            _PALETTE, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE
+        quantized = image.convert("RGB").quantize(
+            colours, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE
         )
-    colours.save(smaller, "PNG", optimize=True)
+    quantized.save(smaller, "PNG", optimize=True)
     return smaller.getvalue()
 
 

@@ -42,7 +42,7 @@ DASHES = (
 )
 MARKERS = ("o", "s", "^", "D", "v", "P")
 WIDTH = 10.0  # [in] of every picture
-_MOST_LINE_POINTS = 2000  # points of a line
+_MOST_LINE_POINTS = 900  # points of a line: two a pixel of a panel
 
 _RC: dict[Any, Any] = {
     "font.family": "DejaVu Sans",

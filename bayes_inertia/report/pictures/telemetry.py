@@ -13,6 +13,9 @@ from matplotlib.patches import Patch
 
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.pictures import posterior_data, style
+from bayes_inertia.report.pictures.thinning import thinned_rows
+
+MOST_DOTS = 600  # of a component in a panel, two a pixel
 
 
 @style.styled
@@ -89,7 +92,7 @@ def _rate_panel(
             channel.predicted[s, :, i],
             channel.spread[s, :, i],
         )
-        x, y = style.envelope(time, measured)
+        x, y = style.envelope(time, measured, MOST_DOTS)
         axes.plot(
             x, scale(y), ".", ms=1.8, color=style.color(i), alpha=0.45, mew=0, rasterized=True
         )
@@ -126,11 +129,11 @@ def residual_panel(axes: Axes, channel: posterior_data.ChannelSeries, s: int) ->
         Index of the slew.
     """
     style.sigma_guides(axes)
+    rows = thinned_rows(channel.residual[s], MOST_DOTS)
     for i in range(channel.residual.shape[-1]):
-        x, y = style.envelope(channel.time[s], channel.residual[s, :, i])
         axes.plot(
-            x,
-            y,
+            channel.time[s, rows],
+            channel.residual[s, rows, i],
             ls="",
             marker=style.MARKERS[i % 6],
             ms=1.9,
