@@ -18,6 +18,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.model_averaging import AlternativeParameters, averaged_posterior
 from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.rules import Rules
+from bayes_inertia.diagnosis.undetected_averaging import all_alternatives
 from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.sampler import Progress
@@ -47,7 +48,8 @@ class NextFit:
     drive : {"commanded", "measured"}
         What drove the model in the diagnosis.
     alternatives : tuple of AlternativeParameters
-        J and K with another effect of an ambiguous set, to be averaged over.
+        J and K with another effect of an ambiguous set, or with one that was not found, to be
+        averaged over.
     """
 
     verdict: str
@@ -93,6 +95,7 @@ def diagnose_and_fit(
     rules: Rules | None = None,
     chains: Path | None = None,
     as_stated: bool = False,
+    count_undetected: bool = False,
     progress: Progress | None = None,
 ) -> DiagnosedFit:
     """Find which effect is missing, then estimate J, K and that effect, and sample their posterior.
@@ -115,6 +118,8 @@ def diagnose_and_fit(
         Folder in which the chains are kept while they grow.
     as_stated : bool
         Take the telemetry as it is: leave no outlier out, and take the noise for white.
+    count_undetected : bool
+        Average J and K over what may act although it was not found: their sds count it.
     progress : callable or None
         Called with (what, done, of).
 
@@ -148,6 +153,7 @@ def diagnose_and_fit(
         library=library,
         rules=rules,
         as_stated=as_stated,
+        count_undetected=count_undetected,
     )
     posterior = fit_after_diagnosis(
         campaign,
@@ -180,7 +186,7 @@ def next_fit(investigation: Investigation) -> NextFit:
         fitted_effects(diagnosis),
         diagnosis.treatment,
         diagnosis.base.model.structure.drive,
-        investigation.alternatives,
+        all_alternatives(investigation.alternatives, investigation.undetected),
     )
 
 

@@ -20,6 +20,7 @@ from bayes_inertia.diagnosis.residual_scan import Disagreement, scan_residuals
 from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.diagnosis.search import diagnose
+from bayes_inertia.diagnosis.undetected_averaging import undetected_alternatives
 from bayes_inertia.diagnosis.unexplained import UnexplainedSignal, unexplained_signal
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
@@ -50,6 +51,8 @@ class Investigation:
         J and K with another effect of an ambiguous set.
     blind_spots : tuple of Undetected
         How far what is too weak to be found could have moved J and K.
+    undetected : tuple of AlternativeParameters
+        J and K with one more effect that was not found; empty unless they are to be counted.
     """
 
     diagnosis: Diagnosis
@@ -60,6 +63,7 @@ class Investigation:
     separating_slews: tuple[Separation, ...] = ()
     alternatives: tuple[AlternativeParameters, ...] = ()
     blind_spots: tuple[Undetected, ...] = ()
+    undetected: tuple[AlternativeParameters, ...] = ()
 
 
 @on_one_blas_thread
@@ -71,6 +75,7 @@ def investigate(
     library: Sequence[Effect] = LIBRARY,
     rules: Rules | None = None,
     as_stated: bool = False,
+    count_undetected: bool = False,
 ) -> Investigation:
     """Diagnose a campaign and ask everything of the answer.
 
@@ -88,6 +93,8 @@ def investigate(
         Thresholds of the search; None for the usual ones.
     as_stated : bool
         Take the telemetry as it is: leave no outlier out, and take the noise for white.
+    count_undetected : bool
+        Average J and K over what may act although it was not found.
 
     Returns
     -------
@@ -115,6 +122,7 @@ def investigate(
         separating_slews=separating_slews(diagnosis, library=library, seed=seed),
         alternatives=alternative_parameters(diagnosis),
         blind_spots=undetected_effects(diagnosis),
+        undetected=undetected_alternatives(diagnosis) if count_undetected else (),
     )
 
 

@@ -103,7 +103,7 @@ def _shifts(
     part, index = space.slice_of(effect), tests.indices[k]
     limit = noncentrality_at_even_odds(max(tests.dof(k), 1), threshold)
     shift, amplitude = largest_shifts(
-        _shift_per_amplitude(fit, estimate.free, fit.parameters[..., part] * space.sd[part]),
+        shift_per_amplitude(fit, estimate.free, fit.parameters[..., part] * space.sd[part]),
         tests.matrix[np.ix_(index, index)] / limit,
     )
     values = space.nulls[part] + amplitude * space.sd[part]
@@ -177,8 +177,23 @@ def largest_shifts(
     return shift, towards / np.maximum(shift, 1e-300)[:, None]
 
 
-def _shift_per_amplitude(fit: LinearisedFit, free: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Shift (9, n) of J and K per unit of what is left out; zero where they are held."""
+def shift_per_amplitude(fit: LinearisedFit, free: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """How far what is left out moves the fit.
+
+    Parameters
+    ----------
+    fit : LinearisedFit
+        Of J, K and what was fitted along.
+    free : (f,) array of int
+        Indices of the parameters fitted.
+    columns : (slews, numbers, n) array
+        Changes of the whitened residuals by units of what is left out.
+
+    Returns
+    -------
+    (9, n) array
+        Shift of J and K per unit; zero where they are held.
+    """
     out, base = np.zeros((N_BASE, columns.shape[-1])), free < N_BASE
     out[free[base]] = (fit.inverse_root.T @ fit.imitated(columns))[: len(free)][base]
     return out

@@ -35,7 +35,7 @@ class AlternativeParameters:
     effect : str
         The effect assumed.
     instead_of : str
-        The effect named.
+        The effect named; empty for one more effect, see `undetected_averaging`.
     probability : float
         Of this, from the evidence. What is missing from 1 in the sum over all alternatives belongs
         to the effects named.
@@ -199,6 +199,8 @@ def _with_group(
 
 def _row(named: Sequence[str], alternative: AlternativeParameters) -> dict[str, Any]:
     effects = [alternative.effect if n == alternative.instead_of else n for n in named]
+    if not alternative.instead_of:
+        effects.append(alternative.effect)
     parameters = {
         name: {"mean": float(m), "sd": float(s)}
         for name, m, s in zip(alternative.names, alternative.mean, alternative.sd, strict=True)

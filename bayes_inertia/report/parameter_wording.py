@@ -89,6 +89,10 @@ def _correlation_text(correlation: float) -> str:
     return f"{sign}{size:.{2 if size < 0.985 else 3}f}"
 
 
+# Of what J and K are averaged over so many cases are listed; the rest are summed up.
+_MOST_CASES = 5
+
+
 def averaged_over(summary: Mapping[str, Any]) -> str:
     """The effects that J and K are averaged over, with their probabilities.
 
@@ -108,11 +112,24 @@ def averaged_over(summary: Mapping[str, Any]) -> str:
     ...     {"effects": ["rate_bias", "a_b"], "probability": 0.7},
     ...     {"effects": ["rate_bias", "c"], "probability": 0.3}]})
     'a b 70 %, c 30 %'
+    >>> averaged_over({"averaged_over": [
+    ...     {"effects": [], "probability": 0.9}, {"effects": ["c"], "probability": 0.1}]})
+    'nothing more 90 %, c 10 %'
     """
     rows = summary.get("averaged_over", [])
     in_all = set.intersection(*(set(row["effects"]) for row in rows)) if rows else set()
     cases = [
-        (listed([plain(name) for name in row["effects"] if name not in in_all]), row["probability"])
+        (
+            listed([plain(name) for name in row["effects"] if name not in in_all]),
+            row["probability"],
+        )
         for row in rows
     ]
-    return ", ".join(f"{effects} {100.0 * probability:.0f} %" for effects, probability in cases)
+    by_size = [cases[0], *sorted(cases[1:], key=lambda case: -case[1])] if cases else []
+    if len(by_size) > _MOST_CASES:
+        rest = sum(probability for _, probability in by_size[_MOST_CASES - 1 :])
+        by_size = [*by_size[: _MOST_CASES - 1], ("others", rest)]
+    return ", ".join(
+        f"{effects or 'nothing more'} {100.0 * probability:.0f} %"
+        for effects, probability in by_size
+    )

@@ -1,15 +1,18 @@
 """How far an effect too weak to be found could have moved J and K."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.refits import fitted_with
 
 from bayes_inertia.diagnosis.blind_spots import (
     largest_shifts,
     noncentrality_at_even_odds,
     undetected_effects,
 )
+from bayes_inertia.diagnosis.undetected_averaging import undetected_alternatives
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import ParameterSpace
@@ -54,6 +57,21 @@ def test_what_could_hide_moves_the_fit_as_far_as_it_says(
 def test_what_is_fitted_hides_nothing_and_of_the_unknown_nothing_is_said(lagging, pumped):
     assert "wheel_command_lag" not in {row.effect for row in undetected_effects(lagging)}
     assert undetected_effects(pumped) == ()
+
+
+@pytest.mark.slow
+def test_J_and_K_with_an_undetected_effect_are_those_of_a_fit_with_it(clean_diagnosis):
+    rows = {row.effect: row for row in undetected_alternatives(clean_diagnosis)}
+    assert 0.0 < sum(row.probability for row in rows.values()) < 0.5
+    assert undetected_alternatives(replace(clean_diagnosis, verdict="unknown")) == ()
+    for name in ("constant_torque", "rate_sensor_misalignment"):
+        direct, row = fitted_with(clean_diagnosis.base.model, name), rows[name]
+        # To first order in the effect: 5 % of what the fit moves or widens.
+        before = clean_diagnosis.final
+        moved = np.abs(direct.theta - before.theta)[:9] / direct.sd[:9]
+        assert np.all(np.abs(row.mean - direct.theta[:9]) / direct.sd[:9] < 0.02 + 0.05 * moved)
+        np.testing.assert_allclose(row.sd, direct.sd[:9], rtol=0.03)
+        assert np.any(row.sd > 1.2 * before.sd[:9])
 
 
 def test_even_odds_are_even_and_the_furthest_amplitude_is_the_furthest():
