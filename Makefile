@@ -21,8 +21,9 @@ test: $(VENV)/ready-test
 	$(BIN)/ruff check .
 	$(BIN)/python -m pytest -q -n 2 --dist worksteal -m "not slow"
 
-test-all: test lint types docs
+test-all: test lint types
 	$(BIN)/python -m pytest -q -n 2 --dist worksteal -m slow
+	$(MAKE) docs
 
 lint: $(VENV)/ready-test
 	$(BIN)/ruff check .

@@ -174,7 +174,7 @@ def check_names(text: str) -> None:
 def test_python_runs(block, monkeypatch):
     check_names(block.text)
     if block.not_run:
-        for path in re.findall(r"tests/\S+\.py", block.not_run):
+        for path in re.findall(r"(?:tests|docs)/\S+\.(?:py|md)", block.not_run):
             assert (ROOT / path).is_file(), path
         return
     monkeypatch.chdir(ROOT)
