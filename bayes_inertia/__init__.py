@@ -121,6 +121,7 @@ _PUBLIC = {
     "FreeSignal": "diagnosis.free_signal",
     "Investigation": "app.investigation",
     "Match": "diagnosis.unexplained",
+    "NamelessShape": "diagnosis.result",
     "Rules": "diagnosis.rules",
     "Spectrum": "diagnosis.spectrum",
     "Step": "diagnosis.result",

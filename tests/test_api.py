@@ -35,7 +35,7 @@ PUBLIC = set(
     TaskFailure WorkResult fit_many
     Degeneracy Direction InformationArrival Observability ParameterObservability observe
     AlternativeEffect AlternativeParameters BinnedResiduals Candidate DiagnosedFit Diagnosis
-    Disagreement FreeSignal Investigation Match Rules Spectrum Step Undetected
+    Disagreement FreeSignal Investigation Match NamelessShape Rules Spectrum Step Undetected
     UnexplainedSignal Window diagnose diagnose_and_fit investigate
     AchievedErrors Contender CorrectionForecast Design Goal KeepOut Limits Margin Separation
     compare_plans design_plan next_slew separating_slew

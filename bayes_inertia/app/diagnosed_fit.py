@@ -27,6 +27,7 @@ from bayes_inertia.inference.treatment import DirtTreatment, treated
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS
 from bayes_inertia.physics.slew_input import Drive
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 # Enough for limits of 95 %: samples of an effect with states of its own take minutes.
 DIAGNOSED_SETTINGS = Settings(target_ess=2_000.0)
@@ -250,16 +251,18 @@ def fit_after_diagnosis(
         With a group `averaged` more where the diagnosis is ambiguous.
     """
     context, treatment = FitContext(campaign_sha256, verdict=choice.verdict), choice.treatment
+    effects = (*choice.effects, *(REMAINDERS if choice.verdict == "unknown" else ()))
     if choice.verdict == "unknown":
         # What is missing may be part of what looks like louder noise.
         treatment = replace(treatment, level=DirtTreatment().level)
-        settings = replace(settings, walkers=min(settings.walkers, STOCHASTIC_SETTINGS.walkers))
     else:
         context = replace(context, measured_noise=dict(treatment.level))
+    if any(isinstance(effect, StochasticEffect) for effect in effects):
+        settings = replace(settings, walkers=min(settings.walkers, STOCHASTIC_SETTINGS.walkers))
     campaign = treated(campaign, treatment, choice.drive)
     posterior = fit(
         campaign,
-        effects=(*choice.effects, *(REMAINDERS if choice.verdict == "unknown" else ())),
+        effects=effects,
         drive=drive,
         settings=settings,
         chains=chains,

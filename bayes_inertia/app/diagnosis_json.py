@@ -25,7 +25,7 @@ from bayes_inertia.diagnosis.unexplained import UnexplainedSignal
 from bayes_inertia.inference.treatment import DirtTreatment, treatment_from
 from bayes_inertia.maths.values import json_ready
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.effects import LIBRARY
+from bayes_inertia.physics.effects import LIBRARY, STOCHASTIC
 
 FORMAT = "bayes-inertia-diagnosis/1"
 _CORRECTION_ANGLE = 60.0  # [deg] of the correction slew that is forecast
@@ -75,6 +75,7 @@ def _search(diagnosis: Diagnosis) -> dict[str, Any]:
     return {
         "why_unknown": diagnosis.why_unknown,
         "nameless_lead": diagnosis.nameless_lead,
+        "nameless_source": diagnosis.nameless_source,
         "threshold": diagnosis.threshold,
         "rules": asdict(diagnosis.rules),
         "noise": dict(diagnosis.noise),
@@ -126,7 +127,7 @@ def next_fit_from(content: Mapping[str, Any], library: Sequence[Effect] = LIBRAR
     content : dict
         Of diagnosis.json.
     library : sequence of Effect
-        Where the names of effects are looked up.
+        Where the names of effects are looked up, beside those without a fixed shape.
 
     Returns
     -------
@@ -140,7 +141,7 @@ def next_fit_from(content: Mapping[str, Any], library: Sequence[Effect] = LIBRAR
     >>> next_fit_from(content).effects[0].frequency
     0.3
     """
-    known = {e.name: e for e in library}
+    known = {e.name: e for e in (*STOCHASTIC, *library)}
     # Files of earlier versions state the level of the noise alone.
     before = DirtTreatment(level=content["noise"])
     return NextFit(

@@ -27,6 +27,7 @@ from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY
 from bayes_inertia.physics.slew_input import Drive
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,8 @@ def investigate(
     base, final = diagnosis.base, diagnosis.final
     unknown = diagnosis.verdict == "unknown"
     changed = diagnosis.steps or any(factor > 1.0 for factor in diagnosis.noise.values())
-    corrected = diagnosis.steps and not unknown
+    # A signal without a fixed shape cannot be foretold for another slew.
+    corrected = diagnosis.steps and not unknown and not diagnosis.steps[-1].stochastic
     return Investigation(
         diagnosis=diagnosis,
         disagreement_before=scan_residuals(base, seed=seed),
@@ -143,11 +145,16 @@ def separating_slews(
     Returns
     -------
     tuple of Separation
-        None for a set without a feasible slew, or whose effects have states of their own.
+        None for a set without a feasible slew, or of effects that have states of their own or no
+        fixed shape.
     """
     instances = {e.name: e for e in (*library, *diagnosis.final.model.effects)}
     slews = []
     for first, second, *_ in diagnosis.ambiguous_with:
+        if any(
+            isinstance(instances.get(name), StochasticEffect | None) for name in (first, second)
+        ):
+            continue
         with suppress(CampaignError, EffectError):
             slews.append(
                 separating_slew(diagnosis.final, instances[first], instances[second], seed=seed)

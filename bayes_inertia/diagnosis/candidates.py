@@ -12,9 +12,10 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.flexible_mode_search import best_flexible_mode
 from bayes_inertia.diagnosis.result import Candidate
 from bayes_inertia.diagnosis.score_test import ScoreTests, score_tests, unfitted
-from bayes_inertia.diagnosis.torque_response import torque_response
+from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.errors import EffectError
 from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import FlexibleMode
 
@@ -103,7 +104,12 @@ def _is_empty(column: np.ndarray | None) -> bool:
     return column is None or not np.isfinite(column).all(axis=-1).any()
 
 
-def score_candidates(estimate: Estimate, flexible_mode: FlexibleMode | None = None) -> ScoreTests:
+def score_candidates(
+    estimate: Estimate,
+    flexible_mode: FlexibleMode | None = None,
+    fit: LinearisedFit | None = None,
+    response: TorqueResponse | None = None,
+) -> ScoreTests:
     """Score everything that is not fitted yet.
 
     Parameters
@@ -112,6 +118,10 @@ def score_candidates(estimate: Estimate, flexible_mode: FlexibleMode | None = No
         A fit whose model holds the linear candidates at their null.
     flexible_mode : FlexibleMode, optional
         A further candidate, unless the model holds a mode already.
+    fit : LinearisedFit, optional
+        `estimate.linearised()`, if it is known already.
+    response : TorqueResponse, optional
+        `torque_response(estimate)`, likewise.
 
     Returns
     -------
@@ -121,10 +131,10 @@ def score_candidates(estimate: Estimate, flexible_mode: FlexibleMode | None = No
     waiting = unfitted(estimate)
     held = any(effect.name == FLEXIBLE_MODE for effect in estimate.model.effects)
     if flexible_mode is None or held:
-        return score_tests(estimate, waiting)
+        return score_tests(estimate, waiting, fit=fit)
     coupling_sd = flexible_mode.parameters(estimate.model.campaign)[0].priors[0].sd
-    fit = estimate.linearised()
-    mode = best_flexible_mode(FLEXIBLE_MODE, torque_response(estimate), fit, coupling_sd**2)
+    fit, response = fit or estimate.linearised(), response or torque_response(estimate)
+    mode = best_flexible_mode(FLEXIBLE_MODE, response, fit, coupling_sd**2)
     return score_tests(estimate, waiting, (mode,), fit)
 
 

@@ -8,7 +8,7 @@ is alike everywhere, physics goes first, and what it leaves is looked at again.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from bayes_inertia.diagnosis.candidates import score_candidates
 from bayes_inertia.diagnosis.precompilation import precompile
+from bayes_inertia.diagnosis.stochastic_candidates import stochastic_candidates
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import (
     CleanFit,
@@ -32,6 +33,7 @@ from bayes_inertia.inference.noise_level import noise_factors
 from bayes_inertia.inference.rounding import level_of_rounded, rounding_steps
 from bayes_inertia.inference.treatment import DirtTreatment, treated
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 # What a number of a noise's shape costs [log evidence]: half the log of as many readings.
 _READINGS_A_NUMBER = 100.0
@@ -74,7 +76,12 @@ class CleanStart:
 
 
 def clean_start(
-    model: Model, *, seed: int = 0, as_stated: bool = False, coloured: bool = True
+    model: Model,
+    *,
+    seed: int = 0,
+    as_stated: bool = False,
+    coloured: bool = True,
+    stochastic: Sequence[StochasticEffect] = (),
 ) -> CleanStart:
     """Fit the model without effects, dirt kept away.
 
@@ -88,6 +95,8 @@ def clean_start(
         Only the level of the noise is measured.
     coloured : bool
         Whether noise may be correlated in time.
+    stochastic : sequence of StochasticEffect
+        Candidates without a fixed shape: correlated noise must explain more than they do.
 
     Returns
     -------
@@ -109,7 +118,7 @@ def clean_start(
     estimate = optimizer.with_noise(fit.estimate, noise)
     estimate = _among_candidates(estimate, model)
     start = CleanStart(model, estimate, estimate, noise, fit.treatment, as_stated, coloured)
-    return _noise_or_physics(start)
+    return _noise_or_physics(start, stochastic)
 
 
 def _without_local_dirt(fit: CleanFit, stated: Model) -> CleanFit:
@@ -145,8 +154,11 @@ def _among_candidates(estimate: Estimate, stated: Model) -> Estimate:
     return optimizer.move_to(estimate, stated)
 
 
-def _noise_or_physics(start: CleanStart) -> CleanStart:
-    """The start with correlated noise, if that explains more than any candidate could."""
+def _noise_or_physics(start: CleanStart, stochastic: Sequence[StochasticEffect]) -> CleanStart:
+    """The start with correlated noise, if that explains more than any candidate could.
+
+    Where an effect without a fixed shape explains the most, noise stays white to the end.
+    """
     colour = None
     if start.coloured and not start.as_stated and start.treatment.colour is None:
         colour = colour_seen(start.base, slow=True)
@@ -156,6 +168,9 @@ def _noise_or_physics(start: CleanStart) -> CleanStart:
     best = max((tests.log_bayes_factor(k) for k in range(len(tests.names))), default=0.0)
     coloured = _coloured(start, colour)
     gain = _log_evidence(coloured.base) - _log_evidence(start.base)
+    random = [c.log_bayes_factor for c in stochastic_candidates(start.base, stochastic)]
+    if max(random, default=0.0) > max(best, gain):
+        return replace(start, coloured=False)
     return coloured if gain > max(best, 0.0) else start
 
 
@@ -276,6 +291,27 @@ def _slow_power(axis: ColourOfAxis) -> float:
     """Power of the noise of one axis at rest of frequency."""
     lasting = (1.0 + axis.correlation) / (1.0 - axis.correlation)
     return axis.sd**2 * (1.0 - axis.share + axis.share * lasting)
+
+
+def at_measured_level(start: CleanStart, final: Estimate) -> tuple[CleanStart, Estimate]:
+    """The fit at the level of noise that it leaves.
+
+    Parameters
+    ----------
+    start : CleanStart
+        Where the search began.
+    final : Estimate
+        Where it ended.
+
+    Returns
+    -------
+    start : CleanStart
+        With that level.
+    final : Estimate
+        The fit with it.
+    """
+    again = _with_level(start, final)
+    return (start, final) if again is None else (again, again.estimate)
 
 
 def _with_level(start: CleanStart, final: Estimate) -> CleanStart | None:

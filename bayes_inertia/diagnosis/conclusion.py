@@ -10,15 +10,26 @@ from scipy.special import logsumexp
 
 from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.diagnosis.candidates import FLEXIBLE_MODE
-from bayes_inertia.diagnosis.driven_disturbances import DRIVEN_BY_LIBRARY
+from bayes_inertia.diagnosis.driven_disturbances import DRIVEN_BY_LIBRARY, driven_evidence
 from bayes_inertia.diagnosis.refitting import ScoredRound
-from bayes_inertia.diagnosis.result import Diagnosis, Step
+from bayes_inertia.diagnosis.result import Candidate, Diagnosis, NamelessShape, Step
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.diagnosis.score_test import ScoreTests
+from bayes_inertia.diagnosis.stochastic_contest import as_candidates
+from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.diagnosis.unexplained import unexplained_signal
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.residual_tests import ChannelTest, channel_tests
 from bayes_inertia.inference.rounding import has_one_error, rounding_steps
+
+# What a shape without a name is called in an ambiguous set, by where it enters.
+NAMELESS = {
+    "body torque": "nameless_body_torque",
+    "wheel torque": "nameless_wheel_torque",
+    "rate sensor": "nameless_rate_error",
+    "tachometers": "nameless_tachometer_error",
+    "star tracker": "nameless_star_tracker_error",
+}
 
 
 def conclude(
@@ -51,19 +62,20 @@ def conclude(
     Diagnosis
         The answer.
     """
-    tests = final_tests(final)
-    lead = nameless_lead(steps, len(first.candidates))
+    tests, candidates = final_tests(final), _all_candidates(first)
+    rival = nameless_rival(steps, len(candidates))
+    lead = rival.log_bayes_factor
     imitation = "imitation" if lead > rules.log_evidence_margin else ""
     why_unknown = imitation if is_explained(tests, rules) else "misfit"
     steps = without_named_alternatives(steps)
-    sets = tuple((s.added, *(a.effect for a in s.alternatives)) for s in steps if s.alternatives)
+    sets = ambiguous_sets(steps, rules)
     named = tuple(s.added for s in steps)
     verdict = _verdict(why_unknown, sets, named)
     return Diagnosis(
         verdict=verdict,
         named=() if why_unknown else named,
         ambiguous_with=sets if verdict == "ambiguous" else (),
-        candidates=first.candidates,
+        candidates=candidates,
         threshold=first.threshold,
         steps=steps,
         base=first.estimate,
@@ -75,7 +87,40 @@ def conclude(
         correlations=_correlations(first.tests),
         why_unknown=why_unknown,
         nameless_lead=lead,
+        nameless_source=rival.source,
     )
+
+
+def _all_candidates(first: ScoredRound) -> tuple[Candidate, ...]:
+    """Those of the library and those without a fixed shape, best evidence first."""
+    rows = (*first.candidates, *as_candidates(first.stochastic))
+    return tuple(sorted(rows, key=lambda row: -row.log_bayes_factor))
+
+
+def ambiguous_sets(steps: Sequence[Step], rules: Rules) -> tuple[tuple[str, ...], ...]:
+    """What the data cannot tell apart, the effects named first.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        What was added.
+    rules : Rules
+        Its margin decides whether an effect without a fixed shape is told from one without a name.
+
+    Returns
+    -------
+    tuple of tuple of str
+        Shapes without a name are called `NAMELESS[source]`.
+    """
+    sets = []
+    for step in steps:
+        least = step.log_bayes_factor - rules.log_evidence_margin
+        near = [n for n in step.nameless if step.stochastic and n.log_bayes_factor > least]
+        beside = [a.effect for a in step.alternatives]
+        beside += [NAMELESS[source] for source in dict.fromkeys(n.source for n in near)]
+        if beside:
+            sets.append((step.added, *beside))
+    return tuple(sets)
 
 
 def _verdict(why_unknown: str, sets: Sequence[Sequence[str]], named: Sequence[str]) -> str:
@@ -164,7 +209,7 @@ def is_explained(tests: dict[str, ChannelTest], rules: Rules) -> bool:
     return min([*large, *structured], default=1.0) > rules.misfit_p_value
 
 
-def nameless_lead(steps: Sequence[Step], candidates: int) -> float:
+def nameless_rival(steps: Sequence[Step], candidates: int) -> NamelessShape:
     """Weigh a disturbance without a name against the effects named.
 
     Several effects together can imitate one that is not in the library, each taking a part. A
@@ -182,28 +227,38 @@ def nameless_lead(steps: Sequence[Step], candidates: int) -> float:
 
     Returns
     -------
-    float
-        Log evidence by which the disturbance beats all effects named, or the last of them,
-        whichever is more; -inf without steps.
+    NamelessShape
+        The disturbance that comes nearest, with the log evidence by which it beats all effects
+        named, or the last of them, whichever is more; -inf without steps.
     """
-    claimed, lead = np.log(candidates), -np.inf
+    claimed, rival = np.log(candidates), NamelessShape("", -np.inf)
+    random = False
     for step in reversed(steps):
         claimed += step.log_bayes_factor - np.log(candidates)
-        lead = max(lead, _nameless_evidence(step.before) - claimed)
-    return float(lead)
+        random = random or step.stochastic
+        near = max(_nameless(step, random), key=lambda shape: shape.log_bayes_factor)
+        if near.log_bayes_factor - claimed > rival.log_bayes_factor:
+            rival = replace(near, log_bayes_factor=float(near.log_bayes_factor - claimed))
+    return rival
 
 
-def _nameless_evidence(estimate: Estimate) -> float:
-    """The best log evidence for a disturbance without a name in what an estimate leaves.
+def _nameless(step: Step, random: bool) -> list[NamelessShape]:
+    """Disturbances without a name in what the fit before a step leaves.
 
     A disturbance in proportion to something is one hypothesis, whatever drives it: its evidence
-    is the average over all drivers.
+    is the average over all drivers. Against a random effect stands only what is averaged over
+    its size and shape as that is, and no finer over time.
     """
-    signal = unexplained_signal(estimate)
-    driven = [
-        evidence
-        for driver, evidence in signal.driven_evidence.items()
-        if driver not in DRIVEN_BY_LIBRARY
+    estimate = step.before
+    if random:
+        driven, free = driven_evidence(torque_response(estimate), estimate.linearised()), []
+    else:
+        signal = unexplained_signal(estimate)
+        driven = signal.driven_evidence
+        free = [s for s in (signal.torque, signal.better_signal) if s is not None]
+    values = [v for driver, v in driven.items() if driver not in DRIVEN_BY_LIBRARY]
+    return [
+        *step.nameless,
+        *(NamelessShape(s.source, s.log_evidence) for s in free),
+        NamelessShape("a driver", float(logsumexp(values) - np.log(len(values)))),
     ]
-    free = [s.log_evidence for s in (signal.torque, signal.better_signal) if s is not None]
-    return max(*free, float(logsumexp(driven) - np.log(len(driven))))

@@ -16,6 +16,7 @@ from bayes_inertia.diagnosis.flexible_mode_search import FlexibleModeCandidate, 
 from bayes_inertia.diagnosis.result import AlternativeEffect, Candidate, Step
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.diagnosis.score_test import ScoreTests
+from bayes_inertia.diagnosis.stochastic_candidates import StochasticCandidate
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import move_to, re_estimate
 from bayes_inertia.physics.effects import FlexibleMode
@@ -46,6 +47,8 @@ class ScoredRound:
         p-value below which a candidate is significant.
     flexible_mode : FlexibleMode or None
         The candidate that has a model of its own.
+    stochastic : tuple of StochasticCandidate
+        Effects without a fixed shape, and shapes without a name.
     """
 
     estimate: Estimate
@@ -53,6 +56,7 @@ class ScoredRound:
     candidates: tuple[Candidate, ...]
     threshold: float
     flexible_mode: FlexibleMode | None
+    stochastic: tuple[StochasticCandidate, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -61,6 +61,23 @@ class AlternativeEffect:
 
 
 @dataclass(frozen=True)
+class NamelessShape:
+    """A signal that no effect of the library describes.
+
+    Parameters
+    ----------
+    source : str
+        Where it enters: "body torque", "rate sensor", "wheel torque", "tachometers", or "a driver"
+        where it follows something known.
+    log_bayes_factor : float
+        Log evidence for it against nothing.
+    """
+
+    source: str
+    log_bayes_factor: float
+
+
+@dataclass(frozen=True)
 class Step:
     """One effect added.
 
@@ -74,6 +91,10 @@ class Step:
         Log evidence for the fit after against the fit before.
     alternatives : tuple of AlternativeEffect
         Effects that explain the data about as well.
+    stochastic : bool
+        Whether the effect has no fixed shape.
+    nameless : tuple of NamelessShape
+        Shapes without a name, weighed against the fit before, best evidence first.
     """
 
     added: str
@@ -81,6 +102,8 @@ class Step:
     after: Estimate
     log_bayes_factor: float
     alternatives: tuple[AlternativeEffect, ...] = ()
+    stochastic: bool = False
+    nameless: tuple[NamelessShape, ...] = ()
 
 
 @array_dataclass
@@ -119,6 +142,8 @@ class Diagnosis:
     nameless_lead : float
         Log evidence by which a disturbance without a name (of free shape, or in proportion to
         something known) explains the data better than what was named; -inf if nothing was.
+    nameless_source : str
+        Where that disturbance enters; empty if nothing was named.
     treatment : DirtTreatment
         What was done about dirt in the telemetry; its level is `noise`.
     """
@@ -138,6 +163,7 @@ class Diagnosis:
     correlations: dict[tuple[str, str], float] = field(default_factory=dict)
     why_unknown: str = ""
     nameless_lead: float = -math.inf
+    nameless_source: str = ""
     treatment: DirtTreatment = field(default_factory=DirtTreatment)
 
     @property

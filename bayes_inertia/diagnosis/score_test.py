@@ -236,7 +236,11 @@ class ScoreTests:
         return self.canonical_correlation(self.names.index(first), self.names.index(second))
 
     def threshold(
-        self, false_alarms: float, rng: np.random.Generator, draws: int = 20_000
+        self,
+        false_alarms: float,
+        rng: np.random.Generator,
+        draws: int = 20_000,
+        further: int = 0,
     ) -> float:
         """Find the p-value below which a candidate is significant among all.
 
@@ -251,6 +255,8 @@ class ScoreTests:
             Source of the draws.
         draws : int
             Number of simulated campaigns.
+        further : int
+            Candidates beside these whose p-values are bounds: each is counted with its full share.
 
         Returns
         -------
@@ -269,7 +275,9 @@ class ScoreTests:
                 else self.p_value(k, self.score(k, gradients))
             )
             smallest = np.minimum(smallest, p)
-        return float(np.quantile(smallest, false_alarms))
+        smallest = np.sort(smallest)
+        alarms = np.linspace(0.0, 1.0, draws) + further * smallest
+        return float(np.interp(false_alarms, alarms, smallest))
 
 
 def _root(matrix: np.ndarray) -> np.ndarray:

@@ -4,13 +4,15 @@ Forward search with re-linearisation: at the current fit every candidate effect 
 (`score_test`). The family-wise threshold comes from simulating the joint distribution of all
 scores. The best few are refitted in full and compared by evidence (`refitting`). What the data
 cannot tell apart is reported as a set. Effects that a later one makes needless are dropped again
-(`pruning`). What remains unexplained is called unknown (`conclusion`).
+(`pruning`). Effects without a fixed shape compete with what was added (`stochastic_contest`). What
+remains unexplained is called unknown (`conclusion`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,18 +23,30 @@ from bayes_inertia.diagnosis.candidates import (
     ranked_candidates,
     score_candidates,
 )
-from bayes_inertia.diagnosis.clean_start import CleanStart, clean_start, measured_again
+from bayes_inertia.diagnosis.clean_start import (
+    CleanStart,
+    at_measured_level,
+    clean_start,
+    measured_again,
+)
 from bayes_inertia.diagnosis.conclusion import conclude
 from bayes_inertia.diagnosis.pruning import drop_needless
 from bayes_inertia.diagnosis.refitting import ScoredRound, best_step
 from bayes_inertia.diagnosis.result import Diagnosis, Step
 from bayes_inertia.diagnosis.rules import Rules
+from bayes_inertia.diagnosis.stochastic_candidates import (
+    STOCHASTIC_CANDIDATES,
+    stochastic_candidates,
+)
+from bayes_inertia.diagnosis.stochastic_contest import contest
+from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, FlexibleMode
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.slew_input import Drive
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 _MAX_NOISE_ROUNDS = 2
 
@@ -42,6 +56,7 @@ def diagnose(
     campaign: Campaign,
     *,
     library: Sequence[Effect] = LIBRARY,
+    stochastic: Sequence[StochasticEffect] = STOCHASTIC_CANDIDATES,
     drive: Drive | None = None,
     rules: Rules | None = None,
     seed: int = 0,
@@ -55,6 +70,8 @@ def diagnose(
         What was flown.
     library : sequence of Effect
         Candidate effects; instances of your own may be among them.
+    stochastic : sequence of StochasticEffect
+        Candidates without a fixed shape. The first parameter of each scales its signal.
     drive : {"commanded", "measured"}, optional
         What drives the model: torque commands or tachometers. By default what the campaign allows.
     rules : Rules, optional
@@ -78,18 +95,27 @@ def diagnose(
     EffectError
         If two candidates have one name.
     """
+    own = [e for e in library if isinstance(e, StochasticEffect)]
+    stochastic = tuple({e.name: e for e in (*stochastic, *own)}.values())
+    library = [e for e in library if e not in own]
     rules, effects = rules or Rules(), candidate_effects(campaign, library)
     model = Model(campaign, effects.linear, drive)
-    begin = clean_start(model, seed=seed, as_stated=as_stated)
-    diagnosis = _diagnosed(begin, effects, rules, seed)
+    begin = clean_start(model, seed=seed, as_stated=as_stated, stochastic=stochastic)
+    diagnosis = _diagnosed(begin, effects, stochastic, rules, seed)
     if diagnosis.verdict != "unknown" or diagnosis.treatment.colour is None:
         return diagnosis
     # What no effect explains beside correlated noise may be what looks like such noise.
     begin = clean_start(model, seed=seed, coloured=False)
-    return _diagnosed(begin, effects, rules, seed)
+    return _diagnosed(begin, effects, stochastic, rules, seed)
 
 
-def _diagnosed(begin: CleanStart, effects: CandidateEffects, rules: Rules, seed: int) -> Diagnosis:
+def _diagnosed(
+    begin: CleanStart,
+    effects: CandidateEffects,
+    stochastic: Sequence[StochasticEffect],
+    rules: Rules,
+    seed: int,
+) -> Diagnosis:
     """The verdict of a search from a clean start."""
     rng = np.random.default_rng([seed, 3])
     rounds: list[ScoredRound] = []
@@ -98,7 +124,7 @@ def _diagnosed(begin: CleanStart, effects: CandidateEffects, rules: Rules, seed:
         if begin.estimate is begin.base:
             rounds, steps = [], []
         steps, scored, final = _forward_search(
-            begin.estimate, steps, effects.flexible_mode, rules, rng
+            begin.estimate, steps, _Candidates(effects.flexible_mode, stochastic), rules, rng
         )
         rounds += scored
         # An effect's own jumps can look like noise: measure the noise again, without them.
@@ -106,14 +132,25 @@ def _diagnosed(begin: CleanStart, effects: CandidateEffects, rules: Rules, seed:
         if again is None:
             break
         begin, final = again, again.estimate
-    diagnosis = conclude(rounds[0], final, steps, dict(begin.noise), effects.skipped, rules)
+    settled = contest(steps, final, rounds, stochastic, rules)
+    final = settled.final
+    if settled.steps and settled.steps[-1].stochastic:
+        begin, final = at_measured_level(begin, final)
+    diagnosis = conclude(rounds[0], final, settled.steps, dict(begin.noise), effects.skipped, rules)
     return replace(diagnosis, treatment=replace(begin.treatment, level=dict(begin.noise)))
+
+
+class _Candidates(NamedTuple):
+    """What is scored beside the linear candidates, which the model holds."""
+
+    flexible_mode: FlexibleMode | None
+    stochastic: Sequence[StochasticEffect]
 
 
 def _forward_search(
     estimate: Estimate,
     steps: list[Step],
-    flexible_mode: FlexibleMode | None,
+    candidates: _Candidates,
     rules: Rules,
     rng: np.random.Generator,
 ) -> tuple[list[Step], list[ScoredRound], Estimate]:
@@ -121,21 +158,22 @@ def _forward_search(
     rounds: list[ScoredRound] = []
     dropped: set[str] = set()
     while True:
-        rounds.append(_score(estimate, flexible_mode, rules, rng))
+        rounds.append(_score(estimate, candidates, rules, rng))
         step = best_step(rounds[-1], dropped, rules) if len(steps) < rules.max_effects else None
         if step is None:
             return steps, rounds, estimate
         before = {s.added for s in steps}
-        steps = drop_needless([*steps, step], flexible_mode, rules)
+        steps = drop_needless([*steps, step], candidates.flexible_mode, rules)
         estimate, dropped = steps[-1].after, dropped | (before - {s.added for s in steps})
 
 
 def _score(
-    estimate: Estimate,
-    flexible_mode: FlexibleMode | None,
-    rules: Rules,
-    rng: np.random.Generator,
+    estimate: Estimate, candidates: _Candidates, rules: Rules, rng: np.random.Generator
 ) -> ScoredRound:
-    tests = score_candidates(estimate, flexible_mode)
-    threshold = tests.threshold(rules.false_alarm_probability, rng)
-    return ScoredRound(estimate, tests, ranked_candidates(tests), threshold, flexible_mode)
+    fit, response = estimate.linearised(), torque_response(estimate)
+    stochastic = stochastic_candidates(estimate, candidates.stochastic, fit, response)
+    tests = score_candidates(estimate, candidates.flexible_mode, fit, response)
+    further = sum(bool(c.effect) for c in stochastic)
+    threshold = tests.threshold(rules.false_alarm_probability, rng, further=further)
+    ranked, mode = ranked_candidates(tests), candidates.flexible_mode
+    return ScoredRound(estimate, tests, ranked, threshold, mode, stochastic)

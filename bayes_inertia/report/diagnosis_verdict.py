@@ -9,6 +9,7 @@ from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.report.diagnosis_wording import (
     averaging_text,
     could_hide_text,
+    nameless_signal,
     nameless_text,
     step_text,
     window_text,
@@ -166,8 +167,7 @@ def _on_what_is_unknown(content: Mapping[str, Any]) -> list[str]:
         tried = listed([plain(step["added"]) for step in content["steps"]])
         sentences = [
             f"Adding {tried} would bring the residuals down to the noise, "
-            "but something without a name explains them better (a signal of free shape, "
-            "or in proportion to a rate, momentum, field or time): what is named would be "
+            f"but {nameless_signal(content)} explains them better: what is named would be "
             "an imitation of something that is not among the candidates."
         ]
     else:

@@ -155,6 +155,38 @@ def nameless_text(content: Mapping[str, Any]) -> str:
     )
 
 
+def nameless_signal(content: Mapping[str, Any]) -> str:
+    """What it is that has no name, and where it enters.
+
+    Parameters
+    ----------
+    content : mapping
+        The content of diagnosis.json.
+
+    Returns
+    -------
+    str
+        A phrase.
+
+    Examples
+    --------
+    >>> nameless_signal({"nameless_source": "rate sensor"})
+    'an error of the rate sensor without a name (of free shape over time)'
+    >>> nameless_signal({"nameless_source": "body torque"})
+    'a body torque without a name (of free shape over time)'
+    """
+    source = content.get("nameless_source", "")
+    if source == "a driver":
+        return "something without a name (in proportion to a rate, momentum, field or time)"
+    if source:
+        what = f"a {source}" if source.endswith("torque") else f"an error of the {source}"
+        return f"{what} without a name (of free shape over time)"
+    return (
+        "something without a name (a signal of free shape, "
+        "or in proportion to a rate, momentum, field or time)"
+    )
+
+
 def could_hide_text(rows: Sequence[Mapping[str, Any]]) -> str:
     """How far what is too weak to be found could have moved J and K, at most.
 

@@ -3,12 +3,16 @@
 import math
 from types import SimpleNamespace
 
+import pytest
+
+from bayes_inertia.diagnosis import conclusion
 from bayes_inertia.diagnosis.conclusion import (
+    ambiguous_sets,
     is_explained,
-    nameless_lead,
+    nameless_rival,
     without_named_alternatives,
 )
-from bayes_inertia.diagnosis.result import AlternativeEffect, Step
+from bayes_inertia.diagnosis.result import AlternativeEffect, NamelessShape, Step
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.inference.residual_tests import chi2_test
 
@@ -28,7 +32,36 @@ def test_what_was_named_too_is_no_alternative():
 
 
 def test_without_steps_nothing_is_claimed():
-    assert nameless_lead((), 17) == -math.inf
+    assert nameless_rival((), 17).log_bayes_factor == -math.inf
+
+
+def test_a_random_effect_that_a_shape_without_a_name_may_be_is_one_of_a_set():
+    """With its hook; shapes that explain clearly less are none of the set, nor names of fixed
+    shape, which have rivals of their own.
+    """
+    fit = SimpleNamespace()
+    shapes = (NamelessShape("body torque", 19.0), NamelessShape("rate sensor", 12.0))
+    step = Step("torque_noise", fit, fit, 20.0, stochastic=True, nameless=shapes)
+    assert ambiguous_sets((step,), Rules()) == (("torque_noise", "nameless_body_torque"),)
+    assert ambiguous_sets((step,), Rules(log_evidence_margin=0.5)) == ()
+    fixed = Step("constant_torque", fit, fit, 20.0, nameless=shapes)
+    assert ambiguous_sets((fixed,), Rules()) == ()
+
+
+def test_a_random_effect_is_weighed_against_what_is_averaged_as_it_is(monkeypatch):
+    """Not against the best of a finer signal; several claims pay for their choice."""
+    fit = SimpleNamespace(linearised=lambda: None)
+    shapes = (NamelessShape("body torque", 25.0),)
+    monkeypatch.setattr(conclusion, "torque_response", lambda estimate: None)
+    monkeypatch.setattr(
+        conclusion, "driven_evidence", lambda *_: {("rate sensor", "body rate"): 7.0}
+    )
+    step = Step("torque_noise", fit, fit, 20.0, stochastic=True, nameless=shapes)
+    assert nameless_rival((step,), 24) == NamelessShape("body torque", pytest.approx(5.0))
+    weak = Step("torque_noise", fit, fit, 20.0, stochastic=True)
+    assert nameless_rival((weak,), 24) == NamelessShape("a driver", pytest.approx(-13.0))
+    both = (Step("constant_torque", fit, fit, 4.0, nameless=shapes), weak)
+    assert nameless_rival(both, 24).log_bayes_factor == pytest.approx(1.0 + math.log(24.0))
 
 
 def test_only_too_much_or_structure_is_misfit():

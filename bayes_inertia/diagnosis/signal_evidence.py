@@ -1,0 +1,157 @@
+"""Log evidence for a random signal whose size is not known to a factor, to first order.
+
+A signal of unit size has coefficients c = T z, z standard normal; with size a the data are r = D a
+T z + e beyond all that is fitted. With A = D^T P D and g = D^T P r, P projecting off the fit with
+its priors, the log evidence against no signal is
+
+    1/2 sum_i [ a^2 u_i^2 / (1 + a^2 l_i) - log(1 + a^2 l_i) ],
+
+l the eigenvalues of T^T A T and u the gradient T^T g along its eigenvectors. It is averaged over
+sizes, log-uniform from one that the campaign can just not see, and over shapes (a correlation
+time) with their prior. Such an average is a Bayes factor: without a signal its expectation is one,
+so that it exceeds b in less than one of b campaigns (Markov's inequality).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.special import logsumexp
+
+from bayes_inertia.inference.linearised_fit import LinearisedFit
+from bayes_inertia.maths.values import array_dataclass
+
+_SIZES = 32
+# Smallest size: signal-to-noise amplitude in its clearest direction, and a share of the largest.
+_INVISIBLE, _LARGEST_START = 0.3, 0.1
+
+
+@array_dataclass
+class ProjectedSignal:
+    """Coefficients of all slews, everything fitted projected off.
+
+    Parameters
+    ----------
+    gradient : (slews, k) array
+        g, by slew.
+    matrix : (slews, k, slews, k) array
+        A: what is fitted in common couples slews.
+    """
+
+    gradient: np.ndarray
+    matrix: np.ndarray
+
+    def repeated(self) -> ProjectedSignal:
+        """The same if the coefficients are one draw for all slews.
+
+        Returns
+        -------
+        ProjectedSignal
+            Of one slew that stands for all.
+        """
+        return ProjectedSignal(
+            self.gradient.sum(0, keepdims=True), self.matrix.sum((0, 2))[None, :, None]
+        )
+
+
+@dataclass(frozen=True)
+class SignalEvidence:
+    """What the data say of a random signal.
+
+    Parameters
+    ----------
+    log_bayes_factor : float
+        Log evidence against no signal, averaged over sizes and shapes.
+    size : float
+        Where it is largest.
+    shape : int
+        Index of the shape where it is largest.
+    """
+
+    log_bayes_factor: float
+    size: float
+    shape: int
+
+
+def projected_signal(fit: LinearisedFit, columns: np.ndarray) -> ProjectedSignal:
+    """Project everything fitted off a signal.
+
+    Parameters
+    ----------
+    fit : LinearisedFit
+        Of an estimate.
+    columns : (slews, numbers, k) array
+        Changes of its whitened residuals by the coefficients of each slew.
+
+    Returns
+    -------
+    ProjectedSignal
+    """
+    slews, _, k = columns.shape
+    coupled = np.zeros((len(fit.inverse_root), slews, k))
+    gradient, matrix = np.zeros((slews, k)), np.zeros((slews, k, slews, k))
+    for s, own in enumerate(columns):
+        coupled[fit.index(s), s] = fit.columns[s].T @ own
+        gradient[s] = own.T @ fit.residual[s]
+        matrix[s, :, s] = own.T @ own
+    imitated = fit.inverse_root @ coupled.reshape(len(coupled), -1)
+    matrix -= (imitated.T @ imitated).reshape(matrix.shape)
+    fitted = (imitated.T @ fit.whitened_gradient).reshape(slews, k)
+    return ProjectedSignal(fitted - gradient, matrix)
+
+
+def signal_evidence(
+    signal: ProjectedSignal, roots: Sequence[np.ndarray], odds: ArrayLike, largest: float
+) -> SignalEvidence:
+    """Weigh a random signal against none.
+
+    Parameters
+    ----------
+    signal : ProjectedSignal
+        Its coefficients.
+    roots : sequence of (slews, k, k) arrays
+        T, one for each shape.
+    odds : (shapes,) array
+        Prior odds of the shapes.
+    largest : float
+        Largest size, in units of T.
+
+    Returns
+    -------
+    SignalEvidence
+
+    Examples
+    --------
+    >>> silent = ProjectedSignal(np.array([[0.3]]), np.full((1, 1, 1, 1), 1e2))
+    >>> loud = ProjectedSignal(np.array([[60.0]]), np.full((1, 1, 1, 1), 1e2))
+    >>> values = [signal_evidence(x, [np.ones((1, 1, 1))], [1.0], 20.0) for x in (silent, loud)]
+    >>> [bool(x.log_bayes_factor > 0.0) for x in values]
+    [False, True]
+    """
+    tables, sizes = [], []
+    for root in roots:
+        powers, along = _directions(signal, root)
+        least = _INVISIBLE / np.sqrt(max(powers.max(initial=0.0), 1e-300))
+        sizes.append(np.geomspace(min(least, _LARGEST_START * largest), largest, _SIZES))
+        variance = sizes[-1][:, None] ** 2
+        gain = variance * along**2 / (1.0 + variance * powers)
+        tables.append(0.5 * (gain - np.log1p(variance * powers)).sum(1))
+    weights = np.log(np.asarray(odds, float))[:, None]
+    values = np.array(tables) + weights
+    shape, size = np.unravel_index(np.argmax(values), values.shape)
+    total = logsumexp(values) - logsumexp(weights) - np.log(_SIZES)
+    return SignalEvidence(float(total), float(sizes[shape][size]), int(shape))
+
+
+def _directions(signal: ProjectedSignal, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues of T^T A T, and T^T g along its eigenvectors."""
+    slews, k = signal.gradient.shape
+    half = np.stack([signal.matrix[:, :, s].reshape(-1, k) @ own for s, own in enumerate(root)], 1)
+    half = half.reshape(slews, k, slews * k)
+    turned = np.concatenate([own.T @ rows for own, rows in zip(root, half, strict=True)])
+    powers, directions = np.linalg.eigh(turned)
+    along = np.einsum("sji,sj->si", root, signal.gradient).ravel()
+    return np.maximum(powers, 0.0), directions.T @ along

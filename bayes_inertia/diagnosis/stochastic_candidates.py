@@ -1,0 +1,239 @@
+"""Effects without a fixed shape as candidates, and shapes without a name as their rivals.
+
+Every candidate is weighed to first order at a fit (`signal_evidence`). Where a process on knots or
+pieces can act, two rivals without a name can act as well: a signal that is smooth (a squared-
+exponential kernel, of any length), and one that is the same in every slew. What is random in the
+sense of a candidate is neither.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.diagnosis.coefficient_columns import coefficient_columns
+from bayes_inertia.diagnosis.signal_evidence import (
+    ProjectedSignal,
+    projected_signal,
+    signal_evidence,
+)
+from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
+from bayes_inertia.inference.coefficients import Roots, prior_roots
+from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.linearised_fit import LinearisedFit
+from bayes_inertia.physics.effects import REMAINDERS, STOCHASTIC
+from bayes_inertia.physics.effects.scales import sd_and_time
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.random_basis import (
+    hat_functions,
+    on_axes,
+    on_each_axis,
+    ornstein_uhlenbeck_root,
+    slew_duration,
+    slew_fraction,
+)
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
+
+# Where in a slew's signal chain an effect enters, in the words of `unexplained`.
+SOURCES = {
+    "body_torque": "body torque",
+    "delivered_torque": "wheel torque",
+    "rate_output": "rate sensor",
+    "momentum_output": "tachometers",
+    "attitude_output": "star tracker",
+}
+# Correlation times that are tried, in prior sds from the median.
+_SHAPES = np.linspace(-2.0, 2.0, 5)
+# Largest size, in prior sds beyond its median.
+_LARGEST = 2.0
+# Length scales of a smooth signal: from this share of the knots' spacing to the whole slew.
+_SHORTEST, _LENGTHS = 0.7, 6
+_JITTER = 1e-9  # of the smooth kernel's variance
+# Effects of more numbers than these in their columns are left out, to save memory.
+_MOST_NUMBERS = 5e7
+
+STOCHASTIC_CANDIDATES: tuple[StochasticEffect, ...] = tuple(
+    e for e in STOCHASTIC if isinstance(e, StochasticEffect) and e not in REMAINDERS
+)
+
+
+@dataclass(frozen=True)
+class TachometerShape(StochasticEffect):
+    """An error of the tachometers on knots: the shape without a name where no effect has knots."""
+
+    name: ClassVar[str] = "tachometer_shape"
+    knots: int = 17
+
+    def parameters(self, campaign):
+        sigma = [wheel.momentum_sigma for wheel in campaign.wheels if wheel.momentum_sigma]
+        return sd_and_time(campaign, "N m s", max(sigma), None, 1.5) if sigma else ()
+
+    def coefficient_count(self, campaign):
+        return len(campaign.wheels) * self.knots if self.parameters(campaign) else 0
+
+    def coefficient_root(self, p, slew, count):
+        spacing = slew_duration(slew) / (self.knots - 1)
+        root = ornstein_uhlenbeck_root(p["sd"], p["time"], spacing, self.knots)
+        return on_each_axis(root, count // self.knots)
+
+    def momentum_output(self, p, slew, trajectory, momentum):
+        hats = hat_functions(slew_fraction(slew, slew.time), self.knots)
+        return momentum + on_axes(hats, p["coefficients"], momentum.shape[1])
+
+
+@dataclass(frozen=True)
+class StochasticCandidate:
+    """An effect without a fixed shape, or a shape without a name, weighed at a fit.
+
+    Parameters
+    ----------
+    effect : str
+        Name of the effect; empty for a shape without a name.
+    source : str
+        Where it enters: "body torque", "rate sensor", "star tracker", ...
+    log_bayes_factor : float
+        Log evidence against nothing, to first order.
+    start : tuple of float
+        The effect's parameters where the evidence is largest; empty without a name.
+    """
+
+    effect: str
+    source: str
+    log_bayes_factor: float
+    start: tuple[float, ...] = ()
+
+
+def stochastic_candidates(
+    estimate: Estimate,
+    effects: Sequence[StochasticEffect],
+    fit: LinearisedFit | None = None,
+    response: TorqueResponse | None = None,
+) -> tuple[StochasticCandidate, ...]:
+    """Weigh effects without a fixed shape, and shapes without a name, at a fit.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        The fit.
+    effects : sequence of StochasticEffect
+        The first parameter of each scales its signal, the others give it its shape.
+    fit : LinearisedFit, optional
+        `estimate.linearised()`, if it is known already.
+    response : TorqueResponse, optional
+        `torque_response(estimate)`, likewise.
+
+    Returns
+    -------
+    tuple of StochasticCandidate
+        Best evidence first; effects that the campaign cannot have or see are left out.
+    """
+    fit, response = fit or estimate.linearised(), response or torque_response(estimate)
+    campaign, drive = estimate.model.campaign, estimate.model.structure.drive
+    usable = [e for e in effects if _is_usable(e, campaign, fit)]
+    shape = TachometerShape()
+    both = [*usable, shape] if usable and _is_usable(shape, campaign, fit) else usable
+    model = Model(campaign, tuple(both), drive)
+    roots = [_roots_at(model, x) for x in _SHAPES]
+    candidates: list[StochasticCandidate] = []
+    for i, effect in enumerate(both):
+        columns = coefficient_columns(response, effect)
+        if columns.any():
+            blocks = [np.asarray(of_all[i]) for of_all in roots]
+            signal = projected_signal(fit, columns)
+            candidates += _weighed(effect, model, signal, blocks, effect is not shape)
+    return tuple(sorted(candidates, key=lambda c: -c.log_bayes_factor))
+
+
+def _is_usable(effect: StochasticEffect, campaign: Campaign, fit: LinearisedFit) -> bool:
+    fitted = {e.name for e in fit.model.effects}
+    count = effect.coefficient_count(campaign)
+    large = fit.residual.size * count > _MOST_NUMBERS
+    known = bool(effect.parameters(campaign)) and effect.name not in fitted
+    return known and count > 0 and not large
+
+
+def medians(model: Model) -> np.ndarray:
+    """The centre of the prior of all parameters.
+
+    Parameters
+    ----------
+    model : Model
+
+    Returns
+    -------
+    (d,) array
+        Physical units.
+    """
+    constants = model.space.constants()
+    mean, logarithmic = np.asarray(constants["mean"]), np.asarray(constants["logarithmic"])
+    return np.where(logarithmic, np.exp(np.where(logarithmic, mean, 0.0)), mean)
+
+
+def _parameters_at(model: Model, effect: StochasticEffect, size: float, shape: float) -> np.ndarray:
+    """An effect's parameters: so many medians in size, so many prior sds from them in shape."""
+    part = model.space.slice_of(effect.name)
+    values = medians(model)[part]
+    values[0] *= size
+    values[1:] *= np.exp(shape * np.asarray(model.space.constants()["scale"])[part][1:])
+    return values
+
+
+def _roots_at(model: Model, shape: float) -> Roots:
+    theta = medians(model)
+    for effect in model.effects:
+        part = model.space.slice_of(effect.name)
+        theta[part] = _parameters_at(model, effect, 1.0, shape)
+    return prior_roots(model.structure, jnp.asarray(theta), model.data.arrays.slews.context)
+
+
+def _weighed(
+    effect: StochasticEffect,
+    model: Model,
+    signal: ProjectedSignal,
+    blocks: list[np.ndarray],
+    named: bool,
+) -> list[StochasticCandidate]:
+    """The effect, and the shapes without a name that enter where it does."""
+    (source,) = {SOURCES[hook] for hook in SOURCES if effect.acts(hook)}
+    part = model.space.slice_of(effect.name)
+    largest = float(np.exp(_LARGEST * np.asarray(model.space.constants()["scale"])[part.start]))
+    shapes = _SHAPES if part.stop - part.start > 1 else np.zeros(1)
+    roots = [_dense(b) for b in blocks[: len(shapes)]]
+    odds = np.exp(-0.5 * shapes**2)
+    own = signal_evidence(signal, roots, odds, largest)
+    start = tuple(_parameters_at(model, effect, own.size, shapes[own.shape]).tolist())
+    name = effect.name if named else ""
+    rows = [StochasticCandidate(name, source, own.log_bayes_factor, start if named else ())]
+    if blocks[0].shape[-1] > 1:
+        once = [root[:1] for root in roots]
+        same = signal_evidence(signal.repeated(), once, odds, largest)
+        smooth = [_dense(b) for b in _smooth(blocks[len(blocks) // 2])]
+        free = signal_evidence(signal, smooth, np.ones(len(smooth)), largest)
+        rows += [StochasticCandidate("", source, x.log_bayes_factor) for x in (same, free)]
+    return rows
+
+
+def _smooth(blocks: np.ndarray) -> list[np.ndarray]:
+    """Roots (slews, b, m, m) of squared-exponential kernels of the same mean variance."""
+    m = blocks.shape[-1]
+    sd = np.sqrt(np.mean(np.sum(blocks**2, -1)))
+    apart = np.subtract.outer(np.arange(m), np.arange(m))
+    roots = []
+    for length in np.geomspace(_SHORTEST, m, _LENGTHS):
+        kernel = np.exp(-0.5 * (apart / length) ** 2) + _JITTER * np.eye(m)
+        roots.append(np.broadcast_to(sd * np.linalg.cholesky(kernel), blocks.shape))
+    return roots
+
+
+def _dense(blocks: np.ndarray) -> np.ndarray:
+    """Block-diagonal matrices (slews, b m, b m) of blocks (slews, b, m, m)."""
+    slews, b, m, _ = blocks.shape
+    dense = np.zeros((slews, b, m, b, m))
+    for i in range(b):
+        dense[:, i, :, i] = blocks[:, i]
+    return dense.reshape(slews, b * m, b * m)

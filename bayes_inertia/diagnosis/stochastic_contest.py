@@ -1,0 +1,271 @@
+"""Effects without a fixed shape against the effects that a search has added, on equal terms.
+
+Each hypothesis is the first so many effects of the search, with or without one effect that has no
+fixed shape beside them. Its log evidence is the sum of what its effects claim, less what the choice
+among the candidates costs (Scott and Berger 2010). The best is kept; what cannot be told from it
+stays beside it. Where a shape without a name explains the data as well or better, `conclusion` says
+so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from bayes_inertia.diagnosis.refitting import ScoredRound
+from bayes_inertia.diagnosis.result import AlternativeEffect, Candidate, NamelessShape, Step
+from bayes_inertia.diagnosis.rules import Rules
+from bayes_inertia.diagnosis.stochastic_candidates import (
+    StochasticCandidate,
+    stochastic_candidates,
+)
+from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.optimizer import move_to, re_estimate
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
+
+_MAX_ALTERNATIVES = 2
+# Of signals rather than of named effects there is no correlation.
+_NOT_COMPARED = float("nan")
+
+
+@dataclass(frozen=True)
+class Contest:
+    """What effects without a fixed shape make of the steps of a search.
+
+    Parameters
+    ----------
+    steps : tuple of Step
+        The steps that remain, and at most one more.
+    final : Estimate
+        The fit after them.
+    """
+
+    steps: tuple[Step, ...]
+    final: Estimate
+
+
+def contest(
+    steps: Sequence[Step],
+    final: Estimate,
+    rounds: Sequence[ScoredRound],
+    effects: Sequence[StochasticEffect],
+    rules: Rules,
+) -> Contest:
+    """Weigh effects without a fixed shape against the steps of a search, and refit the winner.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        What the search added.
+    final : Estimate
+        The fit with all of it.
+    rounds : sequence of ScoredRound
+        The rounds of the search; estimates that were scored there are not weighed again.
+    effects : sequence of StochasticEffect
+        The candidates.
+    rules : Rules
+        The thresholds.
+
+    Returns
+    -------
+    Contest
+    """
+    known = {id(r.estimate): r.stochastic for r in rounds}
+    levels = [*(step.before for step in steps), final]
+    weighed = [
+        known[id(e)] if id(e) in known else stochastic_candidates(e, effects) for e in levels
+    ]
+    kept = tuple(
+        replace(step, nameless=_nameless(at)) for step, at in zip(steps, weighed, strict=False)
+    )
+    best = [next((c for c in at if c.effect), None) for at in weighed]
+    evidence = [
+        c.log_bayes_factor if c is not None and p_value(c) < rounds[0].threshold else -np.inf
+        for c in best
+    ]
+    claims = [step.log_bayes_factor for step in kept]
+    k, lead = best_level(claims, evidence, len(rounds[0].candidates) + len(effects))
+    if lead > 0.0:
+        others = [c for c in weighed[k][1:] if c.effect]
+        step = _named(levels[k], weighed[k], others, effects, rules)
+        if k == len(kept) - 1 and lead < rules.log_evidence_margin:
+            instead = kept[k]
+            beside = AlternativeEffect(
+                instead.added, instead.after, instead.log_bayes_factor, _NOT_COMPARED
+            )
+            step = replace(step, alternatives=(beside, *step.alternatives)[:_MAX_ALTERNATIVES])
+        return Contest((*kept[:k], step), step.after)
+    if kept and k == len(kept) - 1 and lead > -rules.log_evidence_margin:
+        beside = _alternative(levels[k], best[k], effects)
+        last = replace(kept[-1], alternatives=(beside, *kept[-1].alternatives)[:_MAX_ALTERNATIVES])
+        kept = (*kept[:-1], last)
+    return Contest(kept, final)
+
+
+def best_level(
+    claims: Sequence[float], evidence: Sequence[float], candidates: int
+) -> tuple[int, float]:
+    """After how many steps one effect without a fixed shape is best added.
+
+    Parameters
+    ----------
+    claims : sequence of float
+        Log evidence of the n steps of a search, each against the fit before it.
+    evidence : sequence of float
+        Log evidence of the best effect without a fixed shape, against the fit before each step
+        and after the last; -inf where none is significant.
+    candidates : int
+        How many there were to choose from: each choice beyond the first costs its log.
+
+    Returns
+    -------
+    level : int
+        Steps that are kept before it.
+    lead : float
+        Log evidence by which this beats the n steps alone.
+
+    Examples
+    --------
+    A torque of 30 against a random walk of 20, which adds nothing once the torque is known:
+
+    >>> best_level([30.0], [20.0, -np.inf], 25)
+    (0, -10.0)
+    """
+    cost = np.log(candidates)
+    totals = [sum(claims[:k]) + of_level - k * cost for k, of_level in enumerate(evidence)]
+    level = int(np.argmax(totals))
+    alone = sum(claims) - (len(claims) - 1) * cost if claims else 0.0
+    return level, float(totals[level] - alone)
+
+
+def p_value(candidate: StochasticCandidate) -> float:
+    """An upper bound of the probability of such evidence without the effect.
+
+    Parameters
+    ----------
+    candidate : StochasticCandidate
+        What was weighed.
+
+    Returns
+    -------
+    float
+        By Markov's inequality: the expectation of a Bayes factor is one.
+
+    Examples
+    --------
+    >>> round(p_value(StochasticCandidate("rate_random_walk", "rate sensor", 7.0)), 4)
+    0.0009
+    """
+    return float(np.exp(-max(candidate.log_bayes_factor, 0.0)))
+
+
+def as_candidates(weighed: Sequence[StochasticCandidate]) -> tuple[Candidate, ...]:
+    """The rows of effects without a fixed shape among those of the library.
+
+    Parameters
+    ----------
+    weighed : sequence of StochasticCandidate
+        At the fit with nothing added.
+
+    Returns
+    -------
+    tuple of Candidate
+        Their degrees of freedom are the parameters, their score is twice the log evidence.
+    """
+    return tuple(
+        Candidate(
+            effect=c.effect,
+            dof=len(c.start),
+            score=max(2.0 * c.log_bayes_factor, 0.0),
+            p_value=p_value(c),
+            log_bayes_factor=c.log_bayes_factor,
+        )
+        for c in weighed
+        if c.effect
+    )
+
+
+def _nameless(weighed: Sequence[StochasticCandidate]) -> tuple[NamelessShape, ...]:
+    return tuple(NamelessShape(c.source, c.log_bayes_factor) for c in weighed if not c.effect)
+
+
+def _named(
+    before: Estimate,
+    weighed: Sequence[StochasticCandidate],
+    others: Sequence[StochasticCandidate],
+    effects: Sequence[StochasticEffect],
+    rules: Rules,
+) -> Step:
+    """The step that adds the best effect without a fixed shape, with what could be it as well."""
+    first = next(c for c in weighed if c.effect)
+    least = first.log_bayes_factor - rules.log_evidence_margin
+    rivals = [c for c in others if c.effect != first.effect and c.log_bayes_factor > least]
+    return Step(
+        first.effect,
+        before,
+        with_stochastic(before, _instances(effects)[first.effect], first.start),
+        first.log_bayes_factor,
+        tuple(_alternative(before, c, effects) for c in rivals[:_MAX_ALTERNATIVES]),
+        stochastic=True,
+        nameless=_nameless(weighed),
+    )
+
+
+def _alternative(
+    before: Estimate, candidate: StochasticCandidate, effects: Sequence[StochasticEffect]
+) -> AlternativeEffect:
+    fitted = with_stochastic(before, _instances(effects)[candidate.effect], candidate.start)
+    return AlternativeEffect(candidate.effect, fitted, candidate.log_bayes_factor, _NOT_COMPARED)
+
+
+def _instances(effects: Sequence[StochasticEffect]) -> Mapping[str, StochasticEffect]:
+    return {effect.name: effect for effect in effects}
+
+
+def with_stochastic(before: Estimate, effect: StochasticEffect, start: Sequence[float]) -> Estimate:
+    """Fit one effect without a fixed shape more; effects that were not fitted are left out.
+
+    Parameters
+    ----------
+    before : Estimate
+        The fit without it.
+    effect : StochasticEffect
+        What to add.
+    start : sequence of float
+        Its parameters to begin from.
+
+    Returns
+    -------
+    Estimate
+        Of a model that holds what is fitted and nothing else.
+    """
+    old = before.model
+    fitted = {old.space.names[i].split(".")[0] for i in before.free}
+    model = Model(
+        old.campaign,
+        (*(e for e in old.effects if e.name in fitted), effect),
+        old.structure.drive,
+    )
+    begin = move_to(before, model)
+    part = model.space.slice_of(effect.name)
+    theta = begin.theta.copy()
+    theta[part] = start
+    local = _with_coefficients(before, model, effect)
+    begin = replace(begin, point=replace(begin.point, theta=theta, local=local))
+    return re_estimate(begin, theta, np.concatenate([begin.free, np.arange(part.start, part.stop)]))
+
+
+def _with_coefficients(before: Estimate, model: Model, effect: StochasticEffect) -> np.ndarray:
+    """Nuisances (slews, n_local) with the effect's coefficients, zero, where they belong."""
+    first = model.structure.n_start
+    counts = zip(model.structure.effects, model.structure.coefficients, strict=True)
+    for other, count in counts:
+        if other.name == effect.name:
+            break
+        first += count
+    local = np.asarray(before.point.local)
+    added = effect.coefficient_count(model.campaign)
+    return np.insert(local, [first] * added, 0.0, axis=1)

@@ -1,0 +1,104 @@
+"""A random signal in a linear model: its Bayes factor is one, and found where it is there."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bayes_inertia.diagnosis.signal_evidence import projected_signal, signal_evidence
+from bayes_inertia.maths.linear_algebra import inverse_root
+
+SLEWS, NUMBERS, SHARED, LOCAL, K = 3, 40, 2, 2, 4
+LARGEST = 20.0
+
+
+@pytest.fixture(scope="module")
+def design():
+    """Columns of what is fitted and of the signal; the first fitted one imitates part of it."""
+    rng = np.random.default_rng(5)
+    fitted = rng.normal(size=(SLEWS, NUMBERS, SHARED + LOCAL))
+    columns = rng.normal(size=(SLEWS, NUMBERS, K))
+    fitted[..., 0] = columns[..., 0] + 0.3 * fitted[..., 0]
+    return fitted, columns
+
+
+def indices(slew):
+    own = SHARED + LOCAL * slew
+    return np.r_[:SHARED, own : own + LOCAL]
+
+
+def fit_of(fitted, data):
+    """A fit of a linear model with standard normal priors, at zero."""
+    size = SHARED + SLEWS * LOCAL
+    hessian, gradient = np.eye(size), np.zeros(size)
+    for s in range(SLEWS):
+        hessian[np.ix_(indices(s), indices(s))] += fitted[s].T @ fitted[s]
+        gradient[indices(s)] += fitted[s].T @ data[s]
+    root = inverse_root(hessian)
+    return SimpleNamespace(
+        inverse_root=root,
+        whitened_gradient=root @ gradient,
+        columns=fitted,
+        residual=data,
+        index=indices,
+    )
+
+
+def drawn(rng, fitted, columns, size):
+    truth = rng.normal(size=SHARED + SLEWS * LOCAL)
+    signal = size * np.einsum("snk,sk->sn", columns, rng.normal(size=(SLEWS, K)))
+    known = np.stack([fitted[s] @ truth[indices(s)] for s in range(SLEWS)])
+    return known + signal + rng.normal(size=(SLEWS, NUMBERS))
+
+
+def evidence(fitted, columns, data, unit=1.0):
+    roots = [np.broadcast_to(unit * scale * np.eye(K), (SLEWS, K, K)) for scale in (1.0, 2.0)]
+    signal = projected_signal(fit_of(fitted, data), columns)
+    return signal_evidence(signal, roots, [1.0, 0.5], LARGEST)
+
+
+def test_without_a_signal_the_bayes_factor_is_one_on_average(design):
+    """What bounds false alarms: one campaign of b exceeds b at most."""
+    fitted, columns = design
+    rng = np.random.default_rng(6)
+    # A weak signal of a few shapes: the average over campaigns converges.
+    factors = np.exp(
+        [
+            evidence(fitted, columns, drawn(rng, fitted, columns, 0.0), 1e-2).log_bayes_factor
+            for _ in range(3000)
+        ]
+    )
+    error = factors.std() / np.sqrt(len(factors))
+    assert factors.mean() == pytest.approx(1.0, abs=4.0 * error)
+    assert error < 0.1
+    assert np.mean(factors > 20.0) < 1.0 / 20.0
+    # Without projecting off what is fitted it is not one.
+    free = np.zeros_like(fitted)
+    data = [drawn(rng, fitted, columns, 0.0) for _ in range(200)]
+    wrong = np.exp([evidence(free, columns, x, 1e-2).log_bayes_factor for x in data])
+    assert wrong.mean() > 10.0
+
+
+def test_a_signal_is_found_and_its_size_told(design):
+    fitted, columns = design
+    rng = np.random.default_rng(7)
+    found = [evidence(fitted, columns, drawn(rng, fitted, columns, 1.0)) for _ in range(20)]
+    assert min(x.log_bayes_factor for x in found) > 10.0
+    sizes = [x.size * (1.0, 2.0)[x.shape] for x in found]
+    assert 0.6 < np.exp(np.mean(np.log(sizes))) < 1.6
+
+
+def test_a_signal_that_repeats_is_told_from_one_that_does_not(design):
+    fitted, columns = design
+    rng = np.random.default_rng(8)
+    unit = np.broadcast_to(np.eye(K), (SLEWS, K, K))
+    leads = []
+    for same in (True, False):
+        coefficients = rng.normal(size=(1 if same else SLEWS, K)) * np.ones((SLEWS, 1))
+        data = drawn(rng, fitted, columns, 0.0) + np.einsum("snk,sk->sn", columns, coefficients)
+        signal = projected_signal(fit_of(fitted, data), columns)
+        once = signal_evidence(signal.repeated(), [unit[:1]], [1.0], LARGEST)
+        each = signal_evidence(signal, [unit], [1.0], LARGEST)
+        leads.append(once.log_bayes_factor - each.log_bayes_factor)
+    assert leads[0] > 3.0
+    assert leads[1] < -3.0

@@ -1,0 +1,79 @@
+"""Effects without a fixed shape as candidates: what they do to residuals, and who wins."""
+
+import numpy as np
+import pytest
+
+from bayes_inertia.diagnosis.coefficient_columns import coefficient_columns
+from bayes_inertia.diagnosis.stochastic_candidates import (
+    STOCHASTIC_CANDIDATES,
+    medians,
+    stochastic_candidates,
+)
+from bayes_inertia.diagnosis.stochastic_contest import best_level
+from bayes_inertia.diagnosis.torque_response import torque_response
+from bayes_inertia.inference import optimizer
+from bayes_inertia.inference.coefficients import prior_roots
+from bayes_inertia.inference.likelihood import padded_sensitivities
+from bayes_inertia.inference.noise_model import whitening
+from bayes_inertia.inference.point import N_BIAS, Point
+from bayes_inertia.physics.effects import STOCHASTIC
+from bayes_inertia.physics.forward_model import Model
+
+
+@pytest.fixture(scope="module")
+def plain(clean):
+    return optimizer.estimate(Model(clean), discount=False)
+
+
+def of_the_model(estimate, effect):
+    """Derivatives of the residuals towards an effect's whitened coefficients, by its own model."""
+    model = Model(estimate.model.campaign, (effect,))
+    theta = medians(model)
+    theta[:9] = estimate.theta
+    count = effect.coefficient_count(model.campaign)
+    local = np.concatenate([estimate.point.local, np.zeros((model.n_slews, count))], 1)
+    point = Point(theta, estimate.point.bias, local)
+    white = whitening(model, theta)
+    first = N_BIAS + model.structure.n_start
+    jacobian = padded_sensitivities(model, point, white, np.arange(0)).jacobian
+    columns = np.concatenate([np.asarray(j)[..., first : first + count] for j in jacobian], 1)
+    (blocks,) = prior_roots(model.structure, theta, model.data.arrays.slews.context)
+    return columns, np.asarray(blocks)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["wheel_torque_noise", "star_tracker_low_frequency"])
+def test_columns_are_those_of_the_effects_own_model(plain, name):
+    """To the second order of the integration: the model steps from reading to reading."""
+    (effect,) = (e for e in STOCHASTIC_CANDIDATES if e.name == name)
+    model, blocks = of_the_model(plain, effect)
+    columns = coefficient_columns(torque_response(plain), effect)
+    slews, _, k = columns.shape
+    shaped = columns.reshape(slews, -1, blocks.shape[1], blocks.shape[2])
+    whitened = np.einsum("snbi,sbij->snbj", shaped, blocks).reshape(slews, -1, k)
+    assert np.abs(model).max() > 0.5
+    assert np.abs(whitened - model).max() < 0.02 * np.abs(model).max()
+
+
+def test_the_usual_candidates_are_the_named_ones():
+    names = {e.name for e in STOCHASTIC_CANDIDATES}
+    assert names == {e.name for e in STOCHASTIC} - {"torque_remainder", "rate_remainder"}
+
+
+def test_of_a_clean_campaign_nothing_random_is_significant(plain):
+    weighed = stochastic_candidates(plain, STOCHASTIC_CANDIDATES)
+    assert {c.effect for c in weighed} == {"", *(e.name for e in STOCHASTIC_CANDIDATES)}
+    assert max(c.log_bayes_factor for c in weighed) < 5.0
+
+
+def test_a_random_effect_replaces_the_names_that_imitate_it():
+    """It takes the place of both; one that is needed beside the first is added to it; and where
+    names explain the data they stay.
+    """
+    none = -np.inf
+    assert best_level([30.0, 20.0], [80.0, 40.0, none], 25)[0] == 0
+    assert best_level([300.0, 20.0], [80.0, 40.0, none], 25)[0] == 1
+    level, lead = best_level([300.0], [80.0, 40.0], 25)
+    assert (level, lead) == (1, pytest.approx(40.0 - np.log(25.0)))
+    assert best_level([300.0, 200.0], [80.0, 40.0, none], 25)[1] < 0.0
+    assert best_level([], [12.0], 25) == (0, 12.0)
