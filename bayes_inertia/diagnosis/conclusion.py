@@ -256,9 +256,10 @@ def _nameless(step: Step, random: bool) -> list[NamelessShape]:
         signal = unexplained_signal(estimate)
         driven = signal.driven_evidence
         free = [s for s in (signal.torque, signal.better_signal) if s is not None]
-    values = [v for driver, v in driven.items() if driver not in DRIVEN_BY_LIBRARY]
+    values = {driver: v for driver, v in driven.items() if driver not in DRIVEN_BY_LIBRARY}
+    average = float(logsumexp(list(values.values())) - np.log(len(values)))
     return [
         *step.nameless,
         *(NamelessShape(s.source, s.log_evidence) for s in free),
-        NamelessShape("a driver", float(logsumexp(values) - np.log(len(values)))),
+        NamelessShape(" that follows ".join(max(values, key=values.__getitem__)), average),
     ]

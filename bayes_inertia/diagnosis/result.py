@@ -67,8 +67,8 @@ class NamelessShape:
     Parameters
     ----------
     source : str
-        Where it enters: "body torque", "rate sensor", "wheel torque", "tachometers", or "a driver"
-        where it follows something known.
+        Where it enters: "body torque", "rate sensor", "wheel torque", "tachometers"; and what it
+        follows, as in "body torque that follows wheel momentum", where it follows something known.
     log_bayes_factor : float
         Log evidence for it against nothing.
     """

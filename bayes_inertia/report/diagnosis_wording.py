@@ -174,13 +174,14 @@ def nameless_signal(content: Mapping[str, Any]) -> str:
     'an error of the rate sensor without a name (of free shape over time)'
     >>> nameless_signal({"nameless_source": "body torque"})
     'a body torque without a name (of free shape over time)'
+    >>> nameless_signal({"nameless_source": "body torque that follows wheel momentum"})
+    'a body torque without a name (in proportion to: wheel momentum)'
     """
-    source = content.get("nameless_source", "")
-    if source == "a driver":
-        return "something without a name (in proportion to a rate, momentum, field or time)"
+    source, _, driver = content.get("nameless_source", "").partition(" that follows ")
     if source:
         what = f"a {source}" if source.endswith("torque") else f"an error of the {source}"
-        return f"{what} without a name (of free shape over time)"
+        shape = f"in proportion to: {driver}" if driver else "of free shape over time"
+        return f"{what} without a name ({shape})"
     return (
         "something without a name (a signal of free shape, "
         "or in proportion to a rate, momentum, field or time)"

@@ -59,7 +59,9 @@ def test_a_random_effect_is_weighed_against_what_is_averaged_as_it_is(monkeypatc
     step = Step("torque_noise", fit, fit, 20.0, stochastic=True, nameless=shapes)
     assert nameless_rival((step,), 24) == NamelessShape("body torque", pytest.approx(5.0))
     weak = Step("torque_noise", fit, fit, 20.0, stochastic=True)
-    assert nameless_rival((weak,), 24) == NamelessShape("a driver", pytest.approx(-13.0))
+    assert nameless_rival((weak,), 24) == NamelessShape(
+        "rate sensor that follows body rate", pytest.approx(-13.0)
+    )
     both = (Step("constant_torque", fit, fit, 4.0, nameless=shapes), weak)
     assert nameless_rival(both, 24).log_bayes_factor == pytest.approx(1.0 + math.log(24.0))
 

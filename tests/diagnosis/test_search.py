@@ -124,7 +124,8 @@ def test_effects_that_only_imitate_another_are_not_named(
     campaign = flight((Leak(),), {"leak": {"size": np.array(7e-6)}})
     found = diagnose(campaign, library=rigid_library, rules=rules)
     assert (found.verdict, found.named) == ("unknown", ())
-    assert len(found.steps) >= 2
+    assert found.steps
+    assert found.nameless_source.startswith("body torque")
     assert (
         found.nameless_lead
         == nameless_rival(found.steps, len(found.candidates)).log_bayes_factor

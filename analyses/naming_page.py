@@ -1,0 +1,157 @@
+"""The page of `naming_study.py`: how often what has no fixed shape is named."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from page_table import table_lines
+from scipy import stats
+
+from bayes_inertia.files import write_atomically
+
+_SIZE_NAMES = ("weak", "strong")
+_ABOUT = """Made by `python analyses/naming_study.py`. Every campaign is of another simulator
+(`independent.py`) and has its own J, K, bias, slews, wheel momenta and noise. Intervals are
+binomial, 95 % (Clopper and Pearson). Few campaigns: read the intervals."""
+
+
+def write_page(folder: Path) -> None:
+    """Write naming.md beside the rows.
+
+    Parameters
+    ----------
+    folder : Path
+        With the rows as naming_*.jsonl.
+    """
+    rows = [
+        json.loads(line)
+        for path in sorted(folder.glob("naming_*.jsonl"))
+        for line in path.read_text().splitlines()
+    ]
+    lines = ["# What has no fixed shape: how often it is named", "", _ABOUT, ""]
+    for tachometers, title in ((True, "With tachometers"), (False, "Without tachometers")):
+        some = [row for row in rows if row["tachometers"] is tachometers]
+        lines += [f"## {title}", "", *_summary(some), *_by_label(some)]
+    write_atomically(folder / "naming.md", "\n".join(lines))
+
+
+def share(count: int, total: int) -> str:
+    """A count with its binomial interval.
+
+    >>> share(3, 4)
+    '3 of 4 (75 %, 95 %: 19 to 99 %)'
+    """
+    if not total:
+        return "0 of 0"
+    interval = stats.binomtest(count, total).proportion_ci(0.95)
+    low, high = 100.0 * interval.low, 100.0 * interval.high
+    return f"{count} of {total} ({100.0 * count / total:.0f} %, 95 %: {low:.0f} to {high:.0f} %)"
+
+
+def in_a_set(row: dict) -> bool:
+    """Whether the truth is named, alone or in an ambiguous set."""
+    sets = [name for names in row.get("ambiguous_with", []) for name in names]
+    return row["label"] in (*row.get("named", []), *sets)
+
+
+def nameless(row: dict) -> bool:
+    """Whether the verdict is unknown, or leaves open that the signal has no name."""
+    sets = [name for names in row.get("ambiguous_with", []) for name in names]
+    return row.get("verdict") == "unknown" or any(name.startswith("nameless") for name in sets)
+
+
+def _summary(rows: Sequence[dict]) -> list[str]:
+    hidden = [row for row in rows if row["kind"] == "random"]
+    outside = [row for row in rows if row["kind"] == "outside"]
+    wander = [row for row in outside if row["label"] == "outside_wander"]
+    others = [row for row in outside if row["label"] != "outside_wander"]
+    clean = [row for row in rows if row["kind"] == "clean"]
+    table: list[tuple[str, str]] = []
+    for strength, name in enumerate(_SIZE_NAMES):
+        some = [row for row in hidden if row["strength"] == strength]
+        table += [
+            (f"random effects, {name}: named or in the set", share(_n(some, in_a_set), len(some))),
+            (
+                "... named alone",
+                share(
+                    _n(
+                        some,
+                        lambda row: (
+                            row.get("named") == [row["label"]] and not row["ambiguous_with"]
+                        ),
+                    ),
+                    len(some),
+                ),
+            ),
+            (
+                "... unknown",
+                share(_n(some, lambda row: row.get("verdict") == "unknown"), len(some)),
+            ),
+            (
+                "... nothing found",
+                share(_n(some, lambda row: row.get("verdict") == "consistent"), len(some)),
+            ),
+            ("... a wrong name without the truth", share(_n(some, _wrong), len(some))),
+        ]
+    table += [
+        (
+            "outside the library: unknown",
+            share(_n(others, lambda row: row["verdict"] == "unknown"), len(others)),
+        ),
+        ("... or a set with a shape without a name", share(_n(others, nameless), len(others))),
+        (
+            "a star tracker that wanders after each slew: `star_tracker_low_frequency`",
+            share(
+                _n(wander, lambda row: row["named"] == ["star_tracker_low_frequency"]), len(wander)
+            ),
+        ),
+        (
+            "clean campaigns in which anything is named",
+            share(_n(clean, lambda row: row["verdict"] != "consistent"), len(clean)),
+        ),
+    ]
+    named = [row for row in hidden if in_a_set(row)]
+    if named:
+        z = [row["max_abs_z"] for row in named]
+        held = sum(row["holds_90"] for row in named)
+        table += [
+            (
+                "where named, 90 % intervals of J and K that hold the truth",
+                f"{100.0 * held / (9 * len(named)):.0f} % of {9 * len(named)}",
+            ),
+            (
+                "... largest error of J and K, median and worst",
+                f"{np.median(z):.1f} and {max(z):.1f} sd",
+            ),
+        ]
+    seconds = [row["seconds"] for row in rows]
+    if seconds:
+        table.append(
+            (
+                "processor time, median and largest",
+                f"{np.median(seconds):.0f} and {max(seconds):.0f} s",
+            )
+        )
+    return [*table_lines(("", "measured"), table), ""]
+
+
+def _n(rows: Sequence[dict], counted) -> int:
+    return sum(bool(counted(row)) for row in rows if "error" not in row)
+
+
+def _wrong(row: dict) -> bool:
+    return row["verdict"] in ("named", "ambiguous") and not in_a_set(row)
+
+
+def _by_label(rows: Sequence[dict]) -> list[str]:
+    table = []
+    for row in rows:
+        size = _SIZE_NAMES[row["strength"]] if row["kind"] == "random" else ""
+        sets = "; ".join(" or ".join(names) for names in row.get("ambiguous_with", []))
+        said = sets or ", ".join(row.get("named", [])) or row.get("source", "")
+        table.append((row["label"], size, row.get("verdict", "error"), said))
+    columns = ("hidden", "size", "verdict", "named, or where the nameless shape sits")
+    return [*table_lines(columns, sorted(table)), ""]

@@ -1,0 +1,123 @@
+"""How well the diagnosis names what has no fixed shape.
+
+    python analyses/naming_study.py --kind random --each 2 [--without-tachometers] [--jobs 1]
+    python analyses/naming_study.py --page
+
+Campaigns of another simulator (`independent.py`), each with its own J, K, bias, slews and noise.
+`random`: every effect without a fixed shape, weak and strong. `outside`: disturbances from outside
+the library. `clean`: nothing hidden. `--work` keeps the rows of a killed study. Writes
+`analyses/results/naming_KIND_TACHO.jsonl` and, with --page, `naming.md`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from time import process_time
+
+import numpy as np
+from diagnosis_campaigns import draw, without_tachometers
+from diagnosis_study import OUTSIDE, truth_of
+from independent import replayed
+from naming_campaigns import OF_TACHOMETERS, SIZES, random_campaign
+from naming_page import write_page
+
+from bayes_inertia.diagnosis.result import Diagnosis
+from bayes_inertia.diagnosis.search import diagnose
+from bayes_inertia.errors import BayesInertiaError
+from bayes_inertia.files import write_atomically
+from bayes_inertia.studies.engine import Execution
+from bayes_inertia.studies.work import Row, Work
+
+RESULTS = Path(__file__).parent / "results"
+
+
+@dataclass(frozen=True)
+class NamedOrNot:
+    """The task: one campaign simulated and diagnosed. Ids are "label/strength/index"."""
+
+    kind: str
+    tachometers: bool
+
+    def __call__(self, task_id: str, seed: np.random.SeedSequence) -> Row:
+        """Its row."""
+        label, strength, index = task_id.split("/")
+        if self.kind == "outside":
+            flown, noise = seed.spawn(2)
+            flight = draw(flown, (), {}, True)
+            campaign = replayed(flight, OUTSIDE[label], np.random.default_rng(noise))
+            campaign = campaign if self.tachometers else without_tachometers(campaign)
+        else:
+            flight, campaign = random_campaign(label, int(strength), seed, self.tachometers)
+        row = {"kind": self.kind, "label": label, "strength": int(strength), "index": int(index)}
+        began = process_time()
+        try:
+            answer = _summary(diagnose(campaign, seed=int(index)), truth_of(flight))
+        except BayesInertiaError as error:
+            answer = {"error": str(error)}
+        row |= {"tachometers": self.tachometers, **answer, "seconds": process_time() - began}
+        return {"line": json.dumps(row)}
+
+
+def _summary(diagnosis: Diagnosis, truth: np.ndarray) -> dict:
+    final = diagnosis.final
+    values = zip(final.model.space.names[9:], final.theta[9:].tolist(), strict=True)
+    z = (final.theta[:9] - truth) / final.sd[:9]
+    return {
+        "verdict": diagnosis.verdict,
+        "why_unknown": diagnosis.why_unknown,
+        "named": list(diagnosis.named),
+        "ambiguous_with": [list(names) for names in diagnosis.ambiguous_with],
+        "steps": [[step.added, step.log_bayes_factor] for step in diagnosis.steps],
+        "lead": diagnosis.nameless_lead if diagnosis.steps else None,
+        "source": diagnosis.nameless_source,
+        "values": {k: v for k, v in values if k.split(".")[0] in diagnosis.named},
+        "max_abs_z": float(np.abs(z).max()),
+        "holds_90": int(np.count_nonzero(np.abs(z) < 1.6449)),
+        "dirt": [dirt.kind for dirt in diagnosis.dirt],
+    }
+
+
+def labels(kind: str, tachometers: bool) -> list[tuple[str, int]]:
+    """(label, strength) of the campaigns of a kind."""
+    if kind == "clean":
+        return [("clean", 0)]
+    if kind == "outside":
+        return [(name, 0) for name in OUTSIDE]
+    names = [name for name in SIZES if tachometers or name not in OF_TACHOMETERS]
+    return [(name, strength) for strength in (0, 1) for name in names]
+
+
+def main() -> None:
+    """Simulate and diagnose."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--kind", choices=["random", "outside", "clean"])
+    parser.add_argument("--each", type=int, default=1, help="campaigns of each label and size")
+    parser.add_argument("--without-tachometers", action="store_true")
+    parser.add_argument("--work", type=Path, default=Path("naming_run"))
+    parser.add_argument("--jobs", type=int, default=1)
+    parser.add_argument("--page", action="store_true")
+    options = parser.parse_args()
+    if options.kind:
+        tachometers = not options.without_tachometers
+        name = f"naming_{options.kind}_{'tacho' if tachometers else 'notacho'}"
+        ids = tuple(
+            f"{label}/{strength}/{i}"
+            for i in range(options.each)
+            for label, strength in labels(options.kind, tachometers)
+        )
+        task = NamedOrNot(options.kind, tachometers)
+        work = Work("campaigns", task, ids, options={"name": name})
+        execution = Execution(
+            jobs=options.jobs, progress=lambda *told: print(*told, flush=True), notice=print
+        )
+        lines = [row["line"] for row in execution.run(work, options.work / name).rows]
+        write_atomically(RESULTS / f"{name}.jsonl", "".join(f"{line}\n" for line in lines))
+    if options.page:
+        write_page(RESULTS)
+
+
+if __name__ == "__main__":
+    main()
