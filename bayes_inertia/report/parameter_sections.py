@@ -54,6 +54,7 @@ def parameters_section(posterior: Posterior) -> Section:
         "and the grey strip above it shows the prior over ±3 sd "
         "with the posterior's place as a blue mark; elsewhere prior and posterior share the axis.",
         "Prior and posterior densities of every parameter",
+        dense=True,
     )
     context = {
         "rows": rows,

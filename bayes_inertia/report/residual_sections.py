@@ -164,5 +164,6 @@ def star_tracker_section(posterior: Posterior) -> Section | None:
         "Right: after the slew, where errors of J and K would have grown into angles. "
         "Below: the same in stated sigmas of the star tracker, with guides at ±1, 2 and 3."
     )
-    picture = Picture(figure, caption, "Attitude misfit before and after each slew")
+    alt = "Attitude misfit before and after each slew"
+    picture = Picture(figure, caption, alt, dense=True)
     return Section(title, "", {}, (picture,))

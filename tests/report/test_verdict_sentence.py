@@ -1,7 +1,11 @@
 """The answer of a run in one sentence, for every kind of answer."""
 
+import json
+
 import pytest
 
+from bayes_inertia.app.cli import main
+from bayes_inertia.app.commands.run_result import finish_and_show
 from bayes_inertia.report.verdict_sentence import verdict_sentence, with_verdict_sentence
 
 NUMBERS = (
@@ -101,3 +105,20 @@ def test_the_sentence_stands_before_the_numbers_of_a_summary():
     content = with_verdict_sentence({"format": "x", "campaign": "c"} | summary())
     assert list(content)[:3] == ["format", "campaign", "verdict_sentence"]
     assert content["parameters"] == ROWS
+
+
+def test_terminal_page_and_machine_say_the_same(made, tmp_path, monkeypatch, capsys):
+    posterior = made("one_slew")
+    posterior.save(tmp_path / "posterior.nc")
+    expected = verdict_sentence(posterior.summary())
+    assert "not determined" in expected
+    monkeypatch.setattr("bayes_inertia.app.run_folder.finish", lambda *_, **__: posterior)
+    finish_and_show(tmp_path, report=True)
+    assert " ".join(capsys.readouterr().out.split()).startswith(expected)
+    finish_and_show(tmp_path, report=True, as_json=True)
+    assert json.loads(capsys.readouterr().out)["summary"]["verdict_sentence"] == expected
+    with pytest.raises(SystemExit):
+        main(["report", str(tmp_path)])
+    assert " ".join(capsys.readouterr().out.split()).startswith(expected)
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert f'<p class="sentence caution">{expected}</p>' in page
