@@ -16,8 +16,13 @@ from PIL import Image
 
 from bayes_inertia.files import write_atomically
 
-# Dots per inch and colours of a PNG: the next where the file would be too large.
-_QUALITIES = ((130, 128), (110, 32), (100, 24))
+# Dots per inch, colours and their choice of a PNG: the next where the file would be too large.
+# The octree is truer to many colours, coverage keeps white and pale grey among few.
+_QUALITIES = (
+    (130, 128, Image.Quantize.FASTOCTREE),
+    (110, 48, Image.Quantize.MAXCOVERAGE),
+    (100, 32, Image.Quantize.MAXCOVERAGE),
+)
 _REPRODUCIBLE_SETTINGS: dict[Any, Any] = {
     "svg.hashsalt": "bayes-inertia",
     "svg.fonttype": "path",
@@ -56,8 +61,8 @@ def figure_bytes(
     if form == "svg":
         return _rounded(_drawn(figure, form, _QUALITIES[0][0]).getvalue())
     content = b""
-    for dpi, colours in _QUALITIES:
-        content = _with_palette(_drawn(figure, form, dpi), colours)
+    for dpi, colours, choice in _QUALITIES:
+        content = _with_palette(_drawn(figure, form, dpi), colours, choice)
         if most_bytes is None or len(content) <= most_bytes:
             break
     return content
@@ -73,13 +78,12 @@ def _drawn(figure: Figure, form: Literal["png", "svg"], dpi: int) -> io.BytesIO:
     return file
 
 
-def _with_palette(file: io.BytesIO, colours: int) -> bytes:
+def _with_palette(file: io.BytesIO, colours: int, choice: Image.Quantize) -> bytes:
     """A PNG in full colour as one with a palette."""
     smaller = io.BytesIO()
     with Image.open(file) as image:
-        quantized = image.convert("RGB").quantize(
-            colours, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE
-        )
+        full = image.convert("RGB")
+        quantized = full.quantize(colours, method=choice, dither=Image.Dither.NONE)
     quantized.save(smaller, "PNG", optimize=True)
     return smaller.getvalue()
 
