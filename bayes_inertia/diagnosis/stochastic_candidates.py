@@ -150,7 +150,8 @@ def stochastic_candidates(
 
 
 def _is_usable(effect: StochasticEffect, campaign: Campaign, fit: LinearisedFit) -> bool:
-    fitted = {e.name for e in fit.model.effects}
+    # What the campaign states is integrated out at its stated size.
+    fitted = {e.name for e in fit.model.structure.effects}
     count = effect.coefficient_count(campaign)
     large = fit.residual.size * count > _MOST_NUMBERS
     known = bool(effect.parameters(campaign)) and effect.name not in fitted

@@ -1,5 +1,7 @@
 """Effects without a fixed shape as candidates: what they do to residuals, and who wins."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -64,6 +66,14 @@ def test_of_a_clean_campaign_nothing_random_is_significant(plain):
     weighed = stochastic_candidates(plain, STOCHASTIC_CANDIDATES)
     assert {c.effect for c in weighed} == {"", *(e.name for e in STOCHASTIC_CANDIDATES)}
     assert max(c.log_bayes_factor for c in weighed) < 5.0
+
+
+@pytest.mark.slow
+def test_noise_that_the_campaign_states_is_no_candidate(clean):
+    sensor = replace(clean.rate_sensor, rate_random_walk=1e-7)
+    stated = optimizer.estimate(Model(replace(clean, rate_sensor=sensor)), discount=False)
+    names = {c.effect for c in stochastic_candidates(stated, STOCHASTIC_CANDIDATES)}
+    assert names == {"", *(e.name for e in STOCHASTIC_CANDIDATES)} - {"rate_random_walk"}
 
 
 def test_a_random_effect_replaces_the_names_that_imitate_it():
