@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.report.formatting import plain
 from bayes_inertia.report.pictures.equivalent_signal import draw_signal
 from bayes_inertia.report.pictures.posterior_data import values_of
 from bayes_inertia.report.section import Picture, Section
@@ -39,7 +40,8 @@ def _picture(posterior: Posterior, name: str) -> Picture:
     """One effect: mean and band over time."""
     draws = values_of(posterior, "signal", name)
     variable = posterior.tree["signal"][name]
-    title = variable.attrs["long_name"]
+    # Files of version 0.3 and before do not name their signals.
+    title = variable.attrs.get("long_name", plain(name))
     signal = {
         "time": values_of(posterior, "constant_data", "signal_time"),
         "mean": draws.mean((0, 1)),
@@ -47,7 +49,7 @@ def _picture(posterior: Posterior, name: str) -> Picture:
         "slews": [str(slew) for slew in values_of(posterior, "estimate", "slew")],
         "components": [str(c) for c in np.asarray(variable[f"{name}_component"])],
         "unit": variable.attrs["units"],
-        "source": variable.attrs["quantity"],
+        "source": variable.attrs.get("quantity", plain(name)),
     }
     caption = (
         f"{title[0].upper()}{title[1:]}: mean (lines) and ±2 sd (bands) of the posterior, "
