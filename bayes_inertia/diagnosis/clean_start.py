@@ -168,7 +168,8 @@ def _noise_or_physics(start: CleanStart, stochastic: Sequence[StochasticEffect])
     best = max((tests.log_bayes_factor(k) for k in range(len(tests.names))), default=0.0)
     coloured = _coloured(start, colour)
     gain = _log_evidence(coloured.base) - _log_evidence(start.base)
-    random = [c.log_bayes_factor for c in stochastic_candidates(start.base, stochastic)]
+    weighed = stochastic_candidates(start.base, stochastic, nameless=False)
+    random = [c.log_bayes_factor for c in weighed]
     if max(random, default=0.0) > max(best, gain):
         return replace(start, coloured=False)
     return coloured if gain > max(best, 0.0) else start

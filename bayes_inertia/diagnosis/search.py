@@ -171,9 +171,11 @@ def _score(
     estimate: Estimate, candidates: _Candidates, rules: Rules, rng: np.random.Generator
 ) -> ScoredRound:
     fit, response = estimate.linearised(), torque_response(estimate)
-    stochastic = stochastic_candidates(estimate, candidates.stochastic, fit, response)
-    tests = score_candidates(estimate, candidates.flexible_mode, fit, response)
-    further = sum(bool(c.effect) for c in stochastic)
-    threshold = tests.threshold(rules.false_alarm_probability, rng, further=further)
-    ranked, mode = ranked_candidates(tests), candidates.flexible_mode
-    return ScoredRound(estimate, tests, ranked, threshold, mode, stochastic)
+    effects, mode = candidates.stochastic, candidates.flexible_mode
+    tests = score_candidates(estimate, mode, fit, response)
+    threshold = tests.threshold(rules.false_alarm_probability, rng, further=len(effects))
+    ranked = ranked_candidates(tests)
+    # Where nothing is significant nobody asks for what has no name.
+    significant = any(c.p_value < threshold for c in ranked)
+    weighed = stochastic_candidates(estimate, effects, fit, response, nameless=significant)
+    return ScoredRound(estimate, tests, ranked, threshold, mode, weighed)

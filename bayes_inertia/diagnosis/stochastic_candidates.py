@@ -113,6 +113,8 @@ def stochastic_candidates(
     effects: Sequence[StochasticEffect],
     fit: LinearisedFit | None = None,
     response: TorqueResponse | None = None,
+    *,
+    nameless: bool = True,
 ) -> tuple[StochasticCandidate, ...]:
     """Weigh effects without a fixed shape, and shapes without a name, at a fit.
 
@@ -126,6 +128,8 @@ def stochastic_candidates(
         `estimate.linearised()`, if it is known already.
     response : TorqueResponse, optional
         `torque_response(estimate)`, likewise.
+    nameless : bool, optional
+        Whether shapes without a name are weighed too: they take as long again.
 
     Returns
     -------
@@ -136,7 +140,7 @@ def stochastic_candidates(
     campaign, drive = estimate.model.campaign, estimate.model.structure.drive
     usable = [e for e in effects if _is_usable(e, campaign, fit)]
     shape = TachometerShape()
-    both = [*usable, shape] if usable and _is_usable(shape, campaign, fit) else usable
+    both = [*usable, shape] if nameless and _is_usable(shape, campaign, fit) else usable
     model = Model(campaign, tuple(both), drive)
     roots = [_roots_at(model, x) for x in _SHAPES]
     candidates: list[StochasticCandidate] = []
@@ -145,7 +149,9 @@ def stochastic_candidates(
         if columns.any():
             blocks = [np.asarray(of_all[i]) for of_all in roots]
             signal = projected_signal(fit, columns)
-            candidates += _weighed(effect, model, signal, blocks, effect is not shape)
+            candidates.append(_weighed(effect, model, signal, blocks))
+            if nameless:
+                candidates += _without_a_name(effect, model, signal, blocks)
     return tuple(sorted(candidates, key=lambda c: -c.log_bayes_factor))
 
 
@@ -193,30 +199,43 @@ def _roots_at(model: Model, shape: float) -> Roots:
 
 
 def _weighed(
-    effect: StochasticEffect,
-    model: Model,
-    signal: ProjectedSignal,
-    blocks: list[np.ndarray],
-    named: bool,
-) -> list[StochasticCandidate]:
-    """The effect, and the shapes without a name that enter where it does."""
-    (source,) = {SOURCES[hook] for hook in SOURCES if effect.acts(hook)}
-    part = model.space.slice_of(effect.name)
-    largest = float(np.exp(_LARGEST * np.asarray(model.space.constants()["scale"])[part.start]))
-    shapes = _SHAPES if part.stop - part.start > 1 else np.zeros(1)
+    effect: StochasticEffect, model: Model, signal: ProjectedSignal, blocks: list[np.ndarray]
+) -> StochasticCandidate:
+    """One effect; `blocks` are the diagonal blocks of its roots at each of `_SHAPES`."""
+    shapes, largest = _settings(effect, model)
     roots = [_dense(b) for b in blocks[: len(shapes)]]
-    odds = np.exp(-0.5 * shapes**2)
-    own = signal_evidence(signal, roots, odds, largest)
+    own = signal_evidence(signal, roots, np.exp(-0.5 * shapes**2), largest)
+    if isinstance(effect, TachometerShape):
+        return StochasticCandidate("", _source(effect), own.log_bayes_factor)
     start = tuple(_parameters_at(model, effect, own.size, shapes[own.shape]).tolist())
-    name = effect.name if named else ""
-    rows = [StochasticCandidate(name, source, own.log_bayes_factor, start if named else ())]
-    if blocks[0].shape[-1] > 1:
-        once = [root[:1] for root in roots]
-        same = signal_evidence(signal.repeated(), once, odds, largest)
-        smooth = [_dense(b) for b in _smooth(blocks[len(blocks) // 2])]
-        free = signal_evidence(signal, smooth, np.ones(len(smooth)), largest)
-        rows += [StochasticCandidate("", source, x.log_bayes_factor) for x in (same, free)]
-    return rows
+    return StochasticCandidate(effect.name, _source(effect), own.log_bayes_factor, start)
+
+
+def _without_a_name(
+    effect: StochasticEffect, model: Model, signal: ProjectedSignal, blocks: list[np.ndarray]
+) -> list[StochasticCandidate]:
+    """A smooth signal, and one that repeats in every slew, where an effect on knots enters."""
+    if blocks[0].shape[-1] == 1:
+        return []
+    shapes, largest = _settings(effect, model)
+    once = [_dense(b[:1]) for b in blocks]
+    same = signal_evidence(signal.repeated(), once, np.exp(-0.5 * shapes**2), largest)
+    smooth = [_dense(b) for b in _smooth(blocks[len(blocks) // 2])]
+    free = signal_evidence(signal, smooth, np.ones(len(smooth)), largest)
+    source = _source(effect)
+    return [StochasticCandidate("", source, x.log_bayes_factor) for x in (same, free)]
+
+
+def _settings(effect: StochasticEffect, model: Model) -> tuple[np.ndarray, float]:
+    """The shapes to try [prior sd], and the largest size in medians."""
+    part = model.space.slice_of(effect.name)
+    scale = float(np.asarray(model.space.constants()["scale"])[part.start])
+    shapes = _SHAPES if part.stop - part.start > 1 else np.zeros(1)
+    return shapes, float(np.exp(_LARGEST * scale))
+
+
+def _source(effect: StochasticEffect) -> str:
+    return next(name for hook, name in SOURCES.items() if effect.acts(hook))
 
 
 def _smooth(blocks: np.ndarray) -> list[np.ndarray]:

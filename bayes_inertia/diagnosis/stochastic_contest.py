@@ -89,8 +89,10 @@ def contest(
     claims = [step.log_bayes_factor for step in kept]
     k, lead = best_level(claims, evidence, len(rounds[0].candidates) + len(effects))
     if lead > 0.0:
-        others = [c for c in weighed[k][1:] if c.effect]
-        step = _named(levels[k], weighed[k], others, effects, rules)
+        at = weighed[k]
+        if all(c.effect for c in at):
+            at = stochastic_candidates(levels[k], effects)
+        step = _named(levels[k], at, effects, rules)
         if k == len(kept) - 1 and lead < rules.log_evidence_margin:
             instead = kept[k]
             beside = AlternativeEffect(
@@ -195,14 +197,13 @@ def _nameless(weighed: Sequence[StochasticCandidate]) -> tuple[NamelessShape, ..
 def _named(
     before: Estimate,
     weighed: Sequence[StochasticCandidate],
-    others: Sequence[StochasticCandidate],
     effects: Sequence[StochasticEffect],
     rules: Rules,
 ) -> Step:
     """The step that adds the best effect without a fixed shape, with what could be it as well."""
-    first = next(c for c in weighed if c.effect)
+    first, *others = (c for c in weighed if c.effect)
     least = first.log_bayes_factor - rules.log_evidence_margin
-    rivals = [c for c in others if c.effect != first.effect and c.log_bayes_factor > least]
+    rivals = [c for c in others if c.log_bayes_factor > least]
     return Step(
         first.effect,
         before,
