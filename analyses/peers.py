@@ -124,8 +124,8 @@ def write_page(rows_file: Path) -> None:
         "logs of their own. TU Delft's own numbers for the thrown bodies stand in",
         "[throws.md](throws.md). The filter runs once and has no process noise: noise that is",
         "tuned would widen its intervals, where one knows how much.",
-        "[Kalibr](https://github.com/ethz-asl/kalibr) calibrates cameras against rate sensors with a",
-        "target in view; it has no J.",
+        "[Kalibr](https://github.com/ethz-asl/kalibr) calibrates cameras against rate sensors with",
+        "a target in view; it has no J.",
     ]
     write_atomically(rows_file.with_name("peers.md"), "\n".join(lines) + "\n")
 
