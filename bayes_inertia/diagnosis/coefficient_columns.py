@@ -135,8 +135,11 @@ def _value(
     if hook == "delivered_torque":
         return effect.delivered_torque(p, slew, slew.torque)
 
-    def torque(t: Array, *state: Array) -> Array:
+    nothing = jnp.zeros(3)
+
+    def torque(t: Array, q: Array, rate_B: Array, momentum: Array, states: Array) -> Array:
         # Without inertia and field: a random torque does not follow them.
-        return effect.body_torque(p, slew, t, State(*state, jnp.eye(3), jnp.zeros(3), jnp.zeros(3)))
+        state = State(q, rate_B, momentum, states, jnp.eye(3), nothing, nothing)
+        return effect.body_torque(p, slew, t, state)
 
     return jax.vmap(torque)(*motion)

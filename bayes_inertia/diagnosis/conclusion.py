@@ -258,8 +258,9 @@ def _nameless(step: Step, random: bool) -> list[NamelessShape]:
         free = [s for s in (signal.torque, signal.better_signal) if s is not None]
     values = {driver: v for driver, v in driven.items() if driver not in DRIVEN_BY_LIBRARY}
     average = float(logsumexp(list(values.values())) - np.log(len(values)))
+    (hook, driver), _ = max(values.items(), key=lambda item: item[1])
     return [
         *step.nameless,
         *(NamelessShape(s.source, s.log_evidence) for s in free),
-        NamelessShape(" that follows ".join(max(values, key=values.__getitem__)), average),
+        NamelessShape(f"{hook} that follows {driver}", average),
     ]

@@ -26,6 +26,7 @@ from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_respo
 from bayes_inertia.inference.coefficients import Roots, prior_roots
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
+from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import REMAINDERS, STOCHASTIC
 from bayes_inertia.physics.effects.scales import sd_and_time
 from bayes_inertia.physics.forward_model import Model
@@ -181,7 +182,7 @@ def medians(model: Model) -> np.ndarray:
     return np.where(logarithmic, np.exp(np.where(logarithmic, mean, 0.0)), mean)
 
 
-def _parameters_at(model: Model, effect: StochasticEffect, size: float, shape: float) -> np.ndarray:
+def _parameters_at(model: Model, effect: Effect, size: float, shape: float) -> np.ndarray:
     """An effect's parameters: so many medians in size, so many prior sds from them in shape."""
     part = model.space.slice_of(effect.name)
     values = medians(model)[part]

@@ -100,8 +100,9 @@ def contest(
             )
             step = replace(step, alternatives=(beside, *step.alternatives)[:_MAX_ALTERNATIVES])
         return Contest((*kept[:k], step), step.after)
-    if kept and k == len(kept) - 1 and lead > -rules.log_evidence_margin:
-        beside = _alternative(levels[k], best[k], effects)
+    near = best[k]
+    if near and kept and k == len(kept) - 1 and lead > -rules.log_evidence_margin:
+        beside = _alternative(levels[k], near, effects)
         last = replace(kept[-1], alternatives=(beside, *kept[-1].alternatives)[:_MAX_ALTERNATIVES])
         kept = (*kept[:-1], last)
     return Contest(kept, final)
