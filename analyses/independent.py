@@ -1,10 +1,9 @@
 """A second simulator, in plain numpy and scipy, and disturbances that the library does not hold.
 
-Nothing of the package's dynamics is used: J w' + w x (J w + G H) = -G u + tau in rates, with H' =
-u, attitude by scipy's
-rotations, integrated by DOP853 from one telemetry row to the next. The commands are those of a
-flight without
-disturbance, replayed: a command is a known input wherever it came from.
+Nothing of the package's dynamics is used: J w' + w x (J w + G H) = -G u + tau in rates, with
+H' = u, attitude by scipy's rotations, integrated by DOP853 from one telemetry row to the next. The
+commands are those of a flight without disturbance, replayed: a command is a known input wherever it
+came from.
 """
 
 from __future__ import annotations
