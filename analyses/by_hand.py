@@ -25,8 +25,12 @@ class ByHand:
 
     Parameters
     ----------
-    method, rtol, atol : of `solve_ivp`. rest : seconds at the beginning of each slew in which the
-        spacecraft rests.
+    campaign : Campaign
+        The telemetry.
+    method, rtol, atol
+        Of `solve_ivp`.
+    rest : float
+        Seconds at the beginning of each slew in which the spacecraft rests.
     """
 
     campaign: Campaign
