@@ -143,3 +143,7 @@ def _value(
         return effect.body_torque(p, slew, t, state)
 
     return jax.vmap(torque)(*motion)
+
+
+# What is compiled for each shape of campaign and effect.
+PROGRAMS = (_unit_signals,)

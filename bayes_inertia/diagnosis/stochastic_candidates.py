@@ -16,7 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.diagnosis.coefficient_columns import coefficient_columns
+from bayes_inertia.diagnosis.coefficient_columns import PROGRAMS, coefficient_columns
 from bayes_inertia.diagnosis.signal_evidence import (
     ProjectedSignal,
     projected_signal,
@@ -24,6 +24,7 @@ from bayes_inertia.diagnosis.signal_evidence import (
 )
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.inference.coefficients import Roots, prior_roots
+from bayes_inertia.inference.compiled_programs import forget_surplus
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.physics.effect import Effect
@@ -137,6 +138,7 @@ def stochastic_candidates(
     tuple of StochasticCandidate
         Best evidence first; effects that the campaign cannot have or see are left out.
     """
+    forget_surplus(PROGRAMS)
     fit, response = fit or estimate.linearised(), response or torque_response(estimate)
     campaign, drive = estimate.model.campaign, estimate.model.structure.drive
     usable = [e for e in effects if _is_usable(e, campaign, fit)]

@@ -129,6 +129,10 @@ def prior_roots(structure: Structure, theta: Array, contexts: SlewContext) -> Ro
     return jax.vmap(lambda slew: prior_blocks(active, structure.coefficients, slew))(contexts)
 
 
+# What is compiled for each shape of campaign and set of effects.
+PROGRAMS = (prior_roots,)
+
+
 def root_change(
     structure: Structure, inverse_roots: Roots, theta: Array, contexts: SlewContext
 ) -> Roots:

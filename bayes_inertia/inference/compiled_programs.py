@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
+from bayes_inertia.inference.coefficients import PROGRAMS as OF_COEFFICIENTS
 from bayes_inertia.inference.hyperparameters import PROGRAMS as OF_EVIDENCE
 from bayes_inertia.inference.likelihood import PROGRAMS as OF_LIKELIHOOD
 from bayes_inertia.inference.marginal_posterior import PROGRAMS as OF_POSTERIOR
@@ -18,7 +19,7 @@ MOST_PROGRAMS = 24
 
 
 def forget_surplus(
-    programs: Iterable[Any] = (*OF_EVIDENCE, *OF_LIKELIHOOD, *OF_POSTERIOR),
+    programs: Iterable[Any] = (*OF_COEFFICIENTS, *OF_EVIDENCE, *OF_LIKELIHOOD, *OF_POSTERIOR),
     most: int = MOST_PROGRAMS,
 ) -> None:
     """Forget the programs of every function that has more than so many of them.
