@@ -12,7 +12,13 @@ from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.diagnosis.candidates import FLEXIBLE_MODE
 from bayes_inertia.diagnosis.driven_disturbances import DRIVEN_BY_LIBRARY, driven_evidence
 from bayes_inertia.diagnosis.refitting import ScoredRound
-from bayes_inertia.diagnosis.result import Candidate, Diagnosis, NamelessShape, Step
+from bayes_inertia.diagnosis.result import (
+    AlternativeEffect,
+    Candidate,
+    Diagnosis,
+    NamelessShape,
+    Step,
+)
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.diagnosis.score_test import ScoreTests
 from bayes_inertia.diagnosis.stochastic_contest import as_candidates
@@ -21,6 +27,7 @@ from bayes_inertia.diagnosis.unexplained import unexplained_signal
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.residual_tests import ChannelTest, channel_tests
 from bayes_inertia.inference.rounding import has_one_error, rounding_steps
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 # What a shape without a name is called in an ambiguous set, by where it enters.
 NAMELESS = {
@@ -115,7 +122,8 @@ def ambiguous_sets(steps: Sequence[Step], rules: Rules) -> tuple[tuple[str, ...]
     sets = []
     for step in steps:
         least = step.log_bayes_factor - rules.log_evidence_margin
-        near = [n for n in step.nameless if step.stochastic and n.log_bayes_factor > least]
+        random = step.stochastic or any(_is_stochastic(a) for a in step.alternatives)
+        near = [n for n in step.nameless if random and n.log_bayes_factor > least]
         beside = [a.effect for a in step.alternatives]
         beside += [NAMELESS[source] for source in dict.fromkeys(n.source for n in near)]
         if beside:
@@ -207,6 +215,11 @@ def is_explained(tests: dict[str, ChannelTest], rules: Rules) -> bool:
     ]
     structured = [t.p_white for t in tests.values() if t.p_white is not None]
     return min([*large, *structured], default=1.0) > rules.misfit_p_value
+
+
+def _is_stochastic(alternative: AlternativeEffect) -> bool:
+    effects = {effect.name: effect for effect in alternative.estimate.model.effects}
+    return isinstance(effects[alternative.effect], StochasticEffect)
 
 
 def nameless_rival(steps: Sequence[Step], candidates: int) -> NamelessShape:

@@ -15,6 +15,7 @@ from bayes_inertia.diagnosis.conclusion import (
 from bayes_inertia.diagnosis.result import AlternativeEffect, NamelessShape, Step
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.inference.residual_tests import chi2_test
+from bayes_inertia.physics.effects import TorqueNoise
 
 
 def test_what_was_named_too_is_no_alternative():
@@ -46,6 +47,11 @@ def test_a_random_effect_that_a_shape_without_a_name_may_be_is_one_of_a_set():
     assert ambiguous_sets((step,), Rules(log_evidence_margin=0.5)) == ()
     fixed = Step("constant_torque", fit, fit, 20.0, nameless=shapes)
     assert ambiguous_sets((fixed,), Rules()) == ()
+    model = SimpleNamespace(model=SimpleNamespace(effects=(TorqueNoise(),)))
+    beside = AlternativeEffect("torque_noise", model, 19.5, math.nan)
+    both = Step("constant_torque", fit, fit, 20.0, (beside,), nameless=shapes)
+    names = ("constant_torque", "torque_noise", "nameless_body_torque")
+    assert ambiguous_sets((both,), Rules()) == (names,)
 
 
 def test_a_random_effect_is_weighed_against_what_is_averaged_as_it_is(monkeypatch):

@@ -1,6 +1,6 @@
 """Hidden effects are named, nothing where nothing is missing, and outsiders stay unknown."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import ClassVar
 
 import jax.numpy as jnp
@@ -15,7 +15,6 @@ from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.diagnosis.unexplained import unexplained_signal
 from bayes_inertia.inference.measured_noise import with_measured_noise
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.effects import ConstantTorque
 from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict, headline
 
 
@@ -68,13 +67,24 @@ def test_a_lag_is_named_and_measured(lagging, content_of, check_contract):
 
 
 @pytest.mark.slow
-def test_a_constant_torque_is_named(flight, rigid_library):
-    found = diagnose(
-        flight((ConstantTorque(),), {"constant_torque": {"torque": np.array([1e-6, 0.0, -5e-7])}}),
-        library=rigid_library,
-    )
-    assert found.verdict == "named"
-    assert found.named == ("constant_torque",)
+def test_a_drift_of_its_own_in_each_slew_is_named_and_measured(
+    clean, content_of, check_contract, rigid_library
+):
+    """It has no fixed shape, and no nameless error of the rates explains it as well."""
+    drifts = 1e-6 * np.random.default_rng(4).normal(size=(len(clean.slews), 3))
+    slews = [
+        replace(s, rate=s.rate + (s.time - s.time[0])[:, None] * drift)
+        for s, drift in zip(clean.slews, drifts, strict=True)
+    ]
+    found = diagnose(replace(clean, slews=tuple(slews)), library=rigid_library)
+    assert (found.verdict, found.named) == ("named", ("rate_bias_slew_drift",))
+    assert found.steps[-1].stochastic
+    assert found.nameless_lead < -found.rules.log_evidence_margin
+    content = content_of(found)
+    check_contract(content, rigid_library)
+    rows = {c["effect"]: c["parameters"] for c in content["candidates"]}
+    assert 0.5 < rows["rate_bias_slew_drift"]["sd"]["mean"] / np.sqrt(np.mean(drifts**2)) < 2.0
+    assert [e.name for e in next_fit_from(content).effects] == ["rate_bias_slew_drift"]
 
 
 @pytest.mark.slow
