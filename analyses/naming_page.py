@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from naming_campaigns import SIZES
 from page_table import table_lines
 from scipy import stats
 
@@ -34,7 +35,8 @@ def write_page(folder: Path) -> None:
     lines = ["# What has no fixed shape: how often it is named", "", _ABOUT, ""]
     for tachometers, title in ((True, "With tachometers"), (False, "Without tachometers")):
         some = [row for row in rows if row["tachometers"] is tachometers]
-        lines += [f"## {title}", "", *_summary(some), *_by_label(some)]
+        hidden = [row for row in some if row["kind"] != "clean"]
+        lines += [f"## {title}", "", *_summary(some), *(_by_label(hidden) if hidden else [])]
     write_atomically(folder / "naming.md", "\n".join(lines))
 
 
@@ -112,6 +114,10 @@ def _summary(rows: Sequence[dict]) -> list[str]:
             "clean campaigns in which anything is named",
             share(_n(clean, lambda row: row["verdict"] != "consistent"), len(clean)),
         ),
+        (
+            "... a random effect",
+            share(_n(clean, lambda row: any(name in SIZES for name in row["named"])), len(clean)),
+        ),
     ]
     named = [row for row in hidden if in_a_set(row)]
     if named:
@@ -135,7 +141,8 @@ def _summary(rows: Sequence[dict]) -> list[str]:
                 f"{np.median(seconds):.0f} and {max(seconds):.0f} s",
             )
         )
-    return [*table_lines(("", "measured"), table), ""]
+    counted = [row for row in table if row[1] != "0 of 0"]
+    return [*table_lines(("", "measured"), counted), ""]
 
 
 def _n(rows: Sequence[dict], counted) -> int:
