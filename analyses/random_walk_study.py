@@ -117,7 +117,7 @@ def write_page(rows_file: Path) -> None:
         lines += [f"Estimated size over the true one: {middle:.2f} ({low:.2f} to {high:.2f}).", ""]
     lines += [
         "The simulated walks begin at zero in each slew; the effect expects an offset as large as",
-        "the walk since the campaign's middle. That is likely why small sizes are estimated too low.",
+        "the walk since the middle. That is likely why small sizes are estimated too low.",
         "",
     ]
     seconds = {n: np.median([row[n]["seconds"] for row in rows]) for n in _METHODS}
