@@ -317,7 +317,7 @@ def main() -> None:
         "true effect alone, at the level of one candidate's share of the false alarms, would find "
         "it with the stated probability.",
         "Made by `analyses/diagnosis_study.py` and `analyses/diagnosis_figures.py`; "
-        "all rows are of this version's decisions.",
+        "all rows are of 0.3, before effects without a fixed shape competed; those: naming.md.",
         "The ideal test knows a flexible mode's frequency; the diagnosis has to find it. "
         "Where nothing is found a hidden effect is still there, and moves",
         "J and K: every diagnosis says by how much at most (`could_hide`).",

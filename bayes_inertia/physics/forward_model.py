@@ -153,6 +153,7 @@ def _check(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> Non
         if names.count(name) > 1:
             raise EffectError("two effects of one name", where=name, advice="give each effect once")
     for effect in effects:
+        _check_acts(effect, campaign)
         for column in effect.needs:
             if any(getattr(s, column) is None for s in campaign.slews):
                 raise EffectError(
@@ -160,6 +161,16 @@ def _check(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> Non
                     where=effect.name,
                     advice="add them to the campaign or leave the effect out",
                 )
+
+
+def _check_acts(effect: Effect, campaign: Campaign) -> None:
+    """EffectError if an effect without a fixed shape has nothing to act on."""
+    if isinstance(effect, StochasticEffect) and effect.coefficient_count(campaign) == 0:
+        raise EffectError(
+            "acts on nothing that this campaign has (tachometers, wheels or fixes)",
+            where=effect.name,
+            advice="leave the effect out",
+        )
 
 
 def _check_noise(campaign: Campaign, drive: Drive, noise: NoiseModel) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -183,3 +183,13 @@ def test_sampled_noise_and_stochastic_effects_exclude_each_other(campaign):
     noise = NoiseModel(rate=ChannelNoise("student_t"))
     with pytest.raises(EffectError, match="rate_random_walk"):
         Model(campaign, by_name(["rate_random_walk"]), noise=noise)
+
+
+def test_an_effect_that_has_nothing_to_act_on_is_refused_by_name():
+    campaign = small_campaign()
+    wheels = tuple(replace(wheel, momentum_sigma=None) for wheel in campaign.wheels)
+    slews = tuple(replace(slew, wheel_momentum=None) for slew in campaign.slews)
+    deaf = replace(campaign, wheels=wheels, slews=slews)
+    with pytest.raises(EffectError, match="tachometer_noise_walk: acts on nothing"):
+        Model(deaf, by_name(["tachometer_noise_walk"]))
+    assert Model(deaf, by_name(["rate_random_walk"])).effects
