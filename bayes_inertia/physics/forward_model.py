@@ -167,7 +167,7 @@ def _check_acts(effect: Effect, campaign: Campaign) -> None:
     """EffectError if an effect without a fixed shape has nothing to act on."""
     if isinstance(effect, StochasticEffect) and effect.coefficient_count(campaign) == 0:
         raise EffectError(
-            "acts on nothing that this campaign has (tachometers, wheels or fixes)",
+            "acts on nothing that this campaign has: its coefficient_count is 0",
             where=effect.name,
             advice="leave the effect out",
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.physics.effects.scales import sd_and_time
@@ -73,8 +74,10 @@ class RateBiasInstability(StochasticEffect):
 
     def coefficient_root(self, p, slew, count):
         spacing = slew_duration(slew) / (self.knots - 1)
-        sd, time = (self.median_sd, self.median_time) if self.known else (p["sd"], p["time"])
-        return on_each_axis(ornstein_uhlenbeck_root(sd, time, spacing, self.knots), 3)
+        if self.known:
+            p = {"sd": jnp.asarray(self.median_sd), "time": jnp.asarray(self.median_time)}
+        root = ornstein_uhlenbeck_root(p["sd"], p["time"], spacing, self.knots)
+        return on_each_axis(root, 3)
 
     def signal(self, p, slew, t):
         hats = hat_functions(slew_fraction(slew, t), self.knots)

@@ -81,7 +81,7 @@ class RateRandomWalk(StochasticEffect):
         spread = jnp.concatenate(
             [jnp.sqrt(away)[None], jnp.full(self.functions, jnp.sqrt(duration))]
         )
-        density = self.median if self.known else p["density"]
+        density = jnp.asarray(self.median) if self.known else p["density"]
         return independent(density * jnp.tile(spread, 3), count)
 
     def signal(self, p, slew, t):

@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
+import jax.numpy as jnp
+
 from bayes_inertia.campaign.fix_groups import fix_groups
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.parameters import LogNormal, scalar
@@ -59,7 +61,7 @@ class StarTrackerLowFrequency(StochasticEffect):
         return 3 * max(int(fix_groups(slew).max(initial=0)) + 1 for slew in campaign.slews)
 
     def coefficient_root(self, p, slew, count):
-        return independent(self.median if self.known else p["sd"], count)
+        return independent(jnp.asarray(self.median) if self.known else p["sd"], count)
 
     def attitude_output(self, p, slew, trajectory, attitude):
         if slew.fix_group is None:
