@@ -72,7 +72,8 @@ def conclude(
     tests, candidates = final_tests(final), _all_candidates(first)
     rival = nameless_rival(steps, len(candidates))
     lead = rival.log_bayes_factor
-    imitation = "imitation" if lead > rules.log_evidence_margin else ""
+    beaten = lead > rules.log_evidence_margin or names_may_imitate(steps, rules)
+    imitation = "imitation" if beaten else ""
     why_unknown = imitation if is_explained(tests, rules) else "misfit"
     steps = without_named_alternatives(steps)
     sets = ambiguous_sets(steps, rules)
@@ -102,6 +103,31 @@ def _all_candidates(first: ScoredRound) -> tuple[Candidate, ...]:
     """Those of the library and those without a fixed shape, best evidence first."""
     rows = (*first.candidates, *as_candidates(first.stochastic))
     return tuple(sorted(rows, key=lambda row: -row.log_bayes_factor))
+
+
+def names_may_imitate(steps: Sequence[Step], rules: Rules) -> bool:
+    """Whether effects of a fixed shape may each have taken a part of something without a name.
+
+    They stand beside a random effect which a shape without a name explains as well: what is random
+    about it may be what they left of one disturbance that none of them is.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        What was added.
+    rules : Rules
+        Its margin decides what explains as well.
+
+    Returns
+    -------
+    bool
+        False for a random effect alone, and without one.
+    """
+    if len(steps) < 2 or not steps[-1].stochastic:
+        return False
+    last = steps[-1]
+    least = last.log_bayes_factor - rules.log_evidence_margin
+    return any(shape.log_bayes_factor > least for shape in last.nameless)
 
 
 def ambiguous_sets(steps: Sequence[Step], rules: Rules) -> tuple[tuple[str, ...], ...]:

@@ -91,6 +91,7 @@ def write_plan(plan: Plan, path: str | Path, *, overwrite: bool = False) -> Path
     path = Path(path)
     document = tomlkit.document()
     document["format"] = FORMAT
+    document.add(tomlkit.comment("Quaternions: inertial to body, scalar last. Axes in body axes."))
     for key, value in _table(plan, _PLAN).items():
         document[key] = value
     if plan.orbit is not None:

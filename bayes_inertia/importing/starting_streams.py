@@ -76,7 +76,7 @@ def stream_text(
     if group.table_name:
         lines.append(mapping_entry((*path, "table"), group.table_name))
     lines += _time(group, path, one_clock)
-    lines.append("offset_s = 0.0  # true time minus stamp [s]")
+    lines.append("offset_s = 0.0  # true time minus stamp [s]: -0.125 if stamps are 0.125 s late")
     lines += _attitude(group, family) if family.holds == "attitude" else _readings(group, family)
     flags = [n for n in group.table.columns if re.search(r"valid|flag|status|quality", n.lower())]
     if flags:

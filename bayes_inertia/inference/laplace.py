@@ -174,6 +174,19 @@ class Estimate:
         theta[self.free] += step[: len(self.free)]
         return theta
 
+    @cached_property
+    def sd_without_slew(self) -> np.ndarray:
+        """Sds (slews, d) that would remain without each slew, to first order; zero where held.
+
+        Where one slew alone determines a parameter, the others cannot check it.
+        """
+        fit, columns = self.linearised(), np.arange(len(self.free))
+        sds = np.zeros((self.model.n_slews, len(self.theta)))
+        for slew in range(self.model.n_slews):
+            _, hessian = fit.without_slew(slew)
+            sds[slew, self.free] = np.sqrt(np.diag(inverse(hessian))[columns])
+        return sds
+
     def linearised(self) -> LinearisedFit:
         """The fit to first order around the maximum.
 

@@ -188,6 +188,7 @@ class Posterior:
             "mean": float(draws.mean()),
             "sd": sd,
             "robust_sd": robust if np.isfinite(robust) else None,
+            **self._decisive_slew(i),
             "q05": q05,
             "q50": q50,
             "q95": q95,
@@ -196,6 +197,16 @@ class Posterior:
             "contraction": contraction,
             "observable": bool(contraction > OBSERVABLE_ABOVE),
         }
+
+    def _decisive_slew(self, i: int) -> dict[str, Any]:
+        """The slew without which a parameter would be known worst, and its sd then."""
+        estimate: Any = self.tree["estimate"]
+        if "sd_without_slew" not in estimate or len(estimate["slew"]) < 2:
+            return {}
+        sds = estimate["sd_without_slew"].values[:, i]
+        most = int(np.argmax(sds))
+        slew = str(estimate["slew"].values[most])
+        return {"decisive_slew": slew, "sd_without_it": float(sds[most])}
 
     def _principal_moments(self) -> dict[str, Any]:
         """Principal moments as they stand in summary.json, smallest first."""

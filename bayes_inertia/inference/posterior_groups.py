@@ -182,6 +182,7 @@ def _estimate_group(estimate: Estimate) -> xr.DataTree:
         "covariance": (("parameter", "parameter_2"), estimate.covariance),
         "robust_covariance": (("parameter", "parameter_2"), covariance),
         "robust_sd": (("parameter",), np.sqrt(np.diag(covariance))),
+        "sd_without_slew": (("slew", "parameter"), estimate.sd_without_slew),
         "robust_principal_sd": (("axis",), principal_sd(estimate, covariance)),
         "discount": (("slew", "channel"), estimate.discount),
         "slew_chi2": (("slew", "channel"), estimate.information.chi2 / estimate.discount),

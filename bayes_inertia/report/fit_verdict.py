@@ -13,6 +13,9 @@ from bayes_inertia.report.residual_wording import channel_verdict
 from bayes_inertia.report.uncertainty import names_by_determination
 from bayes_inertia.report.verdict import Level, Verdict
 
+# A parameter whose sd would be so many times larger without one slew rests on that slew.
+_ONE_SLEW = 3.0
+
 
 def fit_verdict(summary: Mapping[str, Any], n_slews: int) -> Verdict:
     """Can the result be trusted, why, and which uncertainty to use.
@@ -216,15 +219,53 @@ def _on_uncertainty(rows: Mapping[str, Any], n_slews: int, has_robust: bool) -> 
     own_error = (
         f"a robust sd from {n_slews} slews is itself uncertain by about {100.0 * error:.0f} %"
     )
-    if wide:
-        return (
-            f"The slews scatter more than the model's sd for {listed(wide)}: "
+    alone = [name for name in wide if rests_on_one_slew(rows[name])]
+    scattered = [name for name in wide if name not in alone]
+    sentences = []
+    if scattered:
+        sentences.append(
+            f"The slews scatter more than the model's sd for {listed(scattered)}: "
             f"use the quoted (larger) uncertainty, and mind that {own_error}."
         )
+    if alone:
+        rest = "rests" if len(alone) == 1 else "rest"
+        sentences.append(
+            f"{listed(alone)} {rest} on one slew ({listed(_decisive(rows, alone))}): the others "
+            "cannot check it, and the robust sd says only that. The sd is right if the model and "
+            "the stated noise are."
+        )
+    if sentences:
+        return " ".join(sentences)
     return (
         "Use the quoted uncertainty, the larger of the two in each row; "
         f"the model's sd and what the slews support agree ({own_error})."
     )
+
+
+def rests_on_one_slew(row: Mapping[str, Any]) -> bool:
+    """Whether one slew alone determines a parameter, so that the others cannot check it.
+
+    Parameters
+    ----------
+    row : mapping
+        Of `parameters` in summary.json.
+
+    Returns
+    -------
+    bool
+        False for runs of versions that do not tell.
+
+    Examples
+    --------
+    >>> rests_on_one_slew({"sd": 1e-4, "sd_without_it": 2e-3}), rests_on_one_slew({"sd": 1e-4})
+    (True, False)
+    """
+    return bool(row.get("sd_without_it", 0.0) > _ONE_SLEW * row["sd"])
+
+
+def _decisive(rows: Mapping[str, Any], names: list[str]) -> list[str]:
+    """The slews on which parameters rest, each once."""
+    return list(dict.fromkeys(rows[name]["decisive_slew"] for name in names))
 
 
 def _on_undetermined(names: list[str]) -> list[str]:

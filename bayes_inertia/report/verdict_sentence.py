@@ -173,7 +173,9 @@ def _accuracy(summary: Mapping[str, Any]) -> str:
     if not said:
         return "J and K are not determined"
     worst_of = "the worst of each" if len(said) > 1 else "the worst element"
-    return f"{', '.join(said)} (1 sd, {worst_of})"
+    # What tells the absolute size of J are the wheels, as stated.
+    scale = "; J on the scale of the stated wheels" if summary.get("wheels") else ""
+    return f"{', '.join(said)} (1 sd, {worst_of}{scale})"
 
 
 def _is_moment(name: str) -> bool:

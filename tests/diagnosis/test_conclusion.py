@@ -10,6 +10,7 @@ from bayes_inertia.diagnosis.conclusion import (
     ambiguous_sets,
     is_explained,
     nameless_rival,
+    names_may_imitate,
     without_named_alternatives,
 )
 from bayes_inertia.diagnosis.result import AlternativeEffect, NamelessShape, Step
@@ -52,6 +53,18 @@ def test_a_random_effect_that_a_shape_without_a_name_may_be_is_one_of_a_set():
     both = Step("constant_torque", fit, fit, 20.0, (beside,), nameless=shapes)
     names = ("constant_torque", "torque_noise", "nameless_body_torque")
     assert ambiguous_sets((both,), Rules()) == (names,)
+
+
+def test_names_beside_what_may_have_no_name_may_each_hold_a_part_of_it():
+    fit = SimpleNamespace()
+    shapes = (NamelessShape("body torque", 19.0),)
+    fixed = Step("constant_torque", fit, fit, 30.0)
+    random = Step("torque_noise", fit, fit, 20.0, stochastic=True, nameless=shapes)
+    assert names_may_imitate((fixed, random), Rules())
+    assert not names_may_imitate((random,), Rules())
+    assert not names_may_imitate((fixed, fixed), Rules())
+    # A random effect that nothing without a name equals stays beside the names.
+    assert not names_may_imitate((fixed, random), Rules(log_evidence_margin=0.5))
 
 
 def test_a_random_effect_is_weighed_against_what_is_averaged_as_it_is(monkeypatch):

@@ -26,9 +26,12 @@ def _changed(summary: dict, **changes) -> dict:
     summary["gates"] = [
         {"name": name, "passed": value, "says": "it says"} for name, value in passed.items()
     ]
-    for key in ("sd", "robust_sd"):
-        if key in changes:
-            summary["parameters"] = summary["parameters"] | {"K1": row | {key: changes[key]}}
+    of_K1 = {
+        key: changes[key]
+        for key in ("sd", "robust_sd", "decisive_slew", "sd_without_it")
+        if key in changes
+    }
+    summary["parameters"] = summary["parameters"] | {"K1": row | of_K1}
     summary["fit"] = summary["fit"] | {
         key: changes[key]
         for key in ("reduced_chi2", "p_white", "starts_agreeing")
@@ -43,6 +46,16 @@ def _changed(summary: dict, **changes) -> dict:
     [
         ({}, "good", "agree"),
         ({"robust_sd": 5e-3}, "good", "scatter more than the model's sd for K1"),
+        (
+            {"robust_sd": 5e-3, "decisive_slew": "slew 4", "sd_without_it": 9e-3},
+            "good",
+            "K1 rests on one slew (slew 4): the others cannot check it",
+        ),
+        (
+            {"robust_sd": 5e-3, "decisive_slew": "slew 4", "sd_without_it": 2e-3},
+            "good",
+            "scatter more than the model's sd for K1",
+        ),
         ({"sd": 0.09}, "caution", "Not determined by this campaign: K1"),
         ({"starts_agreeing": [1, 3]}, "caution", "Only 1 of 3 starts"),
         (

@@ -46,6 +46,10 @@ def undetermined(name: str) -> dict:
     [
         ({}, f"{NUMBERS}; the model explains the data."),
         (
+            {"wheels": 3},
+            f"{NUMBERS[:-1]}; J on the scale of the stated wheels); the model explains the data.",
+        ),
+        (
             {"effects": ["rate_bias"]},
             f"{NUMBERS}; the model, with rate bias fitted along, explains the data.",
         ),

@@ -69,6 +69,8 @@ def show_check(check: ConventionsCheck) -> None:
             console.print(title)
             for line in lines:
                 console.print(f"  - {line}")
+    if check.verdict == "consistent":
+        console.print("next: bayes-inertia fit CAMPAIGN -o RUN")
 
 
 def _dirt_in_words(dirt: dict[str, Any]) -> str:

@@ -45,6 +45,13 @@ def simulate_command(
         truth = str(out / "truth.json")
         print_json({"format": FORMAT, "campaign": str(out), "slews": slews, "truth": truth})
     else:
-        plain_console().print(
+        console = plain_console()
+        console.print(
             f"wrote {len(flight.campaign.slews)} slews and truth.json in {out}", soft_wrap=True
         )
+        if plan:
+            console.print(
+                "flown by the MOST-like spacecraft; for the one that the plan was designed for: "
+                "study CAMPAIGN --plan PLAN",
+                soft_wrap=True,
+            )
