@@ -15,7 +15,6 @@ from typing import ClassVar
 import jax.numpy as jnp
 import numpy as np
 
-from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.coefficient_columns import PROGRAMS, coefficient_columns
 from bayes_inertia.diagnosis.signal_evidence import (
     ProjectedSignal,
@@ -141,10 +140,10 @@ def stochastic_candidates(
     forget_surplus(PROGRAMS)
     fit, response = fit or estimate.linearised(), response or torque_response(estimate)
     campaign, drive = estimate.model.campaign, estimate.model.structure.drive
-    usable = [e for e in effects if _is_usable(e, campaign, fit)]
-    shape = TachometerShape()
-    both = [*usable, shape] if nameless and _is_usable(shape, campaign, fit) else usable
-    model = Model(campaign, tuple(both), drive)
+    numbers, shapes = fit.residual.size, (TachometerShape(),) if nameless else ()
+    named = usable(effects, fit.model, numbers)
+    both = (*named, *usable(shapes, fit.model, numbers))
+    model = Model(campaign, both, drive)
     roots = [_roots_at(model, x) for x in _SHAPES]
     candidates: list[StochasticCandidate] = []
     for i, effect in enumerate(both):
@@ -158,13 +157,38 @@ def stochastic_candidates(
     return tuple(sorted(candidates, key=lambda c: -c.log_bayes_factor))
 
 
-def _is_usable(effect: StochasticEffect, campaign: Campaign, fit: LinearisedFit) -> bool:
-    # What the campaign states is integrated out at its stated size.
-    fitted = {e.name for e in fit.model.structure.effects}
-    count = effect.coefficient_count(campaign)
-    large = fit.residual.size * count > _MOST_NUMBERS
-    known = bool(effect.parameters(campaign)) and effect.name not in fitted
-    return known and count > 0 and not large
+def usable(
+    effects: Sequence[StochasticEffect], model: Model, numbers: int
+) -> tuple[StochasticEffect, ...]:
+    """Those that the campaign can have and that are not fitted or stated already.
+
+    Parameters
+    ----------
+    effects : sequence of StochasticEffect
+        Candidates.
+    model : Model
+        Of the fit. What its campaign states is integrated out at the stated size.
+    numbers : int
+        Residuals of the fit, of all channels.
+
+    Returns
+    -------
+    tuple of StochasticEffect
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> [effect.name for effect in usable(STOCHASTIC_CANDIDATES[:1], Model(small_campaign()), 99)]
+    ['rate_random_walk']
+    """
+    fitted = {effect.name for effect in model.structure.effects}
+    campaign, kept = model.campaign, []
+    for effect in effects:
+        count = effect.coefficient_count(campaign)
+        known = not effect.parameters(campaign) or effect.name in fitted
+        if not known and count > 0 and numbers * count <= _MOST_NUMBERS:
+            kept.append(effect)
+    return tuple(kept)
 
 
 def medians(model: Model) -> np.ndarray:

@@ -10,6 +10,7 @@ from bayes_inertia.diagnosis.stochastic_candidates import (
     STOCHASTIC_CANDIDATES,
     medians,
     stochastic_candidates,
+    usable,
 )
 from bayes_inertia.diagnosis.stochastic_contest import best_level
 from bayes_inertia.diagnosis.torque_response import torque_response
@@ -69,12 +70,14 @@ def test_of_a_clean_campaign_nothing_random_is_significant(plain):
     assert max(c.log_bayes_factor for c in weighed) < 5.0
 
 
-@pytest.mark.slow
 def test_noise_that_the_campaign_states_is_no_candidate(clean):
     sensor = replace(clean.rate_sensor, rate_random_walk=1e-7)
-    stated = optimizer.estimate(Model(replace(clean, rate_sensor=sensor)), discount=False)
-    names = {c.effect for c in stochastic_candidates(stated, STOCHASTIC_CANDIDATES)}
-    assert names == {"", *(e.name for e in STOCHASTIC_CANDIDATES)} - {"rate_random_walk"}
+    stated = Model(replace(clean, rate_sensor=sensor))
+    names = {e.name for e in STOCHASTIC_CANDIDATES}
+    assert {e.name for e in usable(STOCHASTIC_CANDIDATES, Model(clean), 1000)} == names
+    kept = usable(STOCHASTIC_CANDIDATES, stated, 1000)
+    assert {e.name for e in kept} == names - {"rate_random_walk"}
+    assert usable(STOCHASTIC_CANDIDATES, stated, 10**9) == ()
 
 
 def test_a_random_effect_replaces_the_names_that_imitate_it():
