@@ -81,18 +81,38 @@ def undetected_effects(diagnosis: Diagnosis) -> tuple[Undetected, ...]:
     tuple of Undetected
         One for each element that was fitted; empty where the verdict is "unknown".
     """
-    estimate = diagnosis.final
-    names = unfitted(estimate)
-    if not names or diagnosis.verdict == "unknown":
+    scored = scored_undetected(diagnosis)
+    if scored is None:
         return ()
-    fit = estimate.linearised()
-    tests = score_tests(estimate, names, fit=fit)
+    fit, tests = scored
     worst: dict[int, Undetected] = {}
-    for k in range(len(names)):
-        for i, row in _shifts(estimate, fit, tests, k, diagnosis.threshold).items():
+    for k in range(len(tests.names)):
+        for i, row in _shifts(diagnosis.final, fit, tests, k, diagnosis.threshold).items():
             if i not in worst or row.shift > worst[i].shift:
                 worst[i] = row
     return tuple(worst[i] for i in sorted(worst))
+
+
+def scored_undetected(diagnosis: Diagnosis) -> tuple[LinearisedFit, ScoreTests] | None:
+    """Score the candidates that were not named, at the final fit.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        What was found.
+
+    Returns
+    -------
+    fit : LinearisedFit
+        Of the final fit.
+    tests : ScoreTests
+        Of the candidates; None for both where the verdict is "unknown" or all are fitted.
+    """
+    names = unfitted(diagnosis.final)
+    if not names or diagnosis.verdict == "unknown":
+        return None
+    fit = diagnosis.final.linearised()
+    return fit, score_tests(diagnosis.final, names, fit=fit)
 
 
 def _shifts(

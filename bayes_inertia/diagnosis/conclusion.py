@@ -125,9 +125,7 @@ def names_may_imitate(steps: Sequence[Step], rules: Rules) -> bool:
     """
     if len(steps) < 2 or not steps[-1].stochastic:
         return False
-    last = steps[-1]
-    least = last.log_bayes_factor - rules.log_evidence_margin
-    return any(shape.log_bayes_factor > least for shape in last.nameless)
+    return bool(_nameless_equals(steps[-1], rules))
 
 
 def ambiguous_sets(steps: Sequence[Step], rules: Rules) -> tuple[tuple[str, ...], ...]:
@@ -147,14 +145,19 @@ def ambiguous_sets(steps: Sequence[Step], rules: Rules) -> tuple[tuple[str, ...]
     """
     sets = []
     for step in steps:
-        least = step.log_bayes_factor - rules.log_evidence_margin
         random = step.stochastic or any(_is_stochastic(a) for a in step.alternatives)
-        near = [n for n in step.nameless if random and n.log_bayes_factor > least]
+        near = _nameless_equals(step, rules) if random else []
         beside = [a.effect for a in step.alternatives]
         beside += [NAMELESS[source] for source in dict.fromkeys(n.source for n in near)]
         if beside:
             sets.append((step.added, *beside))
     return tuple(sets)
+
+
+def _nameless_equals(step: Step, rules: Rules) -> list[NamelessShape]:
+    """Shapes without a name that explain the data as well as what a step added."""
+    least = step.log_bayes_factor - rules.log_evidence_margin
+    return [shape for shape in step.nameless if shape.log_bayes_factor > least]
 
 
 def _verdict(why_unknown: str, sets: Sequence[Sequence[str]], named: Sequence[str]) -> str:

@@ -14,10 +14,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayes_inertia.diagnosis.blind_spots import shift_per_amplitude
+from bayes_inertia.diagnosis.blind_spots import scored_undetected, shift_per_amplitude
 from bayes_inertia.diagnosis.model_averaging import AlternativeParameters
 from bayes_inertia.diagnosis.result import Diagnosis
-from bayes_inertia.diagnosis.score_test import ScoreTests, score_tests, unfitted
+from bayes_inertia.diagnosis.score_test import ScoreTests
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.physics.parameters import N_BASE
 
@@ -39,12 +39,11 @@ def undetected_alternatives(diagnosis: Diagnosis) -> tuple[AlternativeParameters
         One for each candidate, in place of nothing (`instead_of` is empty); none where the verdict
         is "unknown": there what is missing is fitted along without a name.
     """
-    estimate = diagnosis.final
-    names = unfitted(estimate)
-    if not names or diagnosis.verdict == "unknown":
+    scored = scored_undetected(diagnosis)
+    if scored is None:
         return ()
-    fit = estimate.linearised()
-    tests = score_tests(estimate, names, fit=fit)
+    estimate, (fit, tests) = diagnosis.final, scored
+    names = tests.names
     odds = np.exp([tests.log_bayes_factor(k) for k in range(len(names))]) / len(names)
     space, rows = estimate.model.space, []
     for k, probability in enumerate(odds / (1.0 + odds.sum())):
