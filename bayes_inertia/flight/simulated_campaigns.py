@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,18 +14,16 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.writer import write_campaign
-from bayes_inertia.errors import EffectError, OutputError
+from bayes_inertia.errors import OutputError
 from bayes_inertia.files import write_atomically
-from bayes_inertia.flight.mission import Mission, most_like_mission
+from bayes_inertia.flight.hidden_effects import parameter_space, with_hidden_effects
+from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_flight import Flight, fly
-from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft, spin_tensor
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.named_effects import effects_named, pinned_names
-from bayes_inertia.physics.parameters import ParameterSpace
 
 
 def simulate(
@@ -36,6 +34,7 @@ def simulate(
     *,
     controller: Controller | None = None,
     name: str | None = None,
+    hidden: Sequence[str] = (),
 ) -> Flight:
     """Fly a plan and write the campaign folder, with `truth.json` beside it.
 
@@ -49,11 +48,14 @@ def simulate(
     out_folder : str or Path
         Where to write; made if it is absent.
     seed : int
-        Of noise, bias and rest errors.
+        Of noise, bias, rest errors and drawn effects.
     controller : Controller, optional
         None for one that believes the prior.
     name : str, optional
         Name of the campaign; None for the plan's.
+    hidden : sequence of str, optional
+        Effects that act beside the mission's own and that the campaign does not mention, see
+        `with_hidden_effects`.
 
     Returns
     -------
@@ -67,11 +69,13 @@ def simulate(
     CampaignError
         If the plan does not fit the spacecraft.
     EffectError
-        If an effect lacks environment columns, or grows without bound together with the controller.
+        If an effect or parameter is unknown, lacks environment columns, or grows without bound
+        together with the controller.
 
     Examples
     --------
     >>> from tempfile import TemporaryDirectory
+    >>> from bayes_inertia.flight.mission import most_like_mission
     >>> from bayes_inertia.flight.plan import PlannedSlew
     >>> plan = Plan("one", (PlannedSlew((1., 0., 0.), 0.5),))
     >>> with TemporaryDirectory() as folder:
@@ -79,6 +83,7 @@ def simulate(
     ...     sorted(path.name for path in Path(folder).iterdir())
     ['campaign.toml', 'slew_01.csv', 'truth.json']
     """
+    mission = with_hidden_effects(mission, plan, hidden, seed)
     flight = fly(plan, mission, seed, controller=controller, name=name)
     folder = Path(out_folder)
     text = json.dumps(truth_of(flight, seed), indent=1) + "\n"
@@ -92,106 +97,6 @@ def simulate(
     write_campaign(flight.campaign, folder)
     write_atomically(path, text)
     return flight
-
-
-def simulate_most(
-    plan: Plan, out_folder: str | Path, seed: int, hidden: Sequence[str] = ()
-) -> Flight:
-    """Fly a plan with the MOST-like spacecraft of Ferguson's Table 1; write the campaign folder.
-
-    Parameters
-    ----------
-    plan : Plan
-        What to fly.
-    out_folder : str or Path
-        Where to write; made if it is absent.
-    seed : int
-        Of noise, bias, rest errors and drawn effects.
-    hidden : sequence of str
-        Effects that act and that the campaign does not mention. Each is `name` (parameters drawn
-        from their priors) or `name.parameter=value[,value...]` (parameters not named are at their
-        null).
-
-    Returns
-    -------
-    Flight
-        What was flown.
-
-    Raises
-    ------
-    EffectError
-        If an effect or parameter is unknown, or a wrong number of values is given.
-    OutputError
-        If another campaign is in the folder.
-    """
-    mission = most_like_mission()
-    template = planned_campaign(plan, mission)
-    effects, values = _hidden_effects(hidden, template, np.random.default_rng([seed, 2]))
-    craft = replace(mission.spacecraft, effects=effects, values=values)
-    return simulate(plan, replace(mission, spacecraft=craft), out_folder, seed)
-
-
-@dataclass(frozen=True)
-class _Request:
-    """A request like `wheel_command_lag.tau=0.12`; without `parameter` the effect is drawn."""
-
-    effect: str
-    parameter: str
-    value: str
-
-    @classmethod
-    def parsed(cls, text: str) -> _Request:
-        key, _, value = text.partition("=")
-        # An effect from outside is called `FILE.py:Class` or `package.module:Class`.
-        source, colon, rest = key.rpartition(":")
-        effect, _, parameter = rest.partition(".")
-        return cls(f"{source}{colon}{effect}", parameter, value)
-
-
-def _hidden_effects(
-    texts: Sequence[str], template: Campaign, rng: np.random.Generator
-) -> tuple[tuple[Effect, ...], dict[str, dict[str, Any]]]:
-    """Effects and values that requests name."""
-    requests = [_Request.parsed(text) for text in texts]
-    names = tuple(dict.fromkeys(request.effect for request in requests))
-    effects = effects_named(pinned_names(names))
-    values: dict[str, dict[str, Any]] = {}
-    for name, effect in zip(names, effects, strict=True):
-        space = _space_of(effect, template)
-        settings = [r for r in requests if r.effect == name and r.parameter]
-        flat = space.nulls if settings else space.draw(rng, 1)[0]
-        by_parameter = {
-            k: np.asarray(v) for k, v in space.split(jnp.asarray(flat))[effect.name].items()
-        }
-        for request in settings:
-            by_parameter[request.parameter] = _requested_value(request, by_parameter)
-        values[effect.name] = by_parameter
-    return effects, values
-
-
-def _space_of(effect: Effect, template: Campaign) -> ParameterSpace:
-    return ParameterSpace(tuple((effect.name, p) for p in effect.parameters(template)))
-
-
-def _requested_value(request: _Request, by_parameter: Mapping[str, np.ndarray]) -> np.ndarray:
-    """The value that a request asks for, in the shape of its parameter."""
-    if request.parameter not in by_parameter:
-        raise EffectError(
-            f"no parameter {request.parameter!r}",
-            where=request.effect,
-            advice=f"its parameters are {', '.join(by_parameter)}",
-        )
-    null = by_parameter[request.parameter]
-    try:
-        given = np.array([float(x) for x in request.value.split(",")])
-        return np.broadcast_to(given, null.shape) if null.shape else given.reshape(())
-    except ValueError:
-        count = f"{null.size} number{'s' if null.size > 1 else ''}"
-        raise EffectError(
-            f"{request.value!r} is not {count}",
-            where=f"{request.effect}.{request.parameter}",
-            advice="give numbers separated by commas",
-        ) from None
 
 
 def truth_of(flight: Flight, seed: int | None = None) -> dict[str, Any]:
@@ -272,7 +177,7 @@ def draw_spacecraft(
     all_values = dict(values or {})
     for effect in effects:
         if effect.name not in all_values:
-            space = _space_of(effect, template)
+            space = parameter_space(effect, template)
             drawn = space.split(space.draw(rng, 1)[0])
             all_values[effect.name] = drawn.get(effect.name, {})
     K = rng.normal(sensor.scale_factor, sensor.scale_factor_sigma)

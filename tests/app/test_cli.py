@@ -189,18 +189,6 @@ def test_resume_and_report_want_a_run(tmp_path, capsys):
     assert "posterior.nc" in capsys.readouterr().err
 
 
-def test_simulate_writes_a_campaign_with_its_truth_and_hidden_effects(tmp_path, capsys):
-    out = tmp_path / "simulated"
-    assert (
-        run("simulate", "-o", out, "--seed", "3", "--hide", "constant_torque.torque=1e-5,0,0") == 0
-    )
-    truth = json.loads((out / "truth.json").read_text())
-    assert truth["effects"]["constant_torque"]["torque"] == [1e-5, 0.0, 0.0]
-    assert run("check", out) == 0
-    assert run("simulate", "-o", tmp_path / "other", "--hide", "constant_torque.torque=a") == 2
-    assert "constant_torque.torque" in capsys.readouterr().err
-
-
 @pytest.mark.slow
 def test_fit_of_the_example_is_trusted_and_right(tmp_path, capsys):
     """Telemetry of an independent simulator: truth within 3.5 sd, gates, files, units."""

@@ -74,8 +74,8 @@ def test_import_start(document, tmp_path):
 
 def test_simulate(document, tmp_path, monkeypatch):
     flight = SimpleNamespace(campaign=SimpleNamespace(slews=(SimpleNamespace(name="slew 1"),)))
-    where = "bayes_inertia.flight.simulated_campaigns.simulate_most"
-    monkeypatch.setattr(where, lambda *_: flight)
+    where = "bayes_inertia.app.simulate_folder.simulate"
+    monkeypatch.setattr(where, lambda *_, **__: flight)
     assert run("simulate", "-o", tmp_path, "--json") == 0
     assert document()["slews"] == ["slew 1"]
 

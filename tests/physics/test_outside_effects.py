@@ -11,8 +11,9 @@ import pytest
 from support.campaign_files import assert_teaches
 
 from bayes_inertia.errors import EffectError
+from bayes_inertia.flight.mission import most_like_mission
 from bayes_inertia.flight.plan import Plan, PlannedSlew
-from bayes_inertia.flight.simulated_campaigns import simulate_most
+from bayes_inertia.flight.simulated_campaigns import simulate
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.outside_effects import effects_in_file
 
@@ -163,8 +164,14 @@ def test_an_installed_package_offers_effects_by_name(write, monkeypatch, tmp_pat
 
 def test_a_simulation_hides_an_effect_from_outside(write, tmp_path):
     path, plan = write(PUSH), Plan("one", (PlannedSlew((1.0, 0.0, 0.0), 0.5),))
-    flight = simulate_most(plan, tmp_path / "out", 1, [f"{path}:Push.torque=1e-5,0,-2e-5"])
+    flight = simulate(
+        plan,
+        most_like_mission(),
+        tmp_path / "out",
+        1,
+        hidden=[f"{path}:Push.torque=1e-5,0,-2e-5"],
+    )
     assert np.array_equal(flight.spacecraft.values["push"]["torque"], [1e-5, 0.0, -2e-5])
     with pytest.raises(EffectError) as caught:
-        simulate_most(plan, tmp_path / "other", 1, [f"{path}:Push.force=1"])
+        simulate(plan, most_like_mission(), tmp_path / "other", 1, hidden=[f"{path}:Push.force=1"])
     assert_teaches(caught.value, ["force", "torque"])

@@ -9,10 +9,11 @@ def demo_command(out: OutputFolder = DEMO_FOLDER, seed: Seed = 1, as_json: AsJso
     """Simulate a campaign of five slews, fit it, write the report."""
     from bayes_inertia.app import run_folder
     from bayes_inertia.app.commands.run_result import finish_and_show
+    from bayes_inertia.flight.mission import most_like_mission
     from bayes_inertia.flight.plan import paper_like_plan
-    from bayes_inertia.flight.simulated_campaigns import simulate_most
+    from bayes_inertia.flight.simulated_campaigns import simulate
     from bayes_inertia.inference.settings import Settings
 
-    simulate_most(paper_like_plan(), out / "campaign", seed, ())
+    simulate(paper_like_plan(), most_like_mission(), out / "campaign", seed)
     run_folder.start(out / "campaign", out / "fit", settings=Settings(seed=seed))
     finish_and_show(out / "fit", report=True, as_json=as_json)

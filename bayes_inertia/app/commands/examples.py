@@ -32,7 +32,10 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
     "resume": ("resume run",),
     "report": ("report run", "report run_before run_after -o comparison.html"),
     "export": ("export run --to csv -o upload.csv", "export run --to basilisk"),
-    "simulate": ("simulate -o simulated --hide wheel_command_lag.tau=0.1 --seed 3",),
+    "simulate": (
+        "simulate -o simulated --hide wheel_command_lag.tau=0.1 --seed 3",
+        "simulate -o flown --campaign campaign --plan next/plan.toml",
+    ),
     "effects": ("effects --campaign campaign", "effects --check my_effects.py"),
     "demo": ("demo -o demo_run",),
     "doctor": ("doctor", "doctor campaign --json"),

@@ -1,0 +1,126 @@
+"""`simulate` on a folder: which spacecraft flies which plan, and what the flight leaves out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from bayes_inertia.app.named_plans import PAPER, plans_named, prior_mission
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.flight.mission import Mission, most_like_mission
+from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.flight.plan_file import read_plan
+from bayes_inertia.flight.plan_flight import Flight
+from bayes_inertia.flight.simulated_campaigns import draw_spacecraft, simulate
+from bayes_inertia.physics.stated_noise import stated_noise
+
+
+@dataclass(frozen=True)
+class SimulatedFlight:
+    """A plan flown in simulation, and what should be known of it.
+
+    Parameters
+    ----------
+    flight : Flight
+        What was flown.
+    spacecraft : str
+        Whose spacecraft flew, in words.
+    notes : tuple of str
+        What the simulation leaves out.
+    """
+
+    flight: Flight
+    spacecraft: str
+    notes: tuple[str, ...] = ()
+
+
+def run_simulate(
+    folder: Path,
+    plan: str | None = None,
+    campaign: Path | None = None,
+    *,
+    hidden: Sequence[str] = (),
+    draw: bool = False,
+    seed: int = 0,
+) -> SimulatedFlight:
+    """Fly a plan and write the campaign folder, with its truth beside it.
+
+    Parameters
+    ----------
+    folder : Path
+        Where to write.
+    plan : str or None
+        File of the plan, or `paper`; None for five slews like the paper's.
+    campaign : Path or None
+        Folder of the campaign whose spacecraft flies: its wheels and sensors, their noise, J and K
+        at the mean of its prior. None for the MOST-like spacecraft.
+    hidden : sequence of str
+        Effects that act, see `with_hidden_effects`.
+    draw : bool
+        Whether J and K are drawn from the campaign's prior instead.
+    seed : int
+        Of noise, bias and everything drawn.
+
+    Returns
+    -------
+    SimulatedFlight
+        What was flown.
+
+    Raises
+    ------
+    CampaignError
+        If campaign or plan is no good, or J is to be drawn without a campaign.
+    EffectError
+        If an effect or parameter is unknown, or a wrong number of values is given.
+    OutputError
+        If another campaign is in the folder.
+    """
+    if campaign is None:
+        if draw:
+            raise CampaignError(
+                "J and K cannot be drawn without a prior",
+                where="--draw",
+                advice="name the campaign that states it with --campaign",
+            )
+        chosen = paper_like_plan() if plan in (None, PAPER) else read_plan(str(plan))
+        flight = simulate(chosen, most_like_mission(), folder, seed, hidden=hidden)
+        return SimulatedFlight(flight, "the MOST-like spacecraft")
+    given = read_campaign(campaign)
+    _has_wheels(given, campaign)
+    (chosen,) = plans_named([plan or PAPER], given).values()
+    mission = _drawn_mission(given, seed) if draw else prior_mission(given)
+    flight = simulate(chosen, mission, folder, seed, hidden=hidden)
+    truth = "drawn from" if draw else "at the mean of"
+    spacecraft = f"the spacecraft of {campaign}, J and K {truth} its prior"
+    return SimulatedFlight(flight, spacecraft, _left_out(given))
+
+
+def _drawn_mission(campaign: Campaign, seed: int) -> Mission:
+    # Its own stream: the same seed draws noise and effects.
+    rng = np.random.default_rng([seed, 3])
+    craft = replace(draw_spacecraft(campaign, rng), bias=None)
+    return Mission(craft, campaign.inertia)
+
+
+def _has_wheels(campaign: Campaign, folder: Path) -> None:
+    if not campaign.wheels:
+        raise CampaignError(
+            "the campaign states no wheels, which turn the spacecraft in a simulation",
+            where=str(folder / "campaign.toml"),
+            advice="add its [[wheels]]",
+        )
+
+
+def _left_out(campaign: Campaign) -> tuple[str, ...]:
+    """What telemetry of the campaign has that simulated telemetry has not."""
+    wandering = [effect.name for effect in stated_noise(campaign, ())]
+    if not wandering:
+        return ()
+    return (
+        f"noise that the campaign states and the simulation does not draw: {', '.join(wandering)}",
+    )

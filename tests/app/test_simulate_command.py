@@ -1,0 +1,84 @@
+"""`simulate` on the command line: whose spacecraft flies, what is hidden, what is refused."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import bayes_inertia
+from bayes_inertia.app.cli import main
+from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.flight.plan_file import write_plan
+
+EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
+
+
+def run(*arguments) -> int:
+    with pytest.raises(SystemExit) as stop:
+        main([str(a) for a in arguments])
+    return stop.value.code
+
+
+@pytest.fixture
+def campaign(tmp_path):
+    folder = tmp_path / "campaign"
+    shutil.copytree(EXAMPLE, folder)
+    return folder
+
+
+def test_simulate_writes_a_campaign_with_its_truth_and_hidden_effects(tmp_path, capsys):
+    out = tmp_path / "simulated"
+    assert (
+        run("simulate", "-o", out, "--seed", "3", "--hide", "constant_torque.torque=1e-5,0,0") == 0
+    )
+    truth = json.loads((out / "truth.json").read_text())
+    assert truth["effects"]["constant_torque"]["torque"] == [1e-5, 0.0, 0.0]
+    assert run("check", out) == 0
+    assert run("simulate", "-o", tmp_path / "other", "--hide", "constant_torque.torque=a") == 2
+    assert "constant_torque.torque" in capsys.readouterr().err
+
+
+def simulated_truth(out: Path, *options) -> dict:
+    assert run("simulate", "-o", out, "--seed", "3", *options) == 0
+    return json.loads((out / "truth.json").read_text())
+
+
+def test_simulate_flies_the_spacecraft_of_a_campaign(campaign, tmp_path, capsys):
+    given = read_campaign(campaign)
+    truth = simulated_truth(tmp_path / "mean", "--campaign", campaign)
+    flown = read_campaign(tmp_path / "mean")
+    np.testing.assert_allclose(truth["J_kgm2"], given.inertia.tensor, rtol=1e-12)
+    assert truth["K"] == list(given.rate_sensor.scale_factor)
+    assert [w.name for w in flown.wheels] == [w.name for w in given.wheels]
+    assert flown.rate_sensor.sigma == given.rate_sensor.sigma
+    np.testing.assert_array_equal(flown.inertia.sd, given.inertia.sd)
+    # It begins where the campaign ended.
+    start, end = truth["slews"][0]["q0"], given.slews[-1].attitude[given.slews[-1].fixes][-1]
+    assert abs(np.dot(start, end)) > 1.0 - 1e-4
+    assert f"flown by the spacecraft of {campaign}" in capsys.readouterr().out
+    drawn = simulated_truth(tmp_path / "drawn", "--campaign", campaign, "--draw")
+    off = (np.diag(drawn["J_kgm2"]) - np.diag(given.inertia.tensor)) / given.inertia.sd[:3]
+    assert 0.01 < np.abs(off).max() < 5.0
+
+
+def test_simulate_says_what_a_spacecraft_lacks_and_what_is_not_simulated(
+    campaign, tmp_path, capsys
+):
+    assert run("simulate", "-o", tmp_path / "out", "--draw") == 2
+    assert "--campaign" in capsys.readouterr().err
+    plan = tmp_path / "plan.toml"
+    write_plan(replace(paper_like_plan(), wheel_momentum=(0.0, 0.0, 0.0, 0.0)), plan)
+    assert run("simulate", "-o", tmp_path / "out", "--campaign", campaign, "--plan", plan) == 2
+    assert "wheel_momentum_Nms" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+    text = (campaign / "campaign.toml").read_text()
+    wandering = "[rate_sensor]\nrate_random_walk = 1e-7"
+    (campaign / "campaign.toml").write_text(text.replace("[rate_sensor]", wandering))
+    assert run("simulate", "-o", tmp_path / "out", "--campaign", campaign) == 0
+    assert "does not draw: rate_random_walk" in capsys.readouterr().err
