@@ -21,6 +21,7 @@ from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.inference.residual_tests import ChannelTest, channel_tests
 from bayes_inertia.inference.rounding import has_one_error, rounding_steps
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root, solve
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Model
@@ -291,13 +292,13 @@ def marginal(estimate: Estimate) -> Marginal:
     nuisance = estimate.hessian[d:, d:]
     ridge = -solve(nuisance, estimate.hessian[d:, :d])
     jacobian = estimate.linearised().sensitivities.jacobian
-    columns = Residuals(*(j[..., d:] for j in jacobian))
+    columns = Residuals(*(on_device(np.asarray(j)[..., d:]) for j in jacobian))
     return Marginal(
-        optimum=jax.tree.map(jnp.asarray, point),
-        ridge_bias=jnp.asarray(ridge[:N_BIAS]),
-        ridge_local=jnp.asarray(ridge[N_BIAS:].reshape(*point.local.shape, d)),
+        optimum=jax.tree.map(on_device, point),
+        ridge_bias=on_device(ridge[:N_BIAS]),
+        ridge_local=on_device(ridge[N_BIAS:].reshape(*point.local.shape, d)),
         columns=columns,
-        root=jnp.asarray(inverse_root(nuisance)),
+        root=on_device(inverse_root(nuisance)),
         prior=model.space.constants(),
         data=model.data,
         white=estimate.white,
@@ -329,12 +330,9 @@ def principal_sd(estimate: Estimate, covariance: np.ndarray) -> np.ndarray:
     (3,) array
         [kg m^2], smallest moment first.
     """
-    tensor = np.asarray(inertia_tensor.tensor(jnp.asarray(estimate.theta[:6])))
+    tensor = inertia_tensor.tensor(estimate.theta[:6])
     _, axes = np.linalg.eigh(tensor)
     weights = np.stack(
-        [
-            np.asarray(inertia_tensor.elements(jnp.asarray(np.outer(v, v)))) * [1, 1, 1, 2, 2, 2]
-            for v in axes.T
-        ]
+        [inertia_tensor.elements(np.outer(v, v)) * [1, 1, 1, 2, 2, 2] for v in axes.T]
     )
     return np.sqrt(np.einsum("ij,jk,ik->i", weights, covariance[:6, :6], weights))

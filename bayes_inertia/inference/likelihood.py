@@ -14,6 +14,7 @@ from bayes_inertia.inference.noise_memory import Memory, innovations
 from bayes_inertia.inference.noise_model import Whitening, n_data
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import quaternion
+from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.packing import Telemetry
 from bayes_inertia.physics.prediction import Data, Prediction, Structure, predict, predict_all
@@ -226,15 +227,42 @@ def padded_sensitivities(
     d = model.space.size
     columns = np.concatenate([free, np.arange(d, d + 3 + model.structure.n_local)])
     columns = np.concatenate([columns, np.repeat(columns[-1:], -len(columns) % _COLUMNS_AT_ONCE)])
-    point = jax.tree.map(jnp.asarray, point)
+    point = jax.tree.map(on_device, point)
     parts = [
-        sensitivities(model.structure, point, model.data, white, jnp.asarray(group))
+        sensitivities(model.structure, point, model.data, white, on_device(group))
         for group in columns.reshape(-1, _COLUMNS_AT_ONCE)
     ]
     by_channel = zip(*(part.jacobian for part in parts), strict=True)
     return Sensitivities(
         parts[0].residuals, Residuals(*(jnp.concatenate(groups, -1) for groups in by_channel))
     )
+
+
+def unpadded_sensitivities(
+    model: Model, point: Point, white: Whitening, free: np.ndarray
+) -> Sensitivities:
+    """Sensitivities to everything fitted, and nothing else.
+
+    Parameters
+    ----------
+    model : Model
+    point : Point
+        Where.
+    white : Whitening
+        The noise.
+    free : (f,) array of int
+        Indices of parameters.
+
+    Returns
+    -------
+    Sensitivities
+        With f + 3 + n_local columns (arrays of JAX).
+    """
+    padded = padded_sensitivities(model, point, white, free)
+    p = len(free) + 3 + model.structure.n_local
+    # Cut by numpy: JAX would compile a program for each number of columns.
+    cut = (on_device(np.asarray(j)[..., :p]) for j in padded.jacobian)
+    return Sensitivities(padded.residuals, Residuals(*cut))
 
 
 @jax.jit

@@ -18,9 +18,8 @@ import numpy as np
 from bayes_inertia.inference.channel_rows import ChannelRows, channel_rows
 from bayes_inertia.inference.likelihood import (
     Information,
-    Residuals,
     Sensitivities,
-    padded_sensitivities,
+    unpadded_sensitivities,
 )
 from bayes_inertia.inference.noise_model import Whitening
 from bayes_inertia.inference.objective import block_index, normal_equations, prior_rows
@@ -193,9 +192,7 @@ class LinearisedFit:
     def sensitivities(self) -> Sensitivities:
         """Residuals and derivatives by channel (arrays of JAX), for all parameters of the model."""
         every = np.arange(self.model.space.size)
-        s = padded_sensitivities(self.model, self.point, self.white, every)
-        p = len(every) + N_BIAS + self.n_local
-        return Sensitivities(s.residuals, Residuals(*(j[..., :p] for j in s.jacobian)))
+        return unpadded_sensitivities(self.model, self.point, self.white, every)
 
     @cached_property
     def rows(self) -> Rows:
@@ -214,9 +211,8 @@ class LinearisedFit:
         tuple of (slews, numbers, n_shared + n_local) arrays
             In the order of `CHANNELS`.
         """
-        s = padded_sensitivities(self.model, self.point, self.white, self.free)
-        p = self.n_shared + self.n_local
-        return tuple(np.asarray(j)[..., :p] for j in s.jacobian)
+        s = unpadded_sensitivities(self.model, self.point, self.white, self.free)
+        return tuple(np.asarray(j) for j in s.jacobian)
 
     @property
     def residual(self) -> np.ndarray:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from bayes_inertia.inference.noise_memory import Memory, rate_noise_memory
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.physics.forward_model import Model
 
 
@@ -61,9 +61,9 @@ def whitening(model: Model, theta: np.ndarray) -> Whitening:
         attitude = np.asarray(telemetry.fix_valid)[..., None, None] * whiten
     covariance = rate_noise_covariance(model, theta)
     return Whitening(
-        jnp.asarray(_whiten_rows(covariance, np.asarray(telemetry.rate_valid))),
-        jnp.asarray(attitude),
-        jnp.asarray(momentum),
+        on_device(_whiten_rows(covariance, np.asarray(telemetry.rate_valid))),
+        on_device(attitude),
+        on_device(momentum),
         rate_noise_memory(model),
     )
 
@@ -100,13 +100,11 @@ def rate_noise_covariance(model: Model, theta: np.ndarray) -> np.ndarray:
 
 def _locked_inertia(model: Model, theta: np.ndarray) -> np.ndarray:
     """J (3, 3) with the wheels' spin inertia."""
-    J = np.array(inertia_tensor.tensor(jnp.asarray(theta[:6])))
+    J = inertia_tensor.tensor(theta[:6])
     if model.structure.includes_wheel_spin:
         return J
     axes, spin = model.campaign.wheel_axes_B, model.campaign.spin_inertias
-    return np.array(
-        inertia_tensor.with_wheel_spin(jnp.asarray(J), jnp.asarray(axes), jnp.asarray(spin))
-    )
+    return np.asarray(inertia_tensor.with_wheel_spin(J, on_device(axes), on_device(spin)))
 
 
 def _whiten_rows(covariance: np.ndarray, valid: np.ndarray) -> np.ndarray:
@@ -135,11 +133,11 @@ def discounted(white: Whitening, factors: np.ndarray) -> Whitening:
     -------
     Whitening
     """
-    root = jnp.sqrt(jnp.asarray(factors))
+    root = np.sqrt(np.asarray(factors))
     return Whitening(
-        white.rate * root[:, 0, None, None, None],
-        white.attitude * root[:, 1, None, None, None],
-        white.momentum * root[:, 2, None, None],
+        on_device(white.rate * root[:, 0, None, None, None]),
+        on_device(white.attitude * root[:, 1, None, None, None]),
+        on_device(white.momentum * root[:, 2, None, None]),
         white.memory,
     )
 

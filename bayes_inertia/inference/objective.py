@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bayes_inertia.inference.likelihood import Information, padded_sensitivities, residuals
+from bayes_inertia.inference.likelihood import Information, residuals, unpadded_sensitivities
 from bayes_inertia.inference.noise_model import Whitening
 from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.maths import inertia_tensor
@@ -234,7 +234,7 @@ def marginal_information(
         Information matrix, without the priors of parameters and bias.
     """
     d, m, slews = model.space.size, point.n_local, model.n_slews
-    s = padded_sensitivities(model, point, white, np.arange(d))
+    s = unpadded_sensitivities(model, point, white, np.arange(d))
     chosen = np.concatenate([parameters, np.arange(d, d + N_BIAS + m)])
     shared = len(parameters) + N_BIAS
     joint = np.zeros((shared + slews * m,) * 2)

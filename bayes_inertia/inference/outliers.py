@@ -163,7 +163,7 @@ def _scale_around(distance: np.ndarray) -> np.ndarray:
     windows = sliding_window_view(padded, width)
     some = np.isfinite(windows).sum(axis=1) >= _FEWEST_AROUND
     around = np.zeros(len(distance))
-    around[some] = np.nanquantile(windows[some], 0.5, axis=1)
+    around[some] = np.nanmedian(windows[some], axis=1)
     return around * SD_OVER_MAD / _SCALE_OF_WHITE
 
 

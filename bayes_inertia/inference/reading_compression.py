@@ -260,9 +260,9 @@ class _Motion(NamedTuple):
     def of(cls, marginal: Marginal) -> _Motion:
         """From readings, and J of the optimum."""
         slews, telemetry, _ = marginal.data.arrays
-        hardware = slews.context.wheel_axes_B[0], slews.context.spin_inertia[0]
-        axes, spin = (np.asarray(part) for part in hardware)
-        tensor = np.asarray(inertia_tensor.tensor(marginal.optimum.theta[:6]))
+        hardware = slews.context.wheel_axes_B, slews.context.spin_inertia
+        axes, spin = (np.asarray(part)[0] for part in hardware)
+        tensor = inertia_tensor.tensor(np.asarray(marginal.optimum.theta)[:6])
         moments = np.linalg.eigvalsh(tensor)
         rate = np.sqrt(3.0) * float(np.abs(np.asarray(telemetry.rate)).max(initial=0.0))
         held = np.abs(np.asarray(slews.momentum)).max(axis=(0, 1), initial=0.0)

@@ -8,7 +8,6 @@ the simulation is near the data; from zero momentum most descents lose their way
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 import numpy as np
 from scipy import integrate
 
@@ -35,7 +34,7 @@ def guess_nuisances(model: Model, theta: np.ndarray) -> np.ndarray:
     unmeasured = campaign.wheels and not campaign.has_tachometers
     if model.structure.drive == "commanded" and unmeasured:
         prior_sd = np.asarray(model.data.scale.local[6:])
-        J = np.array(inertia_tensor.tensor(jnp.asarray(theta[:6])))
+        J = inertia_tensor.tensor(theta[:6])
         for s in range(model.n_slews):
             local[s, 6 : 6 + len(prior_sd)] = _start_momentum(model, J, theta[6:9], s, prior_sd)
     return local

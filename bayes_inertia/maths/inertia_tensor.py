@@ -18,8 +18,10 @@ from bayes_inertia.maths.tensor_elements import ELEMENTS as ELEMENTS
 from bayes_inertia.maths.values import AnyArray
 
 
-def tensor(elements: Array) -> Array:
+def tensor(elements: AnyArray) -> AnyArray:
     """The tensors (..., 3, 3) of elements (..., 6) in the order of `ELEMENTS` [kg m^2].
+
+    Of numpy's arrays it makes one of numpy: nothing is compiled.
 
     Parameters
     ----------
@@ -37,11 +39,12 @@ def tensor(elements: Array) -> Array:
     [3.0, 0.25, 0.5]
     """
     xx, yy, zz, xy, xz, yz = (elements[..., i] for i in range(6))
-    rows = [jnp.stack(row, -1) for row in ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))]
-    return jnp.stack(rows, -2)
+    stack = np.stack if isinstance(elements, np.ndarray) else jnp.stack
+    rows = [stack(row, -1) for row in ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))]
+    return stack(rows, -2)
 
 
-def elements(tensor_B: AnyArray) -> Array:
+def elements(tensor_B: AnyArray) -> AnyArray:
     """The elements (..., 6) of symmetric tensors (..., 3, 3).
 
     Parameters
@@ -181,7 +184,7 @@ def principal_moments(elements_: np.ndarray) -> np.ndarray:
     >>> principal_moments(np.array([3., 1., 2., 0., 0., 0.])).tolist()
     [1.0, 2.0, 3.0]
     """
-    return np.linalg.eigvalsh(np.asarray(tensor(jnp.asarray(elements_))))
+    return np.linalg.eigvalsh(tensor(np.asarray(elements_)))
 
 
 def wheel_spin_tensor(wheel_axes_B: AnyArray, spin_inertia: AnyArray) -> Array:

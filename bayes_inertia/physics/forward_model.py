@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import field, replace
 
-import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.channel_noise import NOISE_OWNER, NoiseModel
@@ -91,7 +91,7 @@ class Model:
             structure, refined=_is_refined(arrays), rows_per_step=plan.rows_per_step
         )
         sensor = campaign.rate_sensor
-        sensors = Sensors(jnp.asarray(sensor.axes), jnp.asarray(sensor.bias))
+        sensors = Sensors(on_device(sensor.axes), on_device(sensor.bias))
         data = Data(arrays, sensors, _nuisance_scale(campaign, structure))
         for key, value in (
             ("effects", effects),
@@ -266,4 +266,4 @@ def _nuisance_scale(campaign: Campaign, structure: Structure) -> NuisanceScale:
     else:
         wheels = np.array([w.max_momentum or 10.0 * moment * rate for w in campaign.wheels])
     local = np.concatenate([rates, attitudes, np.asarray(wheels, dtype=float)])
-    return NuisanceScale(jnp.asarray(local), jnp.asarray(campaign.rate_sensor.bias_sigma))
+    return NuisanceScale(on_device(local), on_device(campaign.rate_sensor.bias_sigma))

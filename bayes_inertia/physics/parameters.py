@@ -10,6 +10,7 @@ import numpy as np
 from jax import Array
 from scipy import stats
 
+from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
 
 # J and K, first in every model, before the parameters of effects.
@@ -318,7 +319,7 @@ class ParameterSpace:
             "lower": [p.lower for p in self.priors],
             "upper": [p.upper for p in self.priors],
         }
-        return {k: jnp.asarray(np.array(v)) for k, v in columns.items()}
+        return {k: on_device(np.array(v)) for k, v in columns.items()}
 
     def draw(self, rng: np.random.Generator, n: int) -> np.ndarray:
         """Independent draws of the one-dimensional priors.
