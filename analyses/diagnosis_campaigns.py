@@ -19,6 +19,9 @@ from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 
+# Multiple of a step of about one prior sd, beyond which an effect is not looked for.
+LARGEST_AMPLITUDE = 30.0
+
 
 def plan() -> Plan:
     """Five slews like the paper's, at 2 Hz to keep the study short."""
@@ -111,7 +114,7 @@ def amplitude_for(
     information = score_tests(with_effect, (effect.name,)).matrix
     step = unit_step(effect, values, campaign)
     unit = max(float(step @ information @ step), 1e-12)
-    return float(np.clip(np.sqrt(wanted / unit), 1e-9, 30.0))
+    return float(np.clip(np.sqrt(wanted / unit), 1e-9, LARGEST_AMPLITUDE))
 
 
 def unit_step(effect: Effect, values: dict, campaign: Campaign) -> np.ndarray:
@@ -149,7 +152,7 @@ def ideal_powers(
     tachometers: bool,
     level: float,
 ) -> list[float]:
-    """Power of an ideal test for each of two effects once the other is fitted too.
+    """Power of an ideal test for each of several effects once the others are fitted too.
 
     Alone each has the wanted non-centrality. Of a flexible mode, whose signal is of second order,
     nothing is taken off: its power is an upper bound.
@@ -160,10 +163,10 @@ def ideal_powers(
         tuple(e.name for e in effects if e.name != "flexible_mode"),
     )
     left = list(wanted)
-    if len(scores.names) == 2:
-        steps = [unit_step(effect, values[effect.name], campaign) for effect in effects]
-        for i, j in ((0, 1), (1, 0)):
-            apart, alone = _noncentralities(scores, i, j, steps[i])
+    for i, effect in enumerate(effects):
+        if effect.name in scores.names and len(scores.names) > 1:
+            step = unit_step(effect, values[effect.name], campaign)
+            apart, alone = _noncentralities(scores, scores.names.index(effect.name), step)
             left[i] = wanted[i] * apart / alone
     dofs = [degrees_of_freedom(e, campaign) for e in effects]
     return [
@@ -172,9 +175,10 @@ def ideal_powers(
     ]
 
 
-def _noncentralities(scores: ScoreTests, i: int, j: int, step: np.ndarray) -> tuple[float, float]:
-    """Non-centrality of effect i when effect j is fitted, and alone."""
-    hidden, fitted = scores.indices[i], scores.indices[j]
+def _noncentralities(scores: ScoreTests, i: int, step: np.ndarray) -> tuple[float, float]:
+    """Non-centrality of effect i when all others are fitted, and alone."""
+    hidden = scores.indices[i]
+    fitted = np.concatenate([x for j, x in enumerate(scores.indices) if j != i])
     alone = scores.matrix[np.ix_(hidden, hidden)]
     cross = scores.matrix[np.ix_(hidden, fitted)]
     inverse = np.linalg.pinv(scores.matrix[np.ix_(fitted, fitted)], rcond=1e-9, hermitian=True)

@@ -5,7 +5,9 @@
 Every campaign has its own J, K, bias, start attitude, angles and senses of its slews, and wheel
 momenta, drawn from the prior, and is flown in closed loop with the hidden effect. The amplitude is
 set by the ideal test: the non-centrality of the hidden effect's score, from its sensitivities
-projected off everything that is fitted, in the same campaign without it. Results are one line a
+projected off everything that is fitted, in the same campaign without it. The kind `strong` flies
+each effect at 3, 10 and 30 times that amplitude; what is not physical there (`physical_limits`) is
+skipped, and its row says why. Results are one line a
 campaign, in the order of the campaigns; until all are there they are kept in `--work`, and a
 killed study goes on where it was.
 `diagnosis_figures.py` makes the page of them.
@@ -21,6 +23,7 @@ from pathlib import Path
 
 import numpy as np
 from diagnosis_campaigns import (
+    LARGEST_AMPLITUDE,
     amplitude_for,
     degrees_of_freedom,
     direction,
@@ -29,9 +32,11 @@ from diagnosis_campaigns import (
     noncentrality,
     scaled,
     template_campaign,
+    unit_step,
     without_tachometers,
 )
 from independent import Deadband, Disturbance, Leak, RateSquared, Ripple, Swirl, Wander, replayed
+from physical_limits import why_not_flown, why_not_physical
 
 from bayes_inertia.diagnosis.cross_validation import held_out_chi2
 from bayes_inertia.diagnosis.model_averaging import alternative_parameters
@@ -56,6 +61,14 @@ NAMES = tuple(e.name for e in LIBRARY if e.name not in INVISIBLE)
 
 # Disturbances outside the library, flown by another simulator, at sizes that leave chi^2 some
 # hundreds too large.
+KINDS = ("clean", "single", "strong", "outside", "pair", "triple")
+# Kinds with several effects at once.
+TOGETHER = {"pair": 2, "triple": 3}
+# Of the kind `strong`: times the amplitude that is easily found.
+FACTORS = (3, 10, 30)
+# Between an effect's name and its factor, in the label of a strong one.
+_TIMES = "*"
+
 OUTSIDE: dict[str, Disturbance] = {
     "outside_swirl": Swirl(2e-6),
     "outside_leak": Leak(4e-6),
@@ -80,7 +93,15 @@ class Case:
     def seed(self) -> np.random.SeedSequence:
         """A fresh seed: one that has been drawn from gives other children."""
         key = (hash_of(self.kind + self.label), self.index, int(self.tachometers))
+        if self.kind == "strong":
+            # Names that end alike, as "wheel_misalignment" does, have one hash.
+            key = (*key, NAMES.index(self.effects[0].name))
         return np.random.SeedSequence(20260, spawn_key=key)
+
+    @property
+    def factor(self) -> float:
+        """Times the amplitude at the ideal test's power."""
+        return float(self.label.partition(_TIMES)[2] or 1.0)
 
     @property
     def hidden(self) -> list[str]:
@@ -90,40 +111,87 @@ class Case:
 
 def run_one(case: Case, power: float, level: float) -> dict:
     """Simulate and diagnose one campaign."""
-    # Not a child of the seed: the flight draws from those, and the effect's direction must not
-    # follow its noise.
-    rng = np.random.default_rng(np.random.SeedSequence(20261, spawn_key=case.seed.spawn_key))
-    values, sizes, wanted, directions = {}, {}, [], {}
-    for effect in case.effects:
-        name = effect.name
-        directions[name] = direction(effect, rng, template_campaign())
-        wanted.append(noncentrality(power, degrees_of_freedom(effect, template_campaign()), level))
-        sizes[name] = amplitude_for(
-            effect, directions[name], wanted[-1], case.seed, case.tachometers
-        )
-        values[name] = scaled(directions[name], sizes[name])
-    flight = draw(case.seed, case.effects, values, case.tachometers)
-    campaign = flight.campaign
-    if case.label in OUTSIDE:
-        campaign = replayed(flight, OUTSIDE[case.label], rng)
-        campaign = campaign if case.tachometers else without_tachometers(campaign)
-    began = time.perf_counter()
-    diagnosis = diagnose(campaign, rules=RULES, seed=case.index)
-    seconds = time.perf_counter() - began
-    powers = None
-    if case.kind == "pair":
-        powers = ideal_powers(case.effects, directions, wanted, case.seed, case.tachometers, level)
-    return {
+    hidden = hidden_in(case, power, level)
+    row = {
         "kind": case.kind,
         "label": case.label,
         "index": case.index,
         "tachometers": case.tachometers,
         "hidden": case.hidden,
-        "sizes": sizes,
+        "sizes": hidden.sizes,
+    }
+    if case.kind == "strong":
+        row |= {"factor": case.factor, "prior_sds": hidden.prior_sds}
+        reason = _why_skipped(case, hidden)
+        if reason:
+            return row | {"skipped": reason}
+    flight = draw(case.seed, case.effects, hidden.values, case.tachometers)
+    campaign = flight.campaign
+    if case.kind == "strong" and why_not_flown(flight):
+        return row | {"skipped": why_not_flown(flight)}
+    if case.label in OUTSIDE:
+        campaign = replayed(flight, OUTSIDE[case.label], hidden.rng)
+        campaign = campaign if case.tachometers else without_tachometers(campaign)
+    began = time.perf_counter()
+    diagnosis = diagnose(campaign, rules=RULES, seed=case.index)
+    seconds = time.perf_counter() - began
+    powers = None
+    if len(case.effects) > 1:
+        powers = ideal_powers(
+            case.effects, hidden.directions, hidden.wanted, case.seed, case.tachometers, level
+        )
+    return row | {
         "ideal_powers": powers,
         **_summary(diagnosis, truth_of(flight)),
         "seconds": seconds,
     }
+
+
+@dataclass(frozen=True)
+class Hidden:
+    """What acts in a campaign.
+
+    `sizes` are multiples of `directions`, whose steps are about one prior sd; `prior_sds` is the
+    largest distance of a parameter from its null in the template's prior sds. `wanted` are the
+    non-centralities at the ideal test's power.
+    """
+
+    directions: dict
+    wanted: list[float]
+    sizes: dict[str, float]
+    values: dict
+    prior_sds: dict[str, float]
+    rng: np.random.Generator
+
+
+def hidden_in(case: Case, power: float, level: float) -> Hidden:
+    """Draw directions and amplitudes of the hidden effects of a campaign."""
+    # Not a child of the seed: the flight draws from those, and the effect's direction must not
+    # follow its noise.
+    rng = np.random.default_rng(np.random.SeedSequence(20261, spawn_key=case.seed.spawn_key))
+    template = template_campaign()
+    directions = {e.name: direction(e, rng, template) for e in case.effects}
+    wanted = [noncentrality(power, degrees_of_freedom(e, template), level) for e in case.effects]
+    sizes = {
+        e.name: case.factor
+        * amplitude_for(e, directions[e.name], of_test, case.seed, case.tachometers)
+        for e, of_test in zip(case.effects, wanted, strict=True)
+    }
+    values = {name: scaled(directions[name], size) for name, size in sizes.items()}
+    prior_sds = {
+        e.name: sizes[e.name] * float(np.abs(unit_step(e, directions[e.name], template)).max())
+        for e in case.effects
+    }
+    return Hidden(directions, wanted, sizes, values, prior_sds, rng)
+
+
+def _why_skipped(case: Case, hidden: Hidden) -> str:
+    """Why a strong effect is not flown; empty if it is."""
+    (effect,) = case.effects
+    if hidden.sizes[effect.name] >= case.factor * LARGEST_AMPLITUDE:
+        return f"{effect.name}: these slews hardly show it at any size"
+    still = draw(case.seed, (), {}, case.tachometers)
+    return why_not_physical(hidden.values, still.spacecraft.inertia_B)
 
 
 def _summary(diagnosis: Diagnosis, truth: np.ndarray) -> dict:
@@ -190,22 +258,29 @@ def tasks(kind: str, count: int) -> list[tuple[str, int, tuple[Effect, ...]]]:
         return [("clean", i, ()) for i in range(count)]
     if kind == "single":
         return [(name, i, (library[name],)) for i in range(count) for name in NAMES]
+    if kind == "strong":
+        return [
+            (f"{name}{_TIMES}{factor}", i, (library[name],))
+            for i in range(count)
+            for factor in FACTORS
+            for name in NAMES
+        ]
     if kind == "outside":
         return [(name, i, ()) for i in range(count) for name in OUTSIDE]
     rng = np.random.default_rng(5)
-    pairs = [tuple(rng.choice(len(NAMES), 2, replace=False)) for _ in range(count)]
-    return [("pair", i, tuple(library[NAMES[k]] for k in pair)) for i, pair in enumerate(pairs)]
+    sets = [rng.choice(len(NAMES), TOGETHER[kind], replace=False) for _ in range(count)]
+    return [(kind, i, tuple(library[NAMES[k]] for k in chosen)) for i, chosen in enumerate(sets)]
 
 
 def arguments() -> argparse.Namespace:
     """The command line."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--kind", choices=["clean", "single", "outside", "pair"], required=True)
+    parser.add_argument("--kind", choices=KINDS, required=True)
     parser.add_argument(
         "--count",
         type=int,
         required=True,
-        help="campaigns (clean, pair) or campaigns of each effect (single, outside)",
+        help="campaigns (clean, pair, triple) or campaigns of each effect (single, strong, outside)",
     )
     parser.add_argument("--power", type=float, default=0.99)
     parser.add_argument(

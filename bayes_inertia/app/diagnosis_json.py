@@ -57,6 +57,7 @@ def to_json(investigation: Investigation) -> dict[str, Any]:
         "slew_start": _slew_starts(before),
         "candidates": candidate_rows(diagnosis),
         "steps": [step_row(step) for step in diagnosis.steps],
+        "beyond_prior": [asdict(row) for row in diagnosis.beyond_prior],
         "unknown": None if unknown is None or diagnosis.verdict != "unknown" else _unknown(unknown),
         "correction_slew": _correction(investigation.correction),
         "separating": [_separating(s) for s in investigation.separating_slews],

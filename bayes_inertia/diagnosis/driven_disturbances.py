@@ -19,9 +19,15 @@ from bayes_inertia.physics.effects.scales import torque_scale
 
 CONSTANT = "constant in the body"
 COMMAND = "commanded wheel torque"
-# What effects of the library follow with the same freedom: constant_torque, and wheel_torque_gain
-# with wheel_misalignment.
-DRIVEN_BY_LIBRARY = (("body torque", CONSTANT), ("body torque", COMMAND))
+CAMPAIGN_TIME = "time in the campaign"
+# What effects of the library follow with the same freedom: constant_torque, wheel_torque_gain with
+# wheel_misalignment, rate_bias and rate_bias_drift.
+DRIVEN_BY_LIBRARY = (
+    ("body torque", CONSTANT),
+    ("body torque", COMMAND),
+    ("rate sensor", CONSTANT),
+    ("rate sensor", CAMPAIGN_TIME),
+)
 # Largest error of the rate sensor that is thought of, as a share of the typical rate.
 _RATE_ERROR_SHARE = 0.1
 _NEGLIGIBLE = 1e-9  # rms of a component, as a share of the largest
@@ -57,7 +63,7 @@ def drivers(response: TorqueResponse) -> dict[str, np.ndarray]:
         ),
         "angular acceleration": _slope(rate_B, time),
         "time in the slew": time[..., None],
-        "time in the campaign": since_middle[..., None],
+        CAMPAIGN_TIME: since_middle[..., None],
     }
     if campaign.wheels:
         known["wheel momentum"] = response.wheel_momentum

@@ -5,7 +5,9 @@ effect of which little is needed for all that might have been there, and so pref
 with a narrow prior to the right one with a wide prior (Lindley's paradox). The scale of the
 amplitudes is therefore itself unknown: log-uniform from the size that the campaign can just not see
 up to the stated one, a mixture of g-priors (Liang et al. 2008). It may be one scale for all of an
-effect's directions, or one for each (one bad wheel of three): both are given the same weight.
+effect's directions, or one for each (one bad wheel of three): both are given the same weight. A
+stated scale may also be wrong altogether: with a small probability the scale is log-uniform beyond
+it, so that a strong effect pays once for its unlikely size, and not with the square of it.
 Parameters that give an effect its shape (a mode's frequency) keep their own priors.
 """
 
@@ -20,6 +22,8 @@ from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.maths.linear_algebra import inverse
 
 _N_PRIOR_SCALES = 24
+# Probability that a stated prior is too narrow, and how many times at most.
+_WRONG_PRIOR, _N_WIDER_SCALES, _WIDEST = 0.01, 12, 100.0
 # Smallest scale: signal-to-noise amplitude of an effect of that size in its clearest direction. It
 # is at most this share of the stated one.
 _INVISIBLE, _LARGEST_START = 0.3, 0.1
@@ -48,14 +52,27 @@ def log_bayes_factor_of(gradient: ArrayLike, powers: ArrayLike) -> float:
     u, power = np.asarray(gradient, float), np.maximum(np.asarray(powers, float), 0.0)
     strongest = max(float(power.max(initial=0.0)), 1e-300)
     lowest = min(_INVISIBLE / np.sqrt(strongest), _LARGEST_START)
-    variance = np.geomspace(lowest, 1.0, _N_PRIOR_SCALES)[:, None] ** 2
+    scales, weights = _prior_scales(lowest)
+    variance = scales[:, None] ** 2
     values = 0.5 * (variance * u**2 / (1.0 + variance * power) - np.log1p(variance * power))
-    one_scale = logsumexp(values.sum(1)) - np.log(_N_PRIOR_SCALES)
-    scale_each = float(np.sum(logsumexp(values, axis=0) - np.log(_N_PRIOR_SCALES)))
+    one_scale = logsumexp(values.sum(1), b=weights)
+    scale_each = float(np.sum(logsumexp(values, axis=0, b=weights[:, None])))
     return float(np.logaddexp(one_scale, scale_each) - np.log(2.0))
 
 
-def log_bayes_factor_around(gain: float, information: np.ndarray, amplitude: np.ndarray) -> float:
+def _prior_scales(lowest: float) -> tuple[np.ndarray, np.ndarray]:
+    """Scales of amplitudes [stated prior sd], and how likely each is beforehand."""
+    stated = np.geomspace(lowest, 1.0, _N_PRIOR_SCALES)
+    wider = np.geomspace(1.0, _WIDEST, _N_WIDER_SCALES + 1)[1:]
+    weights = np.repeat(
+        [(1.0 - _WRONG_PRIOR) / len(stated), _WRONG_PRIOR / len(wider)], [len(stated), len(wider)]
+    )
+    return np.concatenate([stated, wider]), weights
+
+
+def log_bayes_factor_around(
+    gain: float, information: np.ndarray, amplitude: np.ndarray, prior_scale: float = 1.0
+) -> float:
     """Compute the log evidence for amplitudes against none, linearised around the best ones.
 
     Parameters
@@ -63,9 +80,11 @@ def log_bayes_factor_around(gain: float, information: np.ndarray, amplitude: np.
     gain : float
         Log posterior gained by the best amplitudes.
     information : (n, n) array
-        Of the data there, in units of the stated prior sd.
+        Of the data there, in units of the prior sd that they were fitted with.
     amplitude : (n,) array
         The best ones, in the same units.
+    prior_scale : float, optional
+        How many times the stated prior sd that unit is.
 
     Returns
     -------
@@ -82,8 +101,9 @@ def log_bayes_factor_around(gain: float, information: np.ndarray, amplitude: np.
     powers, directions = np.linalg.eigh(information)
     gradient = (1.0 + powers) * (directions.T @ amplitude)
     powers = np.maximum(powers, 0.0)
-    at_stated_scale = 0.5 * float(np.sum(gradient**2 / (1.0 + powers)))
-    return gain - at_stated_scale + log_bayes_factor_of(gradient, powers)
+    at_fitted_scale = 0.5 * float(np.sum(gradient**2 / (1.0 + powers)))
+    stated = log_bayes_factor_of(gradient / prior_scale, powers / prior_scale**2)
+    return gain - at_fitted_scale + stated
 
 
 def log_bayes_factor(before: Estimate, after: Estimate, effect: str) -> float:
@@ -118,4 +138,6 @@ def log_bayes_factor(before: Estimate, after: Estimate, effect: str) -> float:
     )
     gain = before.objective - after.objective
     information = posterior - np.eye(len(posterior))
-    return float(log_bayes_factor_around(gain, information, distance[~shape]) + occam_of_shape)
+    (scale,) = (e.prior_scale for e in after.model.effects if e.name == effect)
+    evidence = log_bayes_factor_around(gain, information, distance[~shape], scale)
+    return float(evidence + occam_of_shape)

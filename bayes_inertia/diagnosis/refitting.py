@@ -17,6 +17,7 @@ from bayes_inertia.diagnosis.result import AlternativeEffect, Candidate, Step
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.diagnosis.score_test import ScoreTests
 from bayes_inertia.diagnosis.stochastic_candidates import StochasticCandidate
+from bayes_inertia.diagnosis.wide_prior import within_prior
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import move_to, re_estimate
 from bayes_inertia.physics.effects import FlexibleMode
@@ -99,7 +100,7 @@ def best_step(scored: ScoredRound, dropped: set[str], rules: Rules) -> Step | No
         The effect added, with its alternatives; None if no candidate is needed.
     """
     remaining = [c for c in scored.candidates if c.effect not in dropped]
-    refits = [refit(scored, c) for c in _promising(remaining, scored.threshold, rules)]
+    refits = [refit(scored, c, rules) for c in _promising(remaining, scored.threshold, rules)]
     needed = _by_evidence(
         r for r in refits if r.log_bayes_factor > 0.0 and r.p_value < scored.threshold
     )
@@ -115,7 +116,7 @@ def best_step(scored: ScoredRound, dropped: set[str], rules: Rules) -> Step | No
     others = needed[1:] + [r for r in refits if r.effect not in needed_names]
     refitted = {r.effect for r in refits}
     untried = [c for c in remaining if c.effect not in refitted]
-    others += [refit(scored, c) for c in _imitations(scored.tests, best, untried, rules)]
+    others += [refit(scored, c, rules) for c in _imitations(scored.tests, best, untried, rules)]
     return Step(
         best.effect,
         scored.estimate,
@@ -125,7 +126,7 @@ def best_step(scored: ScoredRound, dropped: set[str], rules: Rules) -> Step | No
     )
 
 
-def refit(scored: ScoredRound, candidate: Candidate) -> Refit:
+def refit(scored: ScoredRound, candidate: Candidate, rules: Rules) -> Refit:
     """Fit one candidate more, begun at its first-order amplitude.
 
     Parameters
@@ -134,6 +135,8 @@ def refit(scored: ScoredRound, candidate: Candidate) -> Refit:
         The fit without it, and the score tests there.
     candidate : Candidate
         What to add.
+    rules : Rules
+        How far from its prior an effect may lie before that is widened.
 
     Returns
     -------
@@ -143,6 +146,7 @@ def refit(scored: ScoredRound, candidate: Candidate) -> Refit:
     mode = scored.tests.nonlinear.get(candidate.effect)
     if isinstance(mode, FlexibleModeCandidate) and scored.flexible_mode is not None:
         fitted = _with_mode(scored.estimate, scored.flexible_mode, mode)
+        fitted = within_prior(fitted, candidate.effect, rules, tolerance=_COMPARISON_TOLERANCE)
         return _weighed(scored, candidate.effect, fitted)
     estimate, space = scored.estimate, scored.estimate.model.space
     part = space.slice_of(candidate.effect)
@@ -153,6 +157,7 @@ def refit(scored: ScoredRound, candidate: Candidate) -> Refit:
     theta[part] = np.clip(theta[part], space.lower[part] + inset, space.upper[part] - inset)
     free = np.concatenate([estimate.free, np.arange(part.start, part.stop)])
     fitted = re_estimate(estimate, theta, free, tolerance=_COMPARISON_TOLERANCE)
+    fitted = within_prior(fitted, candidate.effect, rules, tolerance=_COMPARISON_TOLERANCE)
     return _weighed(scored, candidate.effect, fitted)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 
 from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.diagnosis.rules import Rules
+from bayes_inertia.diagnosis.wide_prior import BeyondPrior, beyond_prior
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.residual_tests import ChannelTest
 from bayes_inertia.inference.treatment import DirtTreatment, records_of_dirt
@@ -165,6 +166,12 @@ class Diagnosis:
     nameless_lead: float = -math.inf
     nameless_source: str = ""
     treatment: DirtTreatment = field(default_factory=DirtTreatment)
+
+    @property
+    def beyond_prior(self) -> tuple[BeyondPrior, ...]:
+        """Effects named that are larger than their priors allow."""
+        names = tuple(step.added for step in self.steps if step.added in self.named)
+        return beyond_prior(self.final, names, self.rules)
 
     @property
     def dirt(self) -> tuple[Dirt, ...]:

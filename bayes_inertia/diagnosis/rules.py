@@ -36,6 +36,10 @@ class Rules:
         less alike wins by chance in less than 1 %.
     misfit_p_value : float
         p-value of the final residuals below which the data are not explained.
+    prior_sd_at_most : float
+        A parameter of an effect that lies further than this from where it does nothing [prior sd]
+        is beyond its prior, which is then widened and the effect fitted again. A prior that is
+        right is exceeded in one parameter of 16,000.
 
     Raises
     ------
@@ -59,6 +63,7 @@ class Rules:
     log_evidence_margin: float = 3.0
     imitation_correlation: float = 0.6
     misfit_p_value: float = 1e-4
+    prior_sd_at_most: float = 4.0
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -85,6 +90,10 @@ def _check(name: str, value: float) -> None:
             f"{value} is no such count",
             where=name,
             advice="give a whole number: 1 or more refits, 0 or more effects",
+        )
+    if name == "prior_sd_at_most" and not value > 0.0:
+        raise SettingsError(
+            f"{value} is no distance", where=name, advice="give a positive number of prior sds"
         )
     if name == "log_evidence_margin" and not 0.0 <= value < float("inf"):
         raise SettingsError(

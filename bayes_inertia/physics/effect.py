@@ -8,7 +8,7 @@ instances: nothing is registered anywhere, and an effect of your own needs no ed
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar
 
 import jax.numpy as jnp
@@ -35,6 +35,12 @@ class Effect:
     All hooks take the effect's parameters `p` ({name: array}, shape () or (components,)) and the
     `SlewContext` of the slew. They return what they were given, changed.
 
+    Parameters
+    ----------
+    prior_scale : float, optional
+        What the sds of its Gaussian priors are multiplied by in a `Model`: above 1 where data
+        contradict them. Priors of shapes and of random sizes, log-normal, stay as they are.
+
     Examples
     --------
     >>> Effect().parameters(None)
@@ -43,6 +49,7 @@ class Effect:
 
     name: ClassVar[str] = "no_effect"
     needs: ClassVar[tuple[str, ...]] = ()
+    prior_scale: float = field(default=1.0, kw_only=True)
 
     def parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
         """The effect's parameters.

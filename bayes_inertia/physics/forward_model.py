@@ -25,6 +25,7 @@ from bayes_inertia.physics.parameters import (
     scalar,
 )
 from bayes_inertia.physics.prediction import Data, NuisanceScale, Sensors, Structure
+from bayes_inertia.physics.prior_scale import with_prior_scale
 from bayes_inertia.physics.random_inputs import coefficient_counts
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.stated_noise import stated_noise
@@ -213,7 +214,11 @@ def _space(campaign: Campaign, effects: tuple[Effect, ...], noise: NoiseModel) -
     entries += [
         ("", scalar(name, unit="", prior=Normal(mean, sd), null=1.0)) for name, mean, sd in factors
     ]
-    entries += [(effect.name, p) for effect in effects for p in effect.parameters(campaign)]
+    entries += [
+        (effect.name, with_prior_scale(p, effect.prior_scale))
+        for effect in effects
+        for p in effect.parameters(campaign)
+    ]
     entries += [(NOISE_OWNER, p) for p in noise.parameters()]
     return ParameterSpace(tuple(entries))
 
@@ -226,6 +231,8 @@ def _structure(
         for owner, p in space.entries
         if owner not in ("", NOISE_OWNER)
     )
+    # Compiled code does not depend on how wide priors are.
+    effects = tuple(e if e.prior_scale == 1.0 else replace(e, prior_scale=1.0) for e in effects)
     return Structure(
         effects,
         drive,

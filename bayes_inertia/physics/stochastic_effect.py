@@ -31,6 +31,11 @@ class StochasticEffect(Effect):
     slew at hand, and nothing else: what `parameters` declares acts through `coefficient_root`
     alone. Hooks must do nothing where all coefficients are zero, and should be linear in them.
 
+    Parameters
+    ----------
+    prior_scale : float, optional
+        As of `Effect`; sizes and times with log-normal priors stay as they are.
+
     Examples
     --------
     >>> StochasticEffect().coefficient_count(None)

@@ -8,6 +8,7 @@ from typing import Any
 from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.report.diagnosis_wording import (
     averaging_text,
+    beyond_prior_text,
     could_hide_text,
     nameless_signal,
     nameless_text,
@@ -127,7 +128,8 @@ def _on_disagreement(content: Mapping[str, Any]) -> str:
 def _on_named_effects(content: Mapping[str, Any]) -> list[str]:
     if content["verdict"] == "unknown":
         return []
-    return [step_text(step, content["candidates"]) for step in content["steps"]]
+    steps = [step_text(step, content["candidates"]) for step in content["steps"]]
+    return steps + [beyond_prior_text(row) for row in content.get("beyond_prior", [])]
 
 
 def _on_noise(content: Mapping[str, Any]) -> list[str]:
