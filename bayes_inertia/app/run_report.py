@@ -8,6 +8,7 @@ from typing import Any
 from bayes_inertia.app.stored_diagnosis import blaming_diagnosis, read_diagnosis
 from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.report.plan_promise import PlanPromise
 from bayes_inertia.report.verdict_sentence import with_verdict_sentence
 from bayes_inertia.sealing import SEAL_KEY, blaming
 
@@ -41,7 +42,9 @@ def run_summary(posterior: Posterior, folder: Path) -> dict[str, Any]:
         return with_verdict_sentence(posterior.summary(), content)
 
 
-def run_page(posterior: Posterior, folder: Path, *, intact: bool) -> str:
+def run_page(
+    posterior: Posterior, folder: Path, *, intact: bool, promise: PlanPromise | None = None
+) -> str:
     """The report of a run: of its fit, and of its diagnosis if it has one.
 
     Parameters
@@ -52,6 +55,8 @@ def run_page(posterior: Posterior, folder: Path, *, intact: bool) -> str:
         Of the run.
     intact : bool
         Whether the posterior is known to be what was written.
+    promise : PlanPromise or None
+        What the plan promised whose flight was fitted, for a section of its own.
 
     Returns
     -------
@@ -66,14 +71,21 @@ def run_page(posterior: Posterior, folder: Path, *, intact: bool) -> str:
     # Plots take half a second to load: not before sampling.
     from bayes_inertia.report.fit_sections import standard_sections
     from bayes_inertia.report.page import render
+    from bayes_inertia.report.plan_promise_section import plan_promise_section
 
     content = read_diagnosis(folder)
     sealed_diagnosis = content is None or SEAL_KEY in content
     with blaming(folder, intact=intact and sealed_diagnosis, advice=_NEW_RUN):
-        return render(posterior, standard_sections(posterior, content))
+        sections = standard_sections(posterior, content)
+        if promise is not None:
+            # Behind verdict and parameters.
+            sections.insert(2, plan_promise_section(promise))
+        return render(posterior, sections)
 
 
-def write_run_report(posterior: Posterior, folder: Path, *, intact: bool) -> Path:
+def write_run_report(
+    posterior: Posterior, folder: Path, *, intact: bool, promise: PlanPromise | None = None
+) -> Path:
     """Write report.html in a run folder.
 
     Parameters
@@ -84,6 +96,8 @@ def write_run_report(posterior: Posterior, folder: Path, *, intact: bool) -> Pat
         Of the run.
     intact : bool
         Whether the posterior is known to be what was written.
+    promise : PlanPromise or None
+        What the plan promised whose flight was fitted, for a section of its own.
 
     Returns
     -------
@@ -97,4 +111,5 @@ def write_run_report(posterior: Posterior, folder: Path, *, intact: bool) -> Pat
     OutputError
         If it cannot be written.
     """
-    return write_atomically(folder / "report.html", run_page(posterior, folder, intact=intact))
+    page = run_page(posterior, folder, intact=intact, promise=promise)
+    return write_atomically(folder / "report.html", page)

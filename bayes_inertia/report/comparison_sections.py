@@ -9,7 +9,6 @@ from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.report.formatting import (
     CHANNEL_NAMES,
     NOT_GIVEN,
-    exponent,
     listed,
     number,
     plain,
@@ -26,7 +25,7 @@ from bayes_inertia.report.run_comparison import (
     RunComparison,
 )
 from bayes_inertia.report.section import Picture, Section, packaged
-from bayes_inertia.report.uncertainty import quoted_sd
+from bayes_inertia.report.uncertainty import exponents_of, quoted_sd
 
 
 def comparison_page(comparison: RunComparison) -> str:
@@ -85,21 +84,19 @@ def _parameters_section(comparison: RunComparison) -> Section:
         "all in combined sd. Differences beyond the shaded band are noticeable."
     )
     pictures = () if figure is None else (Picture(figure, caption, "Differences in combined sd"),)
-    rows = [_parameter_row(p) for p in comparison.parameters]
+    powers = exponents_of(comparison.first.rows, comparison.second.rows)
+    rows = [_parameter_row(p, powers[p.name]) for p in comparison.parameters]
     context = {"rows": rows}
     return Section("Parameters", packaged("comparison_parameters.html"), context, pictures)
 
 
-def _parameter_row(parameter: ParameterDifference) -> dict[str, Any]:
-    present = [row for row in (parameter.first, parameter.second) if row is not None]
-    sds = [quoted_sd(row["sd"], row["robust_sd"]).sd for row in present]
-    power = exponent(max(abs(row["mean"]) for row in present), max(sds))
+def _parameter_row(parameter: ParameterDifference, power: int) -> dict[str, Any]:
     difference, combined, in_sd = parameter.difference, parameter.combined_sd, parameter.in_sd
     shown = NOT_GIVEN
     if difference is not None and combined is not None:
         shown = number(difference, combined, power)
     return {
-        "name": plain(parameter.name).replace(".", ": "),
+        "name": plain(parameter.name),
         "unit": unit_text(parameter.unit, power),
         "sides": [_cells(row, power) for row in (parameter.first, parameter.second)],
         "difference": shown,

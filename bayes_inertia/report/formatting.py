@@ -17,6 +17,8 @@ CHANNEL_NAMES = {
     "total": "all channels",
 }
 NOT_GIVEN = "–"
+# What the last letter of a quantity's name says of its frame: `torque_N`, `rate_B`.
+_FRAMES = {"N": "inertial axes", "B": "body axes"}
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -42,6 +44,46 @@ def exponent(mean: float, sd: float) -> int:
     """
     size = max(abs(mean), sd)
     return 0 if size == 0 or 5e-3 <= size < 1e4 else 3 * math.floor(math.log10(size) / 3.0 + 1e-9)
+
+
+def common_exponents(values: Mapping[str, tuple[str, float, float]]) -> dict[str, int]:
+    """Powers of ten of the parameters of one table: one for all of a kind.
+
+    Moments of inertia, products of inertia, scale factors and the parameters of one effect in one
+    unit are a kind each. The largest of a kind decides.
+
+    Parameters
+    ----------
+    values : mapping of str to (str, float, float)
+        {name: (unit, mean, sd)}; sd may be anything else that is printed as large.
+
+    Returns
+    -------
+    dict of str to int
+        {name: power}, see `exponent`.
+
+    Examples
+    --------
+    >>> unit = "kg m^2"
+    >>> common_exponents({"Jxx": (unit, 3.3, 0.1), "Jxy": (unit, 0.01, 1e-4),
+    ...                   "Jxz": (unit, 0.002, 1e-4)})
+    {'Jxx': 0, 'Jxy': 0, 'Jxz': 0}
+    """
+    sizes: dict[tuple[str, str], float] = {}
+    for name, (unit, mean, sd) in values.items():
+        kind = (_kind(name), unit)
+        sizes[kind] = max(sizes.get(kind, 0.0), abs(mean), sd)
+    return {name: exponent(sizes[_kind(name), unit], 0.0) for name, (unit, *_) in values.items()}
+
+
+def _kind(name: str) -> str:
+    """What tells the parameters of one kind from others."""
+    effect, dot, _ = name.partition(".")
+    if dot:
+        return effect
+    if name[:1] == "J" and len(name) == 3:
+        return "moment of inertia" if name[1] == name[2] else "product of inertia"
+    return name.rstrip("0123456789")
 
 
 def number(value: float, sd: float, power: int = 0) -> str:
@@ -254,7 +296,7 @@ def with_minus_sign(text: str) -> str:
 
 
 def plain(name: str) -> str:
-    """The name of an effect in print.
+    """The name of an effect or a parameter in print.
 
     Parameters
     ----------
@@ -264,14 +306,19 @@ def plain(name: str) -> str:
     Returns
     -------
     str
-        Words with spaces.
+        Words with spaces; the frame that a name ends its quantity with is spelt out.
 
     Examples
     --------
-    >>> plain("wheel_command_lag")
-    'wheel command lag'
+    >>> plain("wheel_command_lag"), plain("solar_pressure.torque_N_x")
+    ('wheel command lag', 'solar pressure: torque x (inertial axes)')
     """
-    return name.replace("_", " ")
+    effect, dot, parameter = name.rpartition(".")
+    words = parameter.split("_")
+    frames = [f" ({_FRAMES[word]})" for word in words[1:] if word in _FRAMES]
+    quantity = " ".join(word for word in words if word not in _FRAMES or word == words[0])
+    prefix = f"{effect.replace('_', ' ')}: " if dot else ""
+    return f"{prefix}{quantity}{''.join(frames)}"
 
 
 def listed(items: Sequence[str]) -> str:

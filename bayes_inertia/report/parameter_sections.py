@@ -9,7 +9,7 @@ import numpy as np
 
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.criteria import Criteria, criteria_of
-from bayes_inertia.report.formatting import NOT_GIVEN, exponent, listed, number, unit_text
+from bayes_inertia.report.formatting import NOT_GIVEN, listed, number, unit_text
 from bayes_inertia.report.parameter_wording import averaged_over, correlation_sentences, meaning
 from bayes_inertia.report.pictures.pairs import draw_pairs
 from bayes_inertia.report.pictures.posterior_data import values_of
@@ -19,6 +19,7 @@ from bayes_inertia.report.uncertainty import (
     contraction,
     contraction_text,
     determination,
+    exponents_of,
     interval_90,
     names_by_determination,
     quoted_sd,
@@ -42,8 +43,9 @@ def parameters_section(posterior: Posterior) -> Section:
     """
     summary, criteria = posterior.summary(), criteria_of(posterior.attributes)
     prior_mean = values_of(posterior, "estimate", "prior_mean")
+    powers = exponents_of(summary["parameters"])
     rows = [
-        _parameter_row(name, row, float(center), criteria)
+        _parameter_row(name, row, powers[name], float(center), criteria)
         for (name, row), center in zip(summary["parameters"].items(), prior_mean, strict=True)
     ]
     picture = Picture(
@@ -56,19 +58,20 @@ def parameters_section(posterior: Posterior) -> Section:
         "Prior and posterior densities of every parameter",
         dense=True,
     )
+    derived = summary["derived"]
+    moments = exponents_of(derived)
     context = {
         "rows": rows,
-        "moments": [_value_cells(name, row) for name, row in summary["derived"].items()],
+        "moments": [_value_cells(name, row, moments[name]) for name, row in derived.items()],
         "averaged": averaged_over(summary),
         "criteria": criteria,
     }
     return Section("Parameters", packaged("parameters.html"), context, (picture,))
 
 
-def _value_cells(name: str, row: Mapping[str, Any]) -> dict[str, str]:
+def _value_cells(name: str, row: Mapping[str, Any], power: int) -> dict[str, str]:
     """Mean and both sds of one row, in one power of ten."""
     quoted = quoted_sd(row["sd"], row["robust_sd"])
-    power = exponent(row["mean"], quoted.sd)
     robust = row["robust_sd"]
     return {
         "name": name,
@@ -81,14 +84,13 @@ def _value_cells(name: str, row: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _parameter_row(
-    name: str, row: Mapping[str, Any], prior_mean: float, criteria: Criteria
+    name: str, row: Mapping[str, Any], power: int, prior_mean: float, criteria: Criteria
 ) -> dict[str, str]:
     quoted = quoted_sd(row["sd"], row["robust_sd"])
-    power = exponent(row["mean"], quoted.sd)
     low, high = (number(end, quoted.sd, power) for end in interval_90(row))
     prior, prior_sd = (number(x, row["prior_sd"], power) for x in (prior_mean, row["prior_sd"]))
     share = contraction(quoted.sd, row["prior_sd"])
-    return _value_cells(name, row) | {
+    return _value_cells(name, row, power) | {
         "meaning": meaning(name),
         "prior": f"{prior} ± {prior_sd}",
         "interval": f"{low} … {high}",
@@ -123,7 +125,8 @@ def determination_section(posterior: Posterior) -> Section:
         draw_pairs(posterior, _MOST_PARAMETERS_DRAWN),
         "Every pair of parameters: posterior draws (shading) with the ellipse that holds 90 % "
         "of a normal distribution of the same covariance (blue)."
-        f"{dashed if robust else ''} Each cell shows the range given on the left. "
+        f"{dashed if robust else ''} At the left of each row: middle ± half width of "
+        "its cells (3.4 sd), and the unit. "
         "Numbers: correlations, framed beyond ±0.9."
         f"{only_some if len(names) > _MOST_PARAMETERS_DRAWN else ''}",
         "Pair plot of the posterior with correlations",

@@ -29,9 +29,6 @@ def meaning(name: str) -> str:
     >>> meaning("Jxy"), meaning("K2"), meaning("wheel_friction.coulomb1")
     ('inertia tensor element xy', 'rate-sensor scale factor, axis 2', 'wheel friction: coulomb1')
     """
-    if "." in name:
-        effect, parameter = name.split(".", 1)
-        return f"{plain(effect)}: {plain(parameter)}"
     if name[:1] == "J" and len(name) == 3:
         if name[1] == name[2]:
             return f"moment of inertia, body {name[1]}"

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from bayes_inertia.report.criteria import Criteria
+from bayes_inertia.report.formatting import common_exponents
 
 Source = Literal["sd", "robust sd"]
 
@@ -51,6 +52,28 @@ def quoted_sd(sd: float, robust_sd: float | None) -> QuotedSd:
     if robust_sd is not None and robust_sd > sd:
         return QuotedSd(robust_sd, "robust sd")
     return QuotedSd(sd, "sd")
+
+
+def exponents_of(*tables: Mapping[str, Mapping[str, Any]]) -> dict[str, int]:
+    """Powers of ten that rows of summaries are printed in, one for all parameters of a kind.
+
+    Parameters
+    ----------
+    *tables : mapping of str to mapping
+        Rows of `parameters` or `derived` of one or more summaries that share a table.
+
+    Returns
+    -------
+    dict of str to int
+        {name: power}, see `common_exponents`.
+    """
+    values: dict[str, tuple[str, float, float]] = {}
+    for rows in tables:
+        for name, row in rows.items():
+            sd = quoted_sd(row["sd"], row["robust_sd"]).sd
+            _, mean, largest = values.get(name, ("", 0.0, 0.0))
+            values[name] = (row["unit"], max(abs(row["mean"]), mean), max(sd, largest))
+    return common_exponents(values)
 
 
 def contraction(sd: float, prior_sd: float) -> float:

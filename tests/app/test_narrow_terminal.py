@@ -16,6 +16,7 @@ from bayes_inertia.app.commands.compare import show_comparison
 from bayes_inertia.app.commands.design import show_design
 from bayes_inertia.app.commands.fit_many import show_fits
 from bayes_inertia.app.commands.observe import show_observability
+from bayes_inertia.app.commands.report import show_promise
 from bayes_inertia.app.commands.study import show_study
 from bayes_inertia.app.study_folder import Study
 from bayes_inertia.campaign.reader import read_campaign
@@ -23,6 +24,8 @@ from bayes_inertia.design.comparison import Contender
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.simulated_fits import AchievedErrors
 from bayes_inertia.flight.plan import paper_like_plan
+from bayes_inertia.physics.parameters import BASE_NAMES
+from bayes_inertia.report.plan_promise import plan_promise
 from bayes_inertia.studies.calibration import QUANTITIES
 from bayes_inertia.studies.calibration_result import Calibration, CaseCalibration
 from bayes_inertia.studies.work import WorkResult
@@ -64,6 +67,17 @@ def test_a_campaign(printed):
     slews = tuple(replace(s, name=f"2026-11-22 {s.name}") for s in campaign.slews)
     show_campaign(replace(campaign, slews=slews))
     assert "duration" in printed()
+
+
+def test_a_promise(printed):
+    row = {"unit": "kg m^2", "prior_sd": 0.12345, "sd": 1.2345e-4, "robust_sd": 2.345e-4}
+    rows = {name: row | ({} if name[0] == "J" else {"unit": ""}) for name in BASE_NAMES}
+    summary = {"parameters": rows, "effects": []}
+    promised = dict.fromkeys(BASE_NAMES, 6.789e-5)
+    show_promise(plan_promise("a plan with a long name", "plan.toml", "design", promised, summary))
+    text = printed()
+    assert "10⁻³ kg m²" in text
+    assert "Jxy 1.8 times" in " ".join(text.split())
 
 
 def test_a_design(printed):

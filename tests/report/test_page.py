@@ -7,9 +7,10 @@ import re
 import pytest
 
 from bayes_inertia.report.fit_sections import standard_sections
-from bayes_inertia.report.formatting import exponent, number
+from bayes_inertia.report.formatting import number
 from bayes_inertia.report.page import render, write_report
 from bayes_inertia.report.section import Section
+from bayes_inertia.report.uncertainty import exponents_of
 from bayes_inertia.report.verdict_sentence import verdict_sentence
 
 KINDS = ("good", "one_slew", "thrown", "many_effects")
@@ -112,10 +113,10 @@ def test_pages_say_what_is_so(pages, kind, says, says_not):
 
 def test_the_quoted_uncertainty_is_framed(made, pages):
     cells = re.findall(r'<td[^>]* class="n quoted">([^<]*)</td>', pages["good"])
-    posterior = made("good")
+    rows = made("good").summary()["parameters"]
+    powers = exponents_of(rows)
     expected = [
-        number(row["robust_sd"], row["robust_sd"], exponent(row["mean"], row["robust_sd"]))
-        for row in posterior.summary()["parameters"].values()
+        number(row["robust_sd"], row["robust_sd"], powers[name]) for name, row in rows.items()
     ]
     assert cells[:9] == expected
 

@@ -30,7 +30,11 @@ EXAMPLES: Mapping[str, tuple[str, ...]] = {
         "study calibration -o calibration --fits 1000 --jobs 8",
     ),
     "resume": ("resume run",),
-    "report": ("report run", "report run_before run_after -o comparison.html"),
+    "report": (
+        "report run",
+        "report run --plan next/plan.toml",
+        "report run_before run_after -o comparison.html",
+    ),
     "export": ("export run --to csv -o upload.csv", "export run --to basilisk"),
     "simulate": (
         "simulate -o simulated --hide wheel_command_lag.tau=0.1 --seed 3",

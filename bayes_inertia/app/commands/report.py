@@ -3,15 +3,27 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from bayes_inertia.app.commands.options import AsJson
-from bayes_inertia.app.terminal import plain_console, print_json
+from bayes_inertia.app.terminal import narrow_table, plain_console, print_json
+from bayes_inertia.errors import CampaignError
+
+if TYPE_CHECKING:
+    from bayes_inertia.report.plan_promise import PlanPromise
 
 FORMAT = "bayes-inertia-report/1"
 COMPARISON_FORMAT = "bayes-inertia-run-comparison/1"
+
+FlownPlan = Annotated[
+    Path | None,
+    typer.Option(
+        "--plan",
+        help="Plan that was flown (TOML): its promised sds beside those that the run achieved.",
+    ),
+]
 
 
 def report_command(
@@ -19,6 +31,7 @@ def report_command(
     other: Annotated[
         Path | None, typer.Argument(help="A second run, to be put beside the first.")
     ] = None,
+    plan: FlownPlan = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -30,32 +43,67 @@ def report_command(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write report.html again, or compare two runs.
+    """Write report.html again, compare two runs, or hold a run against its plan.
 
-    One run: from posterior.nc (and diagnosis.json). Two runs (before and after an effect, two
-    campaigns, two drives): parameters with both sds and their difference in combined sd, gates,
-    verdicts, and what differs in settings.
+    One run: from posterior.nc (and diagnosis.json). With --plan also what the plan promised, which
+    is that of the design.json beside it or is forecast now. Two runs (before and after an effect,
+    two campaigns, two drives): parameters with both sds and their difference in combined sd,
+    gates, verdicts, and what differs in settings.
     """
     if other is None:
-        _report(run, out, as_json)
-    else:
-        _compare(run, other, out, as_json)
+        _report(run, plan, out, as_json)
+        return
+    if plan is not None:
+        raise CampaignError(
+            "a plan goes with one run, two are named",
+            where="--plan",
+            advice="leave the second run out, or the plan",
+        )
+    _compare(run, other, out, as_json)
 
 
-def _report(run: Path, out: Path | None, as_json: bool) -> None:
+def _report(run: Path, plan: Path | None, out: Path | None, as_json: bool) -> None:
     from bayes_inertia.app.compare_two_runs import finished_posterior
+    from bayes_inertia.app.promise_of_plan import promise_of_plan
     from bayes_inertia.app.run_report import run_page, run_summary, write_run_report
     from bayes_inertia.sealing import is_sealed
 
     posterior = finished_posterior(run)
-    intact = is_sealed(run / "posterior.nc", "")
+    intact, summary = is_sealed(run / "posterior.nc", ""), run_summary(posterior, run)
+    promise = None if plan is None else promise_of_plan(run, plan, summary)
     if out is None:
-        path = write_run_report(posterior, run, intact=intact)
+        path = write_run_report(posterior, run, intact=intact, promise=promise)
     else:
-        path = _new_page(out, run_page(posterior, run, intact=intact))
-    sentence = run_summary(posterior, run)["verdict_sentence"]
-    document = {"report": str(path), "trusted": posterior.trusted, "verdict_sentence": sentence}
+        path = _new_page(out, run_page(posterior, run, intact=intact, promise=promise))
+    sentence = summary["verdict_sentence"]
+    document = {
+        "report": str(path),
+        "trusted": posterior.trusted,
+        "verdict_sentence": sentence,
+        "plan": None if promise is None else promise.json(),
+    }
+    if promise is not None and not as_json:
+        show_promise(promise)
     _say({"format": FORMAT} | document, sentence, path, as_json)
+
+
+def show_promise(promise: PlanPromise) -> None:
+    """Print what a plan promised beside what was achieved.
+
+    Parameters
+    ----------
+    promise : PlanPromise
+        Of the plan whose flight was fitted.
+    """
+    from bayes_inertia.report.plan_promise_section import HEADINGS, promise_rows
+
+    console = plain_console()
+    console.print(promise.sentence)
+    table = narrow_table(console, "parameter", "unit", *HEADINGS)
+    for row in promise_rows(promise):
+        table.add_row(row["name"], row["unit"], *row["cells"])
+    console.print(table)
+    console.print(f"promised: {promise.promised_by}")
 
 
 def _compare(first: Path, second: Path, out: Path | None, as_json: bool) -> None:

@@ -151,22 +151,23 @@ def _gate_line(gate: dict[str, Any]) -> Text:
 
 def _parameter_table(console: Console, summary: dict[str, Any]) -> Table:
     from bayes_inertia.report.criteria import criteria_of
-    from bayes_inertia.report.formatting import exponent, number, plain, unit_text
+    from bayes_inertia.report.formatting import number, plain, unit_text
     from bayes_inertia.report.uncertainty import (
         contraction,
         contraction_text,
         determination,
+        exponents_of,
         quoted_sd,
     )
 
-    criteria = criteria_of(summary)
+    criteria, powers = criteria_of(summary), exponents_of(summary["parameters"])
     table = narrow_table(console, "name", *_COLUMNS)
     for name, p in summary["parameters"].items():
         sd = quoted_sd(p["sd"], p["robust_sd"]).sd
-        power = exponent(p["mean"], sd)
+        power = powers[name]
         share = contraction(sd, p["prior_sd"])
         table.add_row(
-            plain(name).replace(".", ": "),
+            plain(name),
             number(p["mean"], sd, power),
             number(sd, sd, power),
             unit_text(p["unit"], power),

@@ -9,7 +9,7 @@ from bayes_inertia.report.export.content import (
     one_line,
     rounded,
 )
-from bayes_inertia.report.formatting import exponent
+from bayes_inertia.report.formatting import common_exponents
 
 _ESCAPED = {c: f"\\{c}" for c in "&%$#_{}"} | {"\\": "/", "~": "-", "^": "-"}
 
@@ -27,6 +27,7 @@ def latex_text(result: ExportedResult) -> str:
     str
         Lines of the file.
     """
+    powers = common_exponents({p.name: (p.unit, p.new, p.sd) for p in result.parameters})
     warned = [] if result.trusted else ["\\textbf{Do not use this result as it stands.}\\\\"]
     return "\n".join(
         [
@@ -36,7 +37,7 @@ def latex_text(result: ExportedResult) -> str:
             "\\toprule",
             "parameter & before flight & estimate & unit & change [prior sd] \\\\",
             "\\midrule",
-            *(_row(p) for p in result.parameters),
+            *(_row(p, powers[p.name]) for p in result.parameters),
             "\\bottomrule",
             "\\end{tabular}",
             "",
@@ -44,8 +45,7 @@ def latex_text(result: ExportedResult) -> str:
     )
 
 
-def _row(p: ExportedParameter) -> str:
-    power = exponent(p.new, p.sd)
+def _row(p: ExportedParameter, power: int) -> str:
     old, new, sd = (rounded(x / 10.0**power, p.sd / 10.0**power) for x in (p.old, p.new, p.sd))
     factor = f"$10^{{{power}}}$ " if power else ""
     unit = f"{factor}{p.unit.replace('^2', '$^2$')}".strip() or "--"

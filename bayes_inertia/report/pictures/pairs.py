@@ -14,7 +14,11 @@ from matplotlib.patches import Patch, Rectangle
 from scipy.ndimage import gaussian_filter
 
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.report.formatting import unit_text, with_minus_sign
+from bayes_inertia.report.formatting import (
+    common_exponents,
+    unit_text,
+    with_minus_sign,
+)
 from bayes_inertia.report.pictures import posterior_data, style
 
 _CELL_PIXELS = 44
@@ -66,10 +70,11 @@ def draw_pairs(posterior: Posterior, max_parameters: int = 16) -> Figure:
     if robust is not None:
         _ellipses(axes, robust / np.outer(half, half), color=style.ORANGE, ls=(0, (3, 2)))
     _correlations(axes, np.atleast_2d(np.corrcoef(draws.T)))
-    _labels(axes, names, posterior, draws.mean(0), half)
+    _labels(axes, names, _row_labels(posterior, names, draws.mean(0), half))
     axes.set(xlim=(-0.02, d + 0.02), ylim=(d + 0.02, -0.02), xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
     _legend(figure, robust is not None)
+    figure.text(0.005, 0.985, "name [unit]\nmiddle ± half width of the cells", va="top", fontsize=7)
     return figure
 
 
@@ -214,22 +219,32 @@ def _short(value: float, half: float) -> str:
     return f"{value:.{decimals}f}" if decimals <= 6 else f"{value:.4g}"
 
 
-def _labels(
-    axes: Axes, names: list[str], posterior: Posterior, mean: np.ndarray, half: np.ndarray
-) -> None:
-    """Names left and below; left also the unit, and centre and half width of the cells."""
+def _row_labels(
+    posterior: Posterior, names: list[str], mean: np.ndarray, half: np.ndarray
+) -> list[str]:
+    """Name and unit of each row, and what its cells span; a kind of parameters shares its unit."""
+    units = [str(posterior.tree["posterior"][name].attrs.get("units", "")) for name in names]
+    powers = common_exponents(dict(zip(names, zip(units, mean, half, strict=True), strict=True)))
+    labels = []
+    for name, unit, middle, width in zip(names, units, mean, half, strict=True):
+        scale = 10.0 ** powers[name]
+        spanned = f"{_short(middle / scale, width / scale)} ± {width / scale:.1g}"
+        shown = unit_text(unit, powers[name])
+        labels.append(f"{_broken(name)} [{shown}]\n{with_minus_sign(spanned)}")
+    return labels
+
+
+def _broken(name: str) -> str:
+    return name.replace(".", "\n")
+
+
+def _labels(axes: Axes, names: list[str], row_labels: list[str]) -> None:
+    """Names below; left also the units, and what the cells span."""
     d = len(names)
-    place = {"rotation": 45, "ha": "right"} if d > _MOST_UPRIGHT_LABELS else {"ha": "center"}
-    for i, name in enumerate(names):
-        unit = unit_text(str(posterior.tree["posterior"][name].attrs.get("units", "")))
-        short = name.replace(".", "\n")
-        axes.text(
-            -0.06,
-            i + 0.5,
-            f"{short} [{unit}]\n{with_minus_sign(_short(mean[i], half[i]))} ± {half[i]:.1g}",
-            ha="right",
-            va="center",
-            fontsize=7.5,
-            clip_on=False,
-        )
-        axes.text(i + 0.5, d + 0.06, short, va="top", fontsize=7.5, clip_on=False, **place)
+    place: dict[str, Any] = (
+        {"rotation": 45, "ha": "right"} if d > _MOST_UPRIGHT_LABELS else {"ha": "center"}
+    )
+    small: dict[str, Any] = {"fontsize": 7.5, "clip_on": False}
+    for i, (name, label) in enumerate(zip(names, row_labels, strict=True)):
+        axes.text(-0.06, i + 0.5, label, ha="right", va="center", **small)
+        axes.text(i + 0.5, d + 0.06, _broken(name), va="top", **small, **place)

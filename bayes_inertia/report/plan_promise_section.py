@@ -1,0 +1,77 @@
+"""The section of a report that puts a plan's promise beside what was achieved."""
+
+from __future__ import annotations
+
+import math
+import statistics
+from typing import Any
+
+from bayes_inertia.report.formatting import (
+    NOT_GIVEN,
+    listed,
+    number,
+    plain,
+    unit_text,
+)
+from bayes_inertia.report.plan_promise import WORSE_THAN_PROMISED, PlanPromise
+from bayes_inertia.report.section import Section, packaged
+
+HEADINGS = ("prior sd", "promised sd", "achieved sd", "achieved / promised", "robust sd")
+
+
+def plan_promise_section(promise: PlanPromise) -> Section:
+    """One table: promised and achieved sd of each parameter, and their ratio.
+
+    Parameters
+    ----------
+    promise : PlanPromise
+        Of the plan whose flight was fitted.
+
+    Returns
+    -------
+    Section
+        To stand behind the parameters.
+    """
+    context = {
+        "sentence": promise.sentence,
+        "level": "caution" if promise.worse else "good",
+        "headings": HEADINGS,
+        "rows": promise_rows(promise),
+        "promised_by": promise.promised_by,
+        "effects": listed([plain(name) for name in promise.effects]),
+    }
+    return Section("Promised and achieved", packaged("plan_promise.html"), context)
+
+
+def promise_rows(promise: PlanPromise) -> list[dict[str, Any]]:
+    """The rows of the table, for page and terminal.
+
+    Parameters
+    ----------
+    promise : PlanPromise
+        Of the plan whose flight was fitted.
+
+    Returns
+    -------
+    list of dict
+        `name`, `unit`, `cells` in the order of `HEADINGS`, and whether the row is `noticeable`.
+    """
+    rows = []
+    for p in promise.parameters:
+        power = _power([q.promised_sd for q in promise.parameters if q.unit == p.unit])
+        prior, promised, achieved = (number(x, x, power) for x in (p.prior_sd, p.promised_sd, p.sd))
+        robust = NOT_GIVEN if p.robust_sd is None else number(p.robust_sd, p.robust_sd, power)
+        rows.append(
+            {
+                "name": p.name,
+                "unit": unit_text(p.unit, power),
+                "cells": (prior, promised, achieved, f"{p.ratio:.2f}", robust),
+                "noticeable": p.ratio > WORSE_THAN_PROMISED,
+            }
+        )
+    return rows
+
+
+def _power(sds: list[float]) -> int:
+    """Power of ten, a multiple of three, in which sds of one unit read best."""
+    return 3 * round(math.log10(statistics.median(sds)) / 3.0)
