@@ -135,9 +135,9 @@ def discounted(white: Whitening, factors: np.ndarray) -> Whitening:
     """
     root = np.sqrt(np.asarray(factors))
     return Whitening(
-        on_device(white.rate * root[:, 0, None, None, None]),
-        on_device(white.attitude * root[:, 1, None, None, None]),
-        on_device(white.momentum * root[:, 2, None, None]),
+        on_device(np.asarray(white.rate) * root[:, 0, None, None, None]),
+        on_device(np.asarray(white.attitude) * root[:, 1, None, None, None]),
+        on_device(np.asarray(white.momentum) * root[:, 2, None, None]),
         white.memory,
     )
 
