@@ -9,7 +9,6 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from scipy import signal
 
 from bayes_inertia.diagnosis.torque_response import TorqueResponse
 
@@ -61,7 +60,10 @@ def _reaction(time: np.ndarray, rate_B: np.ndarray, frequency: float) -> np.ndar
     even = np.linspace(t[0], t[-1], len(t))
     w = np.stack([np.interp(even, t, rate_B[:last, i]) for i in range(3)], -1)
     step = round(float(even[1] - even[0]), 12)
-    shaken = signal.lfilter(*_filter(frequency, step), np.gradient(w, even, axis=0), axis=0)
+    # Slow to import, and a fit without a flexible mode needs none of it.
+    from scipy.signal import lfilter
+
+    shaken = lfilter(*_filter(frequency, step), np.gradient(w, even, axis=0), axis=0)
     out = np.zeros_like(rate_B)
     out[:last] = np.stack([np.interp(t, even, shaken[:, i]) for i in range(3)], -1)
     return out
@@ -75,8 +77,10 @@ def _filter(frequency: float, step: float) -> tuple[np.ndarray, np.ndarray]:
 
     It is exact for an input that is linear between samples.
     """
+    from scipy.signal import cont2discrete
+
     omega = 2.0 * np.pi * frequency
-    above, below, _ = signal.cont2discrete(
+    above, below, _ = cont2discrete(
         ([1.0, 0.0, 0.0], [1.0, 2.0 * _DAMPING_RATIO * omega, omega**2]), step, method="foh"
     )
     return np.ravel(above), below
