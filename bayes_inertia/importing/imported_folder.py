@@ -191,7 +191,11 @@ def record_text(
         "version": __version__,
         "raw_files": {path.name: _sha256(path.read_bytes()) for path in files},
         "unused_files": list(logs.unused),
-        "mapping": {"name": mapping_data[0], "sha256": _sha256(mapping_data[1])},
+        "mapping": {
+            "name": mapping_data[0],
+            "sha256": _sha256(mapping_data[1]),
+            "text": mapping_data[1].decode("utf-8", errors="replace"),
+        },
         "clock": {"zero": zero_of_clock(logs), "unit": "s"},
         "streams": {
             key: {

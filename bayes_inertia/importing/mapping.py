@@ -19,6 +19,7 @@ from bayes_inertia.importing.mapping_schema import (
     WheelStream,
 )
 from bayes_inertia.importing.questions import refuse_open_questions
+from bayes_inertia.importing.stated_units import with_si_hardware
 
 # Smallest determinant of three axes that do not lie in one plane.
 _INDEPENDENT = 1e-3
@@ -54,7 +55,8 @@ def parse_mapping(text: str, label: str) -> MappingPart:
     """
     document = toml_document(text, label)
     refuse_open_questions(document, label)
-    mapping = checked_document(with_alike_wheels(document, label), label, MappingPart)
+    complete = with_si_hardware(with_alike_wheels(document, label), label)
+    mapping = checked_document(complete, label, MappingPart)
     _check_streams(mapping, label)
     for stream in mapping.streams:
         where = f"{label}, key streams.{stream.holds}"

@@ -79,7 +79,8 @@ def hardware_text(name: str, wheels: Sequence[str], *, tracker: bool) -> str:
     lines += [
         "",
         "[rate_sensor]",
-        "# sigma = ...  # white noise per sample [rad/s]; left out, the import says what it sees",
+        '# sigma = ...  # white noise per sample [rad/s], or such as "3 arcsec/s"; left out, the',
+        "#              # import says what it sees",
         "# scale_factor_sigma = 0.03",
         "# bias_sigma = 1e-5  # [rad/s]",
         "# rate_random_walk = ...  # RRW of the data sheet [rad/s^1.5]",
@@ -89,7 +90,8 @@ def hardware_text(name: str, wheels: Sequence[str], *, tracker: bool) -> str:
             "",
             "[star_tracker]",
             mapping_entry(("star_tracker", "boresight"), UNKNOWN),
-            "# sigma_cross = ...  # noise across the boresight [rad]; left out, the import says",
+            '# sigma_cross = ...  # noise across the boresight [rad], or such as "5 arcsec"; left',
+            "#                    # out, the import says what it sees",
             "# sigma_roll = ...  # and about it [rad]",
         ]
     return "\n".join(lines) + "\n"

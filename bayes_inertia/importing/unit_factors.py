@@ -177,7 +177,8 @@ def unit_factor(quantity: str, unit: str) -> float:
         if _powers_of_angle(value) != (quantity in _OF_ANGLES):
             raise pint.DimensionalityError(unit, si)
     except pint.DimensionalityError as error:
-        what = f"is no unit of a {quantity.replace('_', ' ')}"
+        article = "an" if quantity == "angle" else "a"
+        what = f"is no unit of {article} {quantity.replace('_', ' ')}"
         raise CampaignError(what, where=where, advice=advice) from error
     except Exception as error:  # Pint's parser raises whatever it stumbles over.
         raise CampaignError("is not a known unit", where=where, advice=advice) from error

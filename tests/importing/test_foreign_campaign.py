@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import bayes_inertia
+from bayes_inertia.app.cli import main
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.importing.import_logs import import_logs
@@ -76,6 +77,19 @@ def test_units_and_senses_stay_those_of_the_mapping(logs, tmp_path):
     raw = foreign.files[0].read_text().splitlines()[1].split(",")
     first = (folder / "slew_01_rate.csv").read_text().splitlines()[1].split(",")
     assert [float(x) for x in first[1:]] == pytest.approx([float(x) for x in raw[1:]], rel=1e-14)
+
+
+def test_doctor_quotes_the_line_of_the_mapping(logs, tmp_path, capsys):
+    foreign, line = logs["csv"], 'maps = "inertial_to_body"'
+    wrong = tmp_path / "mapping.toml"
+    text = foreign.mapping.read_text().replace('maps = "body_to_inertial"', line)
+    wrong.write_text(text)
+    folder = import_logs(foreign.files, wrong, tmp_path / "c").folder
+    with pytest.raises(SystemExit) as stop:
+        main(["doctor", str(folder)])
+    assert stop.value.code == 2
+    quoted = f"mapping.toml, line {text.splitlines().index(line) + 1}: {line}"
+    assert quoted in capsys.readouterr().out
 
 
 def test_a_wrong_offset_is_seen_by_that_comparison(logs, tmp_path):

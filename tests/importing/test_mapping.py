@@ -9,6 +9,7 @@ from support.raw_logs import MAPPING, edited_mapping, log_columns, write_csv
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.import_logs import import_logs
+from bayes_inertia.importing.mapped_lines import mapped_lines
 from bayes_inertia.importing.mapping import parse_mapping, rate_sensor_axes
 from bayes_inertia.importing.questions import QUESTIONS, open_questions
 
@@ -217,3 +218,51 @@ def test_a_wheel_of_the_same_type_takes_what_it_does_not_say_itself():
     assert wheels[1].axis == [0.0, 1.0, 0.0]
     with pytest.raises(CampaignError, match=r"wheels.w2.same_as: 'other' is no wheel above it"):
         parse_mapping(with_changes(two_columns, ("[rate_sensor]", second.format("other"))), "m")
+
+
+def test_hardware_is_stated_in_the_units_of_its_data_sheet():
+    text = with_changes(
+        ("sigma_cross = 2e-5", 'sigma_cross = "5 arcsec"'),
+        ("sigma = 1e-4", 'sigma = ["3 arcsec/s", "2e-3 deg/s", 1e-4]\nbias_sigma = "2 deg/h"'),
+        ("momentum_sigma = 5e-6", 'momentum_sigma = "5 uNms"\nmax_torque = "20 mN m"'),
+    )
+    mapping, arcsec = parse_mapping(text, "m.toml"), np.pi / 648_000.0
+    assert mapping.star_tracker.sigma_cross == pytest.approx(5.0 * arcsec)
+    assert mapping.star_tracker.sigma_roll == 1e-4
+    assert mapping.rate_sensor.sigma == pytest.approx([3.0 * arcsec, 7.2 * arcsec, 1e-4])
+    assert mapping.rate_sensor.bias_sigma == pytest.approx([2.0 * arcsec] * 3)
+    assert mapping.wheels[0].momentum_sigma == pytest.approx(5e-6)
+    assert mapping.wheels[0].max_torque == pytest.approx(0.02)
+
+
+@pytest.mark.parametrize(
+    ("value", "says"),
+    [
+        ('"five arcsec"', "no number with a unit"),
+        ('"5"', "no unit is given"),
+        ('"5 m"', "no unit of an angle"),
+        ('"5 arcsec/s"', "rad, deg, arcmin or arcsec"),
+        ("true", "star_tracker.sigma_cross"),
+    ],
+)
+def test_a_unit_of_another_quantity_is_refused(value, says):
+    with pytest.raises(CampaignError) as caught:
+        parse_mapping(with_changes(("sigma_cross = 2e-5", f"sigma_cross = {value}")), "m.toml")
+    assert_teaches(caught.value, ["star_tracker.sigma_cross", says])
+
+
+def test_the_lines_of_a_mapping_are_found_again(tmp_path):
+    write_csv(tmp_path / "log.csv", log_columns([(60.0, 40.0, 1.0), (200.0, 40.0, -0.7)], 320.0))
+    (tmp_path / "mapping.toml").write_text(MAPPING)
+    folder = import_logs([tmp_path / "log.csv"], tmp_path / "mapping.toml", tmp_path / "out").folder
+    number = MAPPING.splitlines().index('unit = "deg/s"') + 1
+    assert mapped_lines(folder, "columns.rate.unit") == [
+        f'mapping.toml, line {number}: unit = "deg/s"'
+    ]
+    assert mapped_lines(folder, "wheels.x.axis")[0].endswith("axis = [1.0, 0.0, 0.0]")
+    assert mapped_lines(folder, "wheels.y.axis") == []
+    assert mapped_lines(folder, "columns.wheel_torque.acts_on")[0].endswith('acts_on = "wheel"')
+    # A campaign that was not imported, and the record of an earlier version.
+    assert mapped_lines(tmp_path, "columns.rate.unit") == []
+    (folder / "import.json").write_text('{"mapping": {"name": "m", "sha256": ""}}')
+    assert mapped_lines(folder, "columns.rate.unit") == []

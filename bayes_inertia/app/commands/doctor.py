@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -37,21 +38,34 @@ def doctor_command(campaign: _CampaignOrNone = None, as_json: AsJson = False) ->
     from bayes_inertia.conventions.check import check_conventions
 
     check = check_conventions(campaign)
+    lines = _mapping_lines(campaign, check)
     if as_json:
-        print_json(check.json())
+        print_json(check.json() | {"mapping_lines": lines})
     else:
-        show_check(check)
+        show_check(check, lines)
     if check.verdict == "wrong":
         raise typer.Exit(2)
 
 
-def show_check(check: ConventionsCheck) -> None:
+def _mapping_lines(campaign: Path, check: ConventionsCheck) -> list[str]:
+    """The lines of the mapping that the proposal is about, of a folder that was imported."""
+    keys = [change.key for change in check.changes if change.proposal == 1]
+    if not keys:
+        return []
+    from bayes_inertia.importing.mapped_lines import mapped_lines
+
+    return [line for key in keys for line in mapped_lines(campaign, key)]
+
+
+def show_check(check: ConventionsCheck, mapping_lines: Sequence[str] = ()) -> None:
     """Print a check for people.
 
     Parameters
     ----------
     check : ConventionsCheck
         What was found.
+    mapping_lines : sequence of str
+        The lines of the mapping that the proposal is about.
     """
     from bayes_inertia.conventions.invisible import invisible_in_brief
 
@@ -61,6 +75,7 @@ def show_check(check: ConventionsCheck) -> None:
     console.print(headed(f"{check.campaign}: {check.verdict}", style=style))
     console.print(check.sentence)
     for title, lines in (
+        ("the folder was imported; change this and import again:", mapping_lines),
         ("telemetry:", [_dirt_in_words(dirt) for dirt in check.dirt]),
         ("physical, no wrong convention:", check.remarks),
         ("this campaign cannot show (all of it with --json):", hidden),

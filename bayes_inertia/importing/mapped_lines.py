@@ -1,0 +1,66 @@
+"""Where a mapping states what a key of an imported campaign says."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from types import MappingProxyType
+
+from bayes_inertia.importing.imported_folder import RECORD_FILE
+
+_TABLE = re.compile(r"\s*\[\[?\s*([\w-]+)\s*\]\]?\s*(#.*)?$")
+_ENTRY = re.compile(r"""\s*([\w-]+)\s*=\s*(?:["']([^"']*)["'])?""")
+# What else a mapping may call a key.
+_OTHER_KEYS = MappingProxyType({"axes": ("mounting", "body_from_sensor")})
+
+
+def mapped_lines(folder: Path, key: str) -> list[str]:
+    """The lines of the mapping that a key of an imported campaign.toml comes from.
+
+    Parameters
+    ----------
+    folder : Path
+        A campaign folder.
+    key : str
+        Path of the key, such as "columns.rate.unit" or "wheels.x.axis".
+
+    Returns
+    -------
+    list of str
+        Such as 'mapping.toml, line 30: unit = "deg/s"'; empty for a folder that was not imported,
+        and for what the mapping does not state.
+    """
+    try:
+        mapping = json.loads((folder / RECORD_FILE).read_text(encoding="utf-8"))["mapping"]
+        name, text = mapping["name"], mapping["text"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return []
+    return [f"{name}, line {number}: {line}" for number, line in _lines_of(text, key)]
+
+
+def _lines_of(text: str, key: str) -> list[tuple[int, str]]:
+    """Number and text of the lines that state a key."""
+    first, *middle, last = key.split(".")
+    wanted = "streams" if first == "columns" else first
+    label = "holds" if first == "columns" else "name"
+    keys = (last, *_OTHER_KEYS.get(last, ()))
+    found = []
+    for table, entries in _tables(text):
+        stated = {name: value for name, value, _, _ in entries}
+        mounting = first == "rate_sensor" and table == "streams" and stated.get("holds") == "rate"
+        named = table == wanted and (not middle or stated.get(label) == middle[0])
+        if named or mounting:
+            found += [(number, line) for name, _, number, line in entries if name in keys]
+    return found
+
+
+def _tables(text: str) -> list[tuple[str, list[tuple[str, str | None, int, str]]]]:
+    """Each table of a TOML text with its entries: key, text in quotes, number of line, line."""
+    tables: list[tuple[str, list[tuple[str, str | None, int, str]]]] = [("", [])]
+    for number, line in enumerate(text.splitlines(), 1):
+        if table := _TABLE.match(line):
+            tables.append((table[1], []))
+        elif entry := _ENTRY.match(line):
+            tables[-1][1].append((entry[1], entry[2], number, line.strip()))
+    return tables
