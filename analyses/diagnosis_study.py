@@ -203,6 +203,7 @@ def _summary(diagnosis: Diagnosis, truth: np.ndarray) -> dict:
         "nameless_lead": diagnosis.nameless_lead if diagnosis.steps else None,
         "named": list(diagnosis.named),
         "ambiguous_with": [list(names) for names in diagnosis.ambiguous_with],
+        "hypotheses": [asdict(row) for row in diagnosis.hypotheses],
         "steps": [step.added for step in diagnosis.steps],
         "best": diagnosis.candidates[0].effect,
         "p_best": min(c.p_value for c in diagnosis.candidates),
@@ -280,7 +281,7 @@ def arguments() -> argparse.Namespace:
         "--count",
         type=int,
         required=True,
-        help="campaigns (clean, pair, triple) or campaigns of each effect (single, strong, outside)",
+        help="campaigns (clean, pair, triple), or of each effect (single, strong, outside)",
     )
     parser.add_argument("--power", type=float, default=0.99)
     parser.add_argument(

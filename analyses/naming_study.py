@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import process_time
 
@@ -70,6 +70,7 @@ def _summary(diagnosis: Diagnosis, truth: np.ndarray) -> dict:
         "why_unknown": diagnosis.why_unknown,
         "named": list(diagnosis.named),
         "ambiguous_with": [list(names) for names in diagnosis.ambiguous_with],
+        "hypotheses": [asdict(row) for row in diagnosis.hypotheses],
         "steps": [[step.added, step.log_bayes_factor] for step in diagnosis.steps],
         "lead": diagnosis.nameless_lead if diagnosis.steps else None,
         "source": diagnosis.nameless_source,

@@ -77,6 +77,7 @@ def _search(diagnosis: Diagnosis) -> dict[str, Any]:
         "why_unknown": diagnosis.why_unknown,
         "nameless_lead": diagnosis.nameless_lead,
         "nameless_source": diagnosis.nameless_source,
+        "hypotheses": [asdict(row) for row in diagnosis.hypotheses],
         "threshold": diagnosis.threshold,
         "rules": asdict(diagnosis.rules),
         "noise": dict(diagnosis.noise),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import logsumexp
@@ -11,6 +12,7 @@ from scipy.special import logsumexp
 from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.diagnosis.candidates import FLEXIBLE_MODE
 from bayes_inertia.diagnosis.driven_disturbances import DRIVEN_BY_LIBRARY, driven_evidence
+from bayes_inertia.diagnosis.hypotheses import Level, hypotheses, with_shapes
 from bayes_inertia.diagnosis.refitting import ScoredRound
 from bayes_inertia.diagnosis.result import (
     AlternativeEffect,
@@ -39,10 +41,29 @@ NAMELESS = {
 }
 
 
+class Outcome(NamedTuple):
+    """What a search came to.
+
+    Parameters
+    ----------
+    first : ScoredRound
+        All candidates, scored at the fit with nothing added.
+    levels : tuple of Level
+        What was weighed at each fit.
+    steps : tuple of Step
+        What was added.
+    final : Estimate
+        The fit with everything added.
+    """
+
+    first: ScoredRound
+    levels: tuple[Level, ...]
+    steps: tuple[Step, ...]
+    final: Estimate
+
+
 def conclude(
-    first: ScoredRound,
-    final: Estimate,
-    steps: Sequence[Step],
+    outcome: Outcome,
     noise: dict[str, float],
     skipped: tuple[tuple[str, str], ...],
     rules: Rules,
@@ -51,12 +72,8 @@ def conclude(
 
     Parameters
     ----------
-    first : ScoredRound
-        All candidates, scored at the fit with nothing added.
-    final : Estimate
-        The fit with everything added.
-    steps : sequence of Step
-        What was added.
+    outcome : Outcome
+        Of the search.
     noise : dict
         Factor by which each channel's noise exceeds what is stated.
     skipped : tuple of (str, str)
@@ -69,13 +86,15 @@ def conclude(
     Diagnosis
         The answer.
     """
+    first, final = outcome.first, outcome.final
     tests, candidates = final_tests(final), _all_candidates(first)
-    rival = nameless_rival(steps, len(candidates))
+    shapes = nameless_shapes(outcome.steps)
+    levels = with_shapes(outcome.levels, shapes)
+    rival = nameless_rival(outcome.steps, len(candidates), shapes)
     lead = rival.log_bayes_factor
-    beaten = lead > rules.log_evidence_margin or names_may_imitate(steps, rules)
-    imitation = "imitation" if beaten else ""
-    why_unknown = imitation if is_explained(tests, rules) else "misfit"
-    steps = without_named_alternatives(steps)
+    beaten = lead > rules.log_evidence_margin or names_may_imitate(outcome.steps, rules)
+    why_unknown = _why_unknown(beaten, is_explained(tests, rules))
+    steps = without_named_alternatives(outcome.steps)
     sets = ambiguous_sets(steps, rules)
     named = tuple(s.added for s in steps)
     verdict = _verdict(why_unknown, sets, named)
@@ -96,6 +115,7 @@ def conclude(
         why_unknown=why_unknown,
         nameless_lead=lead,
         nameless_source=rival.source,
+        hypotheses=hypotheses(levels, steps, lowest_p_value(tests), len(candidates), rules),
     )
 
 
@@ -158,6 +178,12 @@ def _nameless_equals(step: Step, rules: Rules) -> list[NamelessShape]:
     """Shapes without a name that explain the data as well as what a step added."""
     least = step.log_bayes_factor - rules.log_evidence_margin
     return [shape for shape in step.nameless if shape.log_bayes_factor > least]
+
+
+def _why_unknown(beaten: bool, explained: bool) -> str:
+    if not explained:
+        return "misfit"
+    return "imitation" if beaten else ""
 
 
 def _verdict(why_unknown: str, sets: Sequence[Sequence[str]], named: Sequence[str]) -> str:
@@ -237,13 +263,38 @@ def is_explained(tests: dict[str, ChannelTest], rules: Rules) -> bool:
     bool
         Whether no test fails.
     """
+    return min(_p_values(tests), default=1.0) > rules.misfit_p_value
+
+
+def lowest_p_value(tests: dict[str, ChannelTest]) -> float:
+    """The lowest p-value of all tests of the residuals, corrected for their number (Sidak).
+
+    Parameters
+    ----------
+    tests : dict
+        Tests of the residuals by channel.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> lowest_p_value({"rate": ChannelTest(1.2, (0.9, 1.1), 0.01, 0.5)}) < 0.02
+    True
+    """
+    p_values = _p_values(tests)
+    return float(-np.expm1(len(p_values) * np.log1p(-min([*p_values, 1.0 - 1e-16]))))
+
+
+def _p_values(tests: dict[str, ChannelTest]) -> list[float]:
+    """Of residuals that are not smaller than the noise, and of all for structure."""
     large = [
         t.p_chi2
         for t in tests.values()
         if t.p_chi2 is not None and t.reduced_chi2 is not None and t.reduced_chi2 > 1.0
     ]
-    structured = [t.p_white for t in tests.values() if t.p_white is not None]
-    return min([*large, *structured], default=1.0) > rules.misfit_p_value
+    return large + [t.p_white for t in tests.values() if t.p_white is not None]
 
 
 def _is_stochastic(alternative: AlternativeEffect) -> bool:
@@ -251,7 +302,28 @@ def _is_stochastic(alternative: AlternativeEffect) -> bool:
     return isinstance(effects[alternative.effect], StochasticEffect)
 
 
-def nameless_rival(steps: Sequence[Step], candidates: int) -> NamelessShape:
+def nameless_shapes(steps: Sequence[Step]) -> list[list[NamelessShape]]:
+    """All disturbances without a name in what the fit before each step leaves.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        What was added.
+
+    Returns
+    -------
+    list of list of NamelessShape
+        As many as steps.
+    """
+    return [
+        _nameless(step, any(later.stochastic for later in steps[i:]))
+        for i, step in enumerate(steps)
+    ]
+
+
+def nameless_rival(
+    steps: Sequence[Step], candidates: int, shapes: Sequence[Sequence[NamelessShape]]
+) -> NamelessShape:
     """Weigh a disturbance without a name against the effects named.
 
     Several effects together can imitate one that is not in the library, each taking a part. A
@@ -266,6 +338,8 @@ def nameless_rival(steps: Sequence[Step], candidates: int) -> NamelessShape:
         What was added.
     candidates : int
         How many there were to choose from.
+    shapes : sequence of sequences of NamelessShape
+        From `nameless_shapes`.
 
     Returns
     -------
@@ -274,11 +348,9 @@ def nameless_rival(steps: Sequence[Step], candidates: int) -> NamelessShape:
         named, or the last of them, whichever is more; -inf without steps.
     """
     claimed, rival = np.log(candidates), NamelessShape("", -np.inf)
-    random = False
-    for step in reversed(steps):
+    for step, at in zip(reversed(steps), reversed(shapes), strict=True):
         claimed += step.log_bayes_factor - np.log(candidates)
-        random = random or step.stochastic
-        near = max(_nameless(step, random), key=lambda shape: shape.log_bayes_factor)
+        near = max(at, key=lambda shape: shape.log_bayes_factor)
         if near.log_bayes_factor - claimed > rival.log_bayes_factor:
             rival = replace(near, log_bayes_factor=float(near.log_bayes_factor - claimed))
     return rival

@@ -123,6 +123,7 @@ def best_step(scored: ScoredRound, dropped: set[str], rules: Rules) -> Step | No
         best.estimate,
         best.log_bayes_factor,
         _alternatives(scored.tests, best, others, rules),
+        compared=tuple((r.effect, r.log_bayes_factor) for r in others),
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from typing import Literal
 
 from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.diagnosis.rules import Rules
@@ -96,6 +97,8 @@ class Step:
         Whether the effect has no fixed shape.
     nameless : tuple of NamelessShape
         Shapes without a name, weighed against the fit before, best evidence first.
+    compared : tuple of (str, float)
+        Effects that were refitted in its place, and their log evidence.
     """
 
     added: str
@@ -105,6 +108,32 @@ class Step:
     alternatives: tuple[AlternativeEffect, ...] = ()
     stochastic: bool = False
     nameless: tuple[NamelessShape, ...] = ()
+    compared: tuple[tuple[str, float], ...] = ()
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One possible answer, and how probable it is.
+
+    Parameters
+    ----------
+    kind : {"nothing", "effects", "nameless", "others"}
+        Nothing is missing; just these effects; something without a name; any other set of effects.
+    effects : tuple of str
+        Which effects.
+    log_prior : float
+        Log probability beforehand.
+    log_evidence : float
+        Of the data, against nothing.
+    probability : float
+        Afterwards.
+    """
+
+    kind: Literal["nothing", "effects", "nameless", "others"]
+    effects: tuple[str, ...]
+    log_prior: float
+    log_evidence: float
+    probability: float = 0.0
 
 
 @array_dataclass
@@ -147,6 +176,8 @@ class Diagnosis:
         Where that disturbance enters; empty if nothing was named.
     treatment : DirtTreatment
         What was done about dirt in the telemetry; its level is `noise`.
+    hypotheses : tuple of Hypothesis
+        Possible answers, most probable first; their probabilities add up to one.
     """
 
     verdict: str
@@ -166,6 +197,7 @@ class Diagnosis:
     nameless_lead: float = -math.inf
     nameless_source: str = ""
     treatment: DirtTreatment = field(default_factory=DirtTreatment)
+    hypotheses: tuple[Hypothesis, ...] = ()
 
     @property
     def beyond_prior(self) -> tuple[BeyondPrior, ...]:

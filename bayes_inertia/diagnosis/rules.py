@@ -40,6 +40,8 @@ class Rules:
         A parameter of an effect that lies further than this from where it does nothing [prior sd]
         is beyond its prior, which is then widened and the effect fitted again. A prior that is
         right is exceeded in one parameter of 16,000.
+    evidence_temperature : float
+        What log evidences are divided by where probabilities are stated.
 
     Raises
     ------
@@ -64,6 +66,7 @@ class Rules:
     imitation_correlation: float = 0.6
     misfit_p_value: float = 1e-4
     prior_sd_at_most: float = 4.0
+    evidence_temperature: float = 1.0
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -94,6 +97,12 @@ def _check(name: str, value: float) -> None:
     if name == "prior_sd_at_most" and not value > 0.0:
         raise SettingsError(
             f"{value} is no distance", where=name, advice="give a positive number of prior sds"
+        )
+    if name == "evidence_temperature" and not 1.0 <= value < float("inf"):
+        raise SettingsError(
+            f"{value} is no temperature",
+            where=name,
+            advice="give 1 (evidences as they are) or more",
         )
     if name == "log_evidence_margin" and not 0.0 <= value < float("inf"):
         raise SettingsError(

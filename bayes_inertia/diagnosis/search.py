@@ -29,7 +29,8 @@ from bayes_inertia.diagnosis.clean_start import (
     clean_start,
     measured_again,
 )
-from bayes_inertia.diagnosis.conclusion import conclude
+from bayes_inertia.diagnosis.conclusion import Outcome, conclude
+from bayes_inertia.diagnosis.hypotheses import search_levels
 from bayes_inertia.diagnosis.pruning import drop_needless
 from bayes_inertia.diagnosis.refitting import ScoredRound, best_step
 from bayes_inertia.diagnosis.result import Diagnosis, Step
@@ -133,10 +134,12 @@ def _diagnosed(
             break
         begin, final = again, again.estimate
     settled = contest(steps, final, rounds, stochastic, rules)
+    levels = search_levels(steps, final, rounds, settled.weighed)
     final = settled.final
     if settled.steps and settled.steps[-1].stochastic:
         begin, final = at_measured_level(begin, final)
-    diagnosis = conclude(rounds[0], final, settled.steps, dict(begin.noise), effects.skipped, rules)
+    outcome = Outcome(rounds[0], levels, settled.steps, final)
+    diagnosis = conclude(outcome, dict(begin.noise), effects.skipped, rules)
     return replace(diagnosis, treatment=replace(begin.treatment, level=dict(begin.noise)))
 
 

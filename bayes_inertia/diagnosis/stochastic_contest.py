@@ -41,10 +41,13 @@ class Contest:
         The steps that remain, and at most one more.
     final : Estimate
         The fit after them.
+    weighed : tuple of tuples of StochasticCandidate
+        At the fit before each step of the search and after the last.
     """
 
     steps: tuple[Step, ...]
     final: Estimate
+    weighed: tuple[tuple[StochasticCandidate, ...], ...]
 
 
 def contest(
@@ -75,9 +78,9 @@ def contest(
     """
     known = {id(r.estimate): r.stochastic for r in rounds}
     levels = [*(step.before for step in steps), final]
-    weighed = [
+    weighed = tuple(
         known[id(e)] if id(e) in known else stochastic_candidates(e, effects) for e in levels
-    ]
+    )
     kept = tuple(
         replace(step, nameless=_nameless(at)) for step, at in zip(steps, weighed, strict=False)
     )
@@ -99,13 +102,13 @@ def contest(
                 instead.added, instead.after, instead.log_bayes_factor, _NOT_COMPARED
             )
             step = replace(step, alternatives=(beside, *step.alternatives)[:_MAX_ALTERNATIVES])
-        return Contest((*kept[:k], step), step.after)
+        return Contest((*kept[:k], step), step.after, weighed)
     near = best[k]
     if near and kept and k == len(kept) - 1 and lead > -rules.log_evidence_margin:
         beside = _alternative(levels[k], near, effects)
         last = replace(kept[-1], alternatives=(beside, *kept[-1].alternatives)[:_MAX_ALTERNATIVES])
         kept = (*kept[:-1], last)
-    return Contest(kept, final)
+    return Contest(kept, final, weighed)
 
 
 def best_level(

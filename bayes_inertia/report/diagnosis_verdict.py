@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.report.answer_wording import beyond_prior_text, probabilities_text
 from bayes_inertia.report.diagnosis_wording import (
     averaging_text,
-    beyond_prior_text,
     could_hide_text,
     nameless_signal,
     nameless_text,
@@ -46,6 +46,7 @@ def diagnosis_verdict(content: Mapping[str, Any]) -> Verdict:
         _on_disagreement(content),
         *dirt_sentences(content.get("dirt", [])),
         *_on_named_effects(content),
+        *_on_probabilities(content),
         *_on_noise(content),
         *_on_next_slews(content),
         *_on_what_is_unknown(content),
@@ -130,6 +131,12 @@ def _on_named_effects(content: Mapping[str, Any]) -> list[str]:
         return []
     steps = [step_text(step, content["candidates"]) for step in content["steps"]]
     return steps + [beyond_prior_text(row) for row in content.get("beyond_prior", [])]
+
+
+def _on_probabilities(content: Mapping[str, Any]) -> list[str]:
+    """How probable each answer is."""
+    rows = content.get("hypotheses", [])
+    return [probabilities_text(rows)] if rows else []
 
 
 def _on_noise(content: Mapping[str, Any]) -> list[str]:

@@ -125,32 +125,6 @@ def averaging_text(content: Mapping[str, Any]) -> str:
     return f"{text}: if it is {plain(effect)}, {name} is {gap:.1f} sd from where the first has it."
 
 
-def beyond_prior_text(row: Mapping[str, Any]) -> str:
-    """That an effect is larger than its prior allows.
-
-    Parameters
-    ----------
-    row : mapping
-        An entry of `beyond_prior` in diagnosis.json.
-
-    Returns
-    -------
-    str
-        Two sentences.
-
-    Examples
-    --------
-    >>> row = {"effect": "rate_bias", "parameter": "bias_x", "prior_sds": 12.7, "prior_scale": 16.0}
-    >>> beyond_prior_text(row).split(":")[0]
-    'The size of rate bias is 13 prior sd from its prior (bias x)'
-    """
-    return (
-        f"The size of {plain(row['effect'])} is {row['prior_sds']:.2g} prior sd from its prior "
-        f"({plain(row['parameter'])}): the prior is too narrow, or another cause that looks alike "
-        f"is at work. It is fitted with its prior {row['prior_scale']:g} times as wide."
-    )
-
-
 def nameless_text(content: Mapping[str, Any]) -> str:
     """That something outside the library could be the cause as well.
 

@@ -10,6 +10,7 @@ from bayes_inertia.diagnosis.conclusion import (
     ambiguous_sets,
     is_explained,
     nameless_rival,
+    nameless_shapes,
     names_may_imitate,
     without_named_alternatives,
 )
@@ -17,6 +18,10 @@ from bayes_inertia.diagnosis.result import AlternativeEffect, NamelessShape, Ste
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.inference.residual_tests import chi2_test
 from bayes_inertia.physics.effects import TorqueNoise
+
+
+def rival_of(steps, candidates):
+    return nameless_rival(steps, candidates, nameless_shapes(steps))
 
 
 def test_what_was_named_too_is_no_alternative():
@@ -34,7 +39,7 @@ def test_what_was_named_too_is_no_alternative():
 
 
 def test_without_steps_nothing_is_claimed():
-    assert nameless_rival((), 17).log_bayes_factor == -math.inf
+    assert rival_of((), 17).log_bayes_factor == -math.inf
 
 
 def test_a_random_effect_that_a_shape_without_a_name_may_be_is_one_of_a_set():
@@ -76,13 +81,13 @@ def test_a_random_effect_is_weighed_against_what_is_averaged_as_it_is(monkeypatc
         conclusion, "driven_evidence", lambda *_: {("rate sensor", "body rate"): 7.0}
     )
     step = Step("torque_noise", fit, fit, 20.0, stochastic=True, nameless=shapes)
-    assert nameless_rival((step,), 24) == NamelessShape("body torque", pytest.approx(5.0))
+    assert rival_of((step,), 24) == NamelessShape("body torque", pytest.approx(5.0))
     weak = Step("torque_noise", fit, fit, 20.0, stochastic=True)
-    assert nameless_rival((weak,), 24) == NamelessShape(
+    assert rival_of((weak,), 24) == NamelessShape(
         "rate sensor that follows body rate", pytest.approx(-13.0)
     )
     both = (Step("constant_torque", fit, fit, 4.0, nameless=shapes), weak)
-    assert nameless_rival(both, 24).log_bayes_factor == pytest.approx(1.0 + math.log(24.0))
+    assert rival_of(both, 24).log_bayes_factor == pytest.approx(1.0 + math.log(24.0))
 
 
 def test_only_too_much_or_structure_is_misfit():

@@ -9,7 +9,7 @@ import pytest
 
 from bayes_inertia.app.diagnosed_fit import fitted_effects
 from bayes_inertia.app.diagnosis_json import next_fit_from
-from bayes_inertia.diagnosis.conclusion import nameless_rival
+from bayes_inertia.diagnosis.conclusion import nameless_rival, nameless_shapes
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.diagnosis.unexplained import unexplained_signal
@@ -138,7 +138,9 @@ def test_effects_that_only_imitate_another_are_not_named(
     assert found.nameless_source.startswith("body torque")
     assert (
         found.nameless_lead
-        == nameless_rival(found.steps, len(found.candidates)).log_bayes_factor
+        == nameless_rival(
+            found.steps, len(found.candidates), nameless_shapes(found.steps)
+        ).log_bayes_factor
         > rules.log_evidence_margin
     )
     assert lagging.nameless_lead < -rules.log_evidence_margin

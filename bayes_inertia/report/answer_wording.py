@@ -1,0 +1,77 @@
+"""Phrases on the answer of a diagnosis: how probable it is, and what is larger than it may be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from bayes_inertia.report.formatting import listed, plain
+
+# Answers that are told: more probable than this, and so many at most.
+_NEGLIGIBLE_PROBABILITY, _MOST_ANSWERS = 0.01, 4
+_NEARLY_CERTAIN = 0.99
+
+
+def beyond_prior_text(row: Mapping[str, Any]) -> str:
+    """That an effect is larger than its prior allows.
+
+    Parameters
+    ----------
+    row : mapping
+        An entry of `beyond_prior` in diagnosis.json.
+
+    Returns
+    -------
+    str
+        Two sentences.
+
+    Examples
+    --------
+    >>> row = {"effect": "rate_bias", "parameter": "bias_x", "prior_sds": 12.7, "prior_scale": 16.0}
+    >>> beyond_prior_text(row).split(":")[0]
+    'The size of rate bias is 13 prior sd from its prior (bias x)'
+    """
+    return (
+        f"The size of {plain(row['effect'])} is {row['prior_sds']:.2g} prior sd from its prior "
+        f"({plain(row['parameter'])}): the prior is too narrow, or another cause that looks alike "
+        f"is at work. It is fitted with its prior {row['prior_scale']:g} times as wide."
+    )
+
+
+def probabilities_text(rows: Sequence[Mapping[str, Any]]) -> str:
+    """How probable each answer is, the most probable first.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+        `hypotheses` of diagnosis.json.
+
+    Returns
+    -------
+    str
+        One sentence.
+
+    Examples
+    --------
+    >>> rows = [{"kind": "effects", "effects": ["rate_bias"], "probability": 0.97}]
+    >>> rows += [{"kind": "nameless", "effects": [], "probability": 0.03}]
+    >>> probabilities_text(rows)
+    'How probable each answer is: rate bias 97 %; something without a name 3 %.'
+    """
+    told = [row for row in rows if row["probability"] > _NEGLIGIBLE_PROBABILITY][:_MOST_ANSWERS]
+    words = {
+        "nothing": "nothing is missing",
+        "nameless": "something without a name",
+        "others": "other effects",
+    }
+    answers = [
+        f"{words.get(row['kind']) or listed([plain(name) for name in row['effects']])} "
+        f"{_per_cent(row['probability'])}"
+        for row in told
+    ]
+    return f"How probable each answer is: {'; '.join(answers)}."
+
+
+def _per_cent(probability: float) -> str:
+    """No answer is certain."""
+    return "over 99 %" if probability > _NEARLY_CERTAIN else f"{100.0 * probability:.0f} %"
