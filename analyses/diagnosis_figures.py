@@ -23,6 +23,11 @@ from bayes_inertia.report.pictures import style
 FIGURES = Path(__file__).parents[1] / "figures"
 PROMISED = 0.99
 LOWER = (0.9, 0.5)
+# Kinds with several effects: in words, and what is wanted of them [%].
+_TOGETHER = {"pair": ("two", 90), "triple": ("three", 75)}
+# Distance of a truth from its prior at which the verdict must speak of it [prior sd of a plan]: what
+# a diagnosis takes for the prior follows the rates of each campaign.
+_CLEARLY_BEYOND = 6.0
 ENDS = ("truth in the set", "nothing", "unknown")
 WHERE = {True: "with tachometers", False: "without tachometers"}
 
@@ -94,7 +99,7 @@ def promised(rows: pd.DataFrame) -> list[str]:
         (WHERE[tachometers], rows[rows["tachometers"] == tachometers])
         for tachometers in (True, False)
     ]
-    for build in (clean_lines, strong_lines, weaker_lines, pair_lines):
+    for build in (clean_lines, strong_lines, weaker_lines, many_times_lines, together_lines):
         for where, part in both:
             lines += build(part, where)
     sets = [len(group) for _, r in rows.iterrows() for group in r["ambiguous_with"]]
@@ -169,19 +174,48 @@ def weaker_lines(rows: pd.DataFrame, where: str) -> list[str]:
     return lines
 
 
-def pair_lines(rows: pd.DataFrame, where: str) -> list[str]:
-    """Two hidden effects at once, if they were studied."""
-    pairs = rows[rows["kind"] == "pair"]
-    if not len(pairs):
-        return []
-    both = sum(set(r["hidden"]) <= set.union(*candidates_of(r)) for _, r in pairs.iterrows())
-    ideal = pairs["ideal_powers"].map(np.prod).sum()
-    return [
-        f"| two effects at once, {where}: both named or in the sets | at least 85 % | "
-        f"{share(both, len(pairs))} |",
-        f"| ... expected of two ideal tests, each with the other effect fitted | - | {ideal:.1f} "
-        f"of {len(pairs)} |",
-    ]
+def many_times_lines(rows: pd.DataFrame, where: str) -> list[str]:
+    """Effects at several times the size that is easily found, if they were studied."""
+    strong = rows[rows["kind"] == "strong"]
+    lines = []
+    for factor in sorted(strong["factor"].unique()) if len(strong) else ():
+        of_factor = strong[strong["factor"] == factor]
+        flown = of_factor[of_factor["verdict"].notna()]
+        if not len(flown):
+            continue
+        named = flown.apply(lambda r: r["hidden"][0] in set.union(*candidates_of(r)), axis=1)
+        beyond = flown.apply(lambda r: r["prior_sds"][r["hidden"][0]] > _CLEARLY_BEYOND, axis=1)
+        said = flown["beyond_prior"].map(bool)
+        lines += [
+            f"| one effect at {factor:g} times that size, {where}: named or in the set | "
+            f"at least 98 % | {share(named.sum(), len(flown))} |",
+            f"| ... not flown: no size that is physical | - | {len(of_factor) - len(flown)} |",
+        ]
+        if (beyond & named).any():
+            told = share((said & beyond & named).sum(), (beyond & named).sum())
+            lines.append(
+                f"| ... more than {_CLEARLY_BEYOND:g} prior sd: said to be beyond its prior | "
+                f"all | {told} |"
+            )
+    return lines
+
+
+def together_lines(rows: pd.DataFrame, where: str) -> list[str]:
+    """Several hidden effects at once, if they were studied."""
+    lines = []
+    for kind, (number, wanted) in _TOGETHER.items():
+        of_kind = rows[rows["kind"] == kind]
+        if not len(of_kind):
+            continue
+        found = sum(set(r["hidden"]) <= set.union(*candidates_of(r)) for _, r in of_kind.iterrows())
+        ideal = of_kind["ideal_powers"].map(np.prod).sum()
+        lines += [
+            f"| {number} effects at once, {where}: all named or in the sets | "
+            f"at least {wanted} % | {share(found, len(of_kind))} |",
+            "| ... expected of ideal tests, each with the other effects fitted | - | "
+            f"{ideal:.1f} of {len(of_kind)} |",
+        ]
+    return lines
 
 
 def outside_lines(rows: pd.DataFrame, where: str) -> list[str]:

@@ -203,6 +203,7 @@ def _summary(diagnosis: Diagnosis, truth: np.ndarray) -> dict:
         "nameless_lead": diagnosis.nameless_lead if diagnosis.steps else None,
         "named": list(diagnosis.named),
         "ambiguous_with": [list(names) for names in diagnosis.ambiguous_with],
+        "beyond_prior": [asdict(row) for row in diagnosis.beyond_prior],
         "hypotheses": [asdict(row) for row in diagnosis.hypotheses],
         "steps": [step.added for step in diagnosis.steps],
         "best": diagnosis.candidates[0].effect,

@@ -3,10 +3,10 @@
 A search weighs many hypotheses on its way: at each of its fits one effect more, each of the
 library, those without a fixed shape, and shapes without a name. The log evidence of a hypothesis is
 what its effects claim, one after the other. Beforehand it is as likely as not that nothing is
-missing, and as likely as not that there is one effect more beside those that act; sets of one size
-are alike, and "no name" counts as one candidate among the others (Scott and Berger 2010). What a
-p-value of the final residuals says against all names is at most -1 / (e p log p) (Sellke, Bayarri
-and Berger 2001).
+missing, and beside what acts there is one thing more in one of ten; sets of one size are alike, and
+"no name" counts as one candidate among the others (Scott and Berger 2010). What a p-value of the
+final residuals says against all names is at most -1 / (e p log p) (Sellke, Bayarri and Berger
+2001).
 
 Evidences are of linearised models, and of effects whose true shapes differ from the library's: they
 are more certain than they should be. They count divided by a temperature (`Rules`).
@@ -29,6 +29,8 @@ from bayes_inertia.inference.laplace import Estimate
 
 # Sets of effects that are listed: the most probable ones; the others are one row.
 _LISTED = 8
+# Beforehand: that something is missing, and that there is one thing more beside what acts.
+_MISSING, _FURTHER = 0.5, 0.1
 _LEAST_P_VALUE = 1e-300
 
 
@@ -211,10 +213,12 @@ def log_prior(size: int, members: int) -> float:
     Examples
     --------
     >>> [round(float(np.exp(log_prior(size, 10))), 4) for size in (0, 1, 2)]
-    [0.5, 0.025, 0.0028]
+    [0.5, 0.045, 0.001]
     """
     choices = gammaln(members + 1) - gammaln(size + 1) - gammaln(members - size + 1)
-    return float(-(size + 1) * np.log(2.0) - choices)
+    if size == 0:
+        return float(np.log(1.0 - _MISSING))
+    return float(np.log(_MISSING * (1.0 - _FURTHER) * _FURTHER ** (size - 1)) - choices)
 
 
 def log_evidence_of(p_value: float) -> float:

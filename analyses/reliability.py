@@ -1,0 +1,200 @@
+"""How reliable the stated probabilities are: of statements made at 90 %, are nine in ten true?
+
+    python analyses/reliability.py [--rows FILE ...]
+
+Takes rows of `diagnosis_study.py` and `naming_study.py` (all of `analyses/results` by default) that
+hold the hypotheses of each diagnosis. A statement is one hypothesis of one campaign, with its
+probability; it is true if just that is hidden. Draws `figures/diagnosis_reliability.png` and writes
+`analyses/results/reliability.md`: shares of true statements by stated probability, with exact
+binomial bands of 95 %, and the temperature of the evidence that describes the rows best, fitted to
+one half of the campaigns and judged on the other.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy import optimize, stats
+from scipy.special import logsumexp
+
+from bayes_inertia.files import write_atomically
+from bayes_inertia.physics.effects import LIBRARY, STOCHASTIC
+from bayes_inertia.report.pictures import style
+
+RESULTS = Path(__file__).parent / "results"
+FIGURES = Path(__file__).parents[1] / "figures"
+NAMES = {effect.name for effect in (*LIBRARY, *STOCHASTIC)}
+# Bins of the stated probability.
+EDGES = np.array([0.0, 0.02, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97, 1.0])
+_TEMPERATURES = (1.0, 20.0)
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """The hypotheses of one diagnosis: log prior, log evidence, and which of them is true."""
+
+    log_prior: np.ndarray
+    log_evidence: np.ndarray
+    true: np.ndarray
+
+    def probabilities(self, temperature: float) -> np.ndarray:
+        """Probabilities at a temperature of the evidence."""
+        weights = self.log_prior + self.log_evidence / temperature
+        return np.exp(weights - logsumexp(weights))
+
+
+def hidden_in(row: Mapping[str, Any]) -> set[str]:
+    """Names of what acts in the campaign of a row, of either study."""
+    if "hidden" in row:
+        return set(row["hidden"])
+    return set() if row["label"] == "clean" else {row["label"]}
+
+
+def campaign_of(row: Mapping[str, Any]) -> Campaign:
+    """The hypotheses of a row and which of them is true.
+
+    >>> row = {"hidden": ["rate_bias"], "hypotheses": [
+    ...     {"kind": "nothing", "effects": [], "log_prior": -0.7, "log_evidence": 0.0},
+    ...     {"kind": "effects", "effects": ["rate_bias"], "log_prior": -4.0, "log_evidence": 9.0}]}
+    >>> campaign_of(row).true.tolist()
+    [False, True]
+    """
+    hidden, rows = hidden_in(row), row["hypotheses"]
+    listed = {frozenset(h["effects"]) for h in rows if h["kind"] == "effects"}
+    outside = bool(hidden - NAMES)
+    truth = {
+        "nothing": lambda _: not hidden,
+        "nameless": lambda _: outside,
+        "others": lambda _: bool(hidden) and not outside and frozenset(hidden) not in listed,
+        "effects": lambda h: set(h["effects"]) == hidden,
+    }
+    return Campaign(
+        np.array([h["log_prior"] for h in rows]),
+        np.array([h["log_evidence"] for h in rows]),
+        np.array([truth[h["kind"]](h) for h in rows]),
+    )
+
+
+def best_temperature(campaigns: Sequence[Campaign]) -> float:
+    """The temperature at which the truths are most probable.
+
+    A truth that no hypothesis states counts as one of probability 1e-6.
+    """
+
+    def loss(temperature: float) -> float:
+        told = [float(c.probabilities(temperature) @ c.true) for c in campaigns]
+        return -float(np.sum(np.log(np.maximum(told, 1e-6))))
+
+    return float(optimize.minimize_scalar(loss, bounds=_TEMPERATURES, method="bounded").x)
+
+
+@dataclass(frozen=True)
+class Bin:
+    """Statements of about one probability: how many, what was stated, how many are true."""
+
+    count: int
+    stated: float
+    hits: int
+
+    @property
+    def share(self) -> float:
+        """Share of true statements."""
+        return self.hits / self.count
+
+    @property
+    def band(self) -> tuple[float, float]:
+        """Its 95 % interval (Clopper and Pearson)."""
+        interval = stats.binomtest(self.hits, self.count).proportion_ci(0.95)
+        return float(interval.low), float(interval.high)
+
+
+def reliability(campaigns: Iterable[Campaign], temperature: float = 1.0) -> list[Bin]:
+    """Shares of true statements by what was stated; bins without statements are left out."""
+    pairs = [(c.probabilities(temperature), c.true) for c in campaigns]
+    stated = np.concatenate([p for p, _ in pairs])
+    true = np.concatenate([t for _, t in pairs])
+    which = np.clip(np.searchsorted(EDGES, stated, side="right") - 1, 0, len(EDGES) - 2)
+    return [
+        Bin(int(n), float(stated[which == k].mean()), int(true[which == k].sum()))
+        for k in range(len(EDGES) - 1)
+        if (n := np.count_nonzero(which == k))
+    ]
+
+
+@style.styled
+def picture(before: Sequence[Bin], after: Sequence[Bin]) -> Figure:
+    """The reliability diagram: evidences as they are, and at the fitted temperature."""
+    figure = Figure(figsize=(5.2, 4.8), layout="constrained")
+    axes = figure.subplots()
+    axes.plot([0, 1], [0, 1], color=style.MUTED, lw=1.0)
+    for bins, label, marker in ((before, "as stated", "o"), (after, "temperature fitted", "s")):
+        low, high = np.array([b.band for b in bins]).T
+        share = np.array([b.share for b in bins])
+        errors = np.clip([share - low, high - share], 0.0, None)
+        stated = [b.stated for b in bins]
+        axes.errorbar(stated, share, errors, fmt=marker, ms=4, capsize=2, label=label)
+    axes.set(xlabel="stated probability", ylabel="share of true statements")
+    axes.legend()
+    return figure
+
+
+def table(bins: Sequence[Bin]) -> list[str]:
+    """Rows of a Markdown table."""
+    lines = ["| stated, mean | statements | true | 95 % band |", "|---|---|---|---|"]
+    for b in bins:
+        low, high = b.band
+        lines.append(
+            f"| {100 * b.stated:.1f} % | {b.count} | {100 * b.share:.1f} % | "
+            f"{100 * low:.1f} to {100 * high:.1f} % |"
+        )
+    return lines
+
+
+def read(paths: Iterable[Path]) -> list[Campaign]:
+    """All campaigns of files of rows that hold hypotheses."""
+    rows = [json.loads(line) for path in paths for line in path.read_text().splitlines()]
+    return [campaign_of(row) for row in rows if row.get("hypotheses")]
+
+
+def main() -> None:
+    """Draw and write."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
+    parser.add_argument("--rows", type=Path, nargs="+", default=sorted(RESULTS.glob("*_*.jsonl")))
+    campaigns = read(parser.parse_args().rows)
+    if len(campaigns) < 2:
+        raise SystemExit("no rows hold hypotheses: run diagnosis_study.py first")
+    fitted, judged = campaigns[::2], campaigns[1::2]
+    temperature = best_temperature(fitted)
+    before, after = reliability(judged), reliability(judged, temperature)
+    picture(before, after).savefig(FIGURES / "diagnosis_reliability.png", dpi=130)
+    lines = [
+        "# Are stated probabilities of answers reliable?",
+        "",
+        f"{len(campaigns)} campaigns; a statement is one answer of one campaign with its "
+        "probability. Made by `analyses/reliability.py`.",
+        f"The temperature of the evidence that fits one half of the campaigns best is "
+        f"{temperature:.2f}; the tables are of the other half.",
+        "",
+        "## Evidences as they are (temperature 1)",
+        "",
+        *table(before),
+        "",
+        f"## At temperature {temperature:.2f}",
+        "",
+        *table(after),
+        "",
+        "![Reliability](../../figures/diagnosis_reliability.png)",
+    ]
+    write_atomically(RESULTS / "reliability.md", "\n".join(lines) + "\n")
+    print("\n".join(lines))
+
+
+if __name__ == "__main__":
+    main()
