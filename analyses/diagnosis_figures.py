@@ -25,8 +25,8 @@ PROMISED = 0.99
 LOWER = (0.9, 0.5)
 # Kinds with several effects: in words, and what is wanted of them [%].
 _TOGETHER = {"pair": ("two", 90), "triple": ("three", 75)}
-# Distance of a truth from its prior at which the verdict must speak of it [prior sd of a plan]: what
-# a diagnosis takes for the prior follows the rates of each campaign.
+# Distance of a truth from its prior at which the verdict must speak of it [prior sd]: what
+# a diagnosis takes for the prior follows the rates of its campaign.
 _CLEARLY_BEYOND = 6.0
 ENDS = ("truth in the set", "nothing", "unknown")
 WHERE = {True: "with tachometers", False: "without tachometers"}

@@ -34,8 +34,9 @@ PUBLIC = set(
     estimate fit
     TaskFailure WorkResult fit_many
     Degeneracy Direction InformationArrival Observability ParameterObservability observe
-    AlternativeEffect AlternativeParameters BinnedResiduals Candidate DiagnosedFit Diagnosis
-    Disagreement FreeSignal Investigation Match NamelessShape Rules Spectrum Step Undetected
+    AlternativeEffect AlternativeParameters BeyondPrior BinnedResiduals Candidate DiagnosedFit
+    Diagnosis Disagreement FreeSignal Hypothesis Investigation Match NamelessShape Rules Spectrum
+    Step Undetected
     UnexplainedSignal Window diagnose diagnose_and_fit investigate
     AchievedErrors Contender CorrectionForecast Design Goal KeepOut Limits Margin Separation
     compare_plans design_plan next_slew separating_slew
