@@ -61,6 +61,7 @@ nb_merge_streams = True
 default_role = "code"
 autodoc_typehints = "none"
 autodoc_member_order = "bysource"
+autodoc_preserve_defaults = True  # "library=LIBRARY", not all its members.
 autodoc_default_options = {"members": True, "show-inheritance": False}
 autosummary_generate = False
 numpydoc_show_class_members = False
@@ -81,3 +82,13 @@ html_extra_path = ["_extra"]
 html_show_sphinx = False
 html_copy_source = False
 copybutton_exclude = ".linenos, .gp, .go"
+
+
+def _leaves_out(app, what, name, thing, skip, options):
+    """Whether a member is a field of a named tuple, which its parameters describe already."""
+    return skip or str(getattr(thing, "__doc__", "")).startswith("Alias for field number")
+
+
+def setup(app):
+    """Tell Sphinx what the reference leaves out."""
+    app.connect("autodoc-skip-member", _leaves_out)
