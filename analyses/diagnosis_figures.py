@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 from diagnosis_study import FOLDER, NAMES, OUTSIDE
 from matplotlib.figure import Figure
+from naming_page import nameless
 from scipy import stats
 
 from bayes_inertia.files import write_atomically
@@ -221,10 +222,10 @@ def together_lines(rows: pd.DataFrame, where: str) -> list[str]:
 def outside_lines(rows: pd.DataFrame, where: str) -> list[str]:
     """Effects outside the library."""
     outside = rows[rows["kind"] == "outside"]
-    unknown = outside["verdict"] == "unknown"
+    unknown = outside.apply(nameless, axis=1)
     lines = [
         f"| effects outside the library, {where}: "
-        f"unknown | at least 90 % | {share(unknown.sum(), len(outside))} |"
+        f"unknown, or a shape without a name in the set | at least 90 % | {share(unknown.sum(), len(outside))} |"
     ]
     for name in OUTSIDE:
         verdicts = unknown[outside["label"] == name]

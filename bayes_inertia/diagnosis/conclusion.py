@@ -7,38 +7,28 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import logsumexp
 
 from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.diagnosis.candidates import FLEXIBLE_MODE
-from bayes_inertia.diagnosis.driven_disturbances import DRIVEN_BY_LIBRARY, driven_evidence
 from bayes_inertia.diagnosis.hypotheses import Level, hypotheses, with_shapes
+from bayes_inertia.diagnosis.nameless import (
+    ambiguous_sets,
+    nameless_rival,
+    nameless_shapes,
+    names_may_imitate,
+)
 from bayes_inertia.diagnosis.refitting import ScoredRound
 from bayes_inertia.diagnosis.result import (
-    AlternativeEffect,
     Candidate,
     Diagnosis,
-    NamelessShape,
     Step,
 )
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.diagnosis.score_test import ScoreTests
 from bayes_inertia.diagnosis.stochastic_contest import as_candidates
-from bayes_inertia.diagnosis.torque_response import torque_response
-from bayes_inertia.diagnosis.unexplained import unexplained_signal
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.residual_tests import ChannelTest, channel_tests
 from bayes_inertia.inference.rounding import has_one_error, rounding_steps
-from bayes_inertia.physics.stochastic_effect import StochasticEffect
-
-# What a shape without a name is called in an ambiguous set, by where it enters.
-NAMELESS = {
-    "body torque": "nameless_body_torque",
-    "wheel torque": "nameless_wheel_torque",
-    "rate sensor": "nameless_rate_error",
-    "tachometers": "nameless_tachometer_error",
-    "star tracker": "nameless_star_tracker_error",
-}
 
 
 class Outcome(NamedTuple):
@@ -95,7 +85,7 @@ def conclude(
     beaten = lead > rules.log_evidence_margin or names_may_imitate(outcome.steps, rules)
     why_unknown = _why_unknown(beaten, is_explained(tests, rules))
     steps = without_named_alternatives(outcome.steps)
-    sets = ambiguous_sets(steps, rules)
+    sets = ambiguous_sets(steps, rules, rival)
     named = tuple(s.added for s in steps)
     verdict = _verdict(why_unknown, sets, named)
     return Diagnosis(
@@ -123,61 +113,6 @@ def _all_candidates(first: ScoredRound) -> tuple[Candidate, ...]:
     """Those of the library and those without a fixed shape, best evidence first."""
     rows = (*first.candidates, *as_candidates(first.stochastic))
     return tuple(sorted(rows, key=lambda row: -row.log_bayes_factor))
-
-
-def names_may_imitate(steps: Sequence[Step], rules: Rules) -> bool:
-    """Whether effects of a fixed shape may each have taken a part of something without a name.
-
-    They stand beside a random effect which a shape without a name explains as well: what is random
-    about it may be what they left of one disturbance that none of them is.
-
-    Parameters
-    ----------
-    steps : sequence of Step
-        What was added.
-    rules : Rules
-        Its margin decides what explains as well.
-
-    Returns
-    -------
-    bool
-        False for a random effect alone, and without one.
-    """
-    if len(steps) < 2 or not steps[-1].stochastic:
-        return False
-    return bool(_nameless_equals(steps[-1], rules))
-
-
-def ambiguous_sets(steps: Sequence[Step], rules: Rules) -> tuple[tuple[str, ...], ...]:
-    """What the data cannot tell apart, the effects named first.
-
-    Parameters
-    ----------
-    steps : sequence of Step
-        What was added.
-    rules : Rules
-        Its margin decides whether an effect without a fixed shape is told from one without a name.
-
-    Returns
-    -------
-    tuple of tuple of str
-        Shapes without a name are called `NAMELESS[source]`.
-    """
-    sets = []
-    for step in steps:
-        random = step.stochastic or any(_is_stochastic(a) for a in step.alternatives)
-        near = _nameless_equals(step, rules) if random else []
-        beside = [a.effect for a in step.alternatives]
-        beside += [NAMELESS[source] for source in dict.fromkeys(n.source for n in near)]
-        if beside:
-            sets.append((step.added, *beside))
-    return tuple(sets)
-
-
-def _nameless_equals(step: Step, rules: Rules) -> list[NamelessShape]:
-    """Shapes without a name that explain the data as well as what a step added."""
-    least = step.log_bayes_factor - rules.log_evidence_margin
-    return [shape for shape in step.nameless if shape.log_bayes_factor > least]
 
 
 def _why_unknown(beaten: bool, explained: bool) -> str:
@@ -295,86 +230,3 @@ def _p_values(tests: dict[str, ChannelTest]) -> list[float]:
         if t.p_chi2 is not None and t.reduced_chi2 is not None and t.reduced_chi2 > 1.0
     ]
     return large + [t.p_white for t in tests.values() if t.p_white is not None]
-
-
-def _is_stochastic(alternative: AlternativeEffect) -> bool:
-    effects = {effect.name: effect for effect in alternative.estimate.model.effects}
-    return isinstance(effects[alternative.effect], StochasticEffect)
-
-
-def nameless_shapes(steps: Sequence[Step]) -> list[list[NamelessShape]]:
-    """All disturbances without a name in what the fit before each step leaves.
-
-    Parameters
-    ----------
-    steps : sequence of Step
-        What was added.
-
-    Returns
-    -------
-    list of list of NamelessShape
-        As many as steps.
-    """
-    return [
-        _nameless(step, any(later.stochastic for later in steps[i:]))
-        for i, step in enumerate(steps)
-    ]
-
-
-def nameless_rival(
-    steps: Sequence[Step], candidates: int, shapes: Sequence[Sequence[NamelessShape]]
-) -> NamelessShape:
-    """Weigh a disturbance without a name against the effects named.
-
-    Several effects together can imitate one that is not in the library, each taking a part. A
-    torque or sensor error of any shape has far more freedom and pays for it in evidence; one in
-    proportion to something known (`driven_disturbances`) has about as much. Where either wins
-    clearly, the names are not the cause. A claim of several effects at once pays for each further
-    choice among the candidates (Scott and Berger 2010).
-
-    Parameters
-    ----------
-    steps : sequence of Step
-        What was added.
-    candidates : int
-        How many there were to choose from.
-    shapes : sequence of sequences of NamelessShape
-        From `nameless_shapes`.
-
-    Returns
-    -------
-    NamelessShape
-        The disturbance that comes nearest, with the log evidence by which it beats all effects
-        named, or the last of them, whichever is more; -inf without steps.
-    """
-    claimed, rival = np.log(candidates), NamelessShape("", -np.inf)
-    for step, at in zip(reversed(steps), reversed(shapes), strict=True):
-        claimed += step.log_bayes_factor - np.log(candidates)
-        near = max(at, key=lambda shape: shape.log_bayes_factor)
-        if near.log_bayes_factor - claimed > rival.log_bayes_factor:
-            rival = replace(near, log_bayes_factor=float(near.log_bayes_factor - claimed))
-    return rival
-
-
-def _nameless(step: Step, random: bool) -> list[NamelessShape]:
-    """Disturbances without a name in what the fit before a step leaves.
-
-    A disturbance in proportion to something is one hypothesis, whatever drives it: its evidence
-    is the average over all drivers. Against a random effect stands only what is averaged over
-    its size and shape as that is, and no finer over time.
-    """
-    estimate = step.before
-    if random:
-        driven, free = driven_evidence(torque_response(estimate), estimate.linearised()), []
-    else:
-        signal = unexplained_signal(estimate)
-        driven = signal.driven_evidence
-        free = [s for s in (signal.torque, signal.better_signal) if s is not None]
-    values = {driver: v for driver, v in driven.items() if driver not in DRIVEN_BY_LIBRARY}
-    average = float(logsumexp(list(values.values())) - np.log(len(values)))
-    (hook, driver), _ = max(values.items(), key=lambda item: item[1])
-    return [
-        *step.nameless,
-        *(NamelessShape(s.source, s.log_evidence) for s in free),
-        NamelessShape(f"{hook} that follows {driver}", average),
-    ]

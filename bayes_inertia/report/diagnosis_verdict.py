@@ -53,7 +53,8 @@ def diagnosis_verdict(content: Mapping[str, Any]) -> Verdict:
         *_on_skipped(content),
         *_on_the_fit_below(content),
     ]
-    if content["verdict"] != "unknown" and (doubt := nameless_text(content)):
+    # Of an ambiguous set, what has no name is a member.
+    if content["verdict"] == "named" and (doubt := nameless_text(content)):
         sentences.append(doubt)
     if content.get("could_hide"):
         sentences.append(could_hide_text(content["could_hide"]))

@@ -5,19 +5,22 @@ from types import SimpleNamespace
 
 import pytest
 
-from bayes_inertia.diagnosis import conclusion
-from bayes_inertia.diagnosis.conclusion import (
+from bayes_inertia.diagnosis import nameless
+from bayes_inertia.diagnosis.conclusion import is_explained, without_named_alternatives
+from bayes_inertia.diagnosis.nameless import (
+    Rival,
     ambiguous_sets,
-    is_explained,
     nameless_rival,
     nameless_shapes,
     names_may_imitate,
-    without_named_alternatives,
 )
 from bayes_inertia.diagnosis.result import AlternativeEffect, NamelessShape, Step
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.inference.residual_tests import chi2_test
 from bayes_inertia.physics.effects import TorqueNoise
+
+# Nothing without a name comes near.
+FAR = Rival("body torque", -20.0, 0)
 
 
 def rival_of(steps, candidates):
@@ -49,15 +52,28 @@ def test_a_random_effect_that_a_shape_without_a_name_may_be_is_one_of_a_set():
     fit = SimpleNamespace()
     shapes = (NamelessShape("body torque", 19.0), NamelessShape("rate sensor", 12.0))
     step = Step("torque_noise", fit, fit, 20.0, stochastic=True, nameless=shapes)
-    assert ambiguous_sets((step,), Rules()) == (("torque_noise", "nameless_body_torque"),)
-    assert ambiguous_sets((step,), Rules(log_evidence_margin=0.5)) == ()
+    assert ambiguous_sets((step,), Rules(), FAR) == (("torque_noise", "nameless_body_torque"),)
+    assert ambiguous_sets((step,), Rules(log_evidence_margin=0.5), FAR) == ()
     fixed = Step("constant_torque", fit, fit, 20.0, nameless=shapes)
-    assert ambiguous_sets((fixed,), Rules()) == ()
+    assert ambiguous_sets((fixed,), Rules(), FAR) == ()
     model = SimpleNamespace(model=SimpleNamespace(effects=(TorqueNoise(),)))
     beside = AlternativeEffect("torque_noise", model, 19.5, math.nan)
     both = Step("constant_torque", fit, fit, 20.0, (beside,), nameless=shapes)
     names = ("constant_torque", "torque_noise", "nameless_body_torque")
-    assert ambiguous_sets((both,), Rules()) == (names,)
+    assert ambiguous_sets((both,), Rules(), FAR) == (names,)
+
+
+def test_a_name_that_something_without_a_name_equals_is_one_of_a_set():
+    """And so is every later name, which may have taken a part of it."""
+    fit = SimpleNamespace()
+    steps = [Step(n, fit, fit, 20.0) for n in ("rate_bias", "wheel_torque_gain", "viscous_torque")]
+    near = Rival("body torque that follows square of the body rate", -1.6, 1)
+    assert ambiguous_sets(steps, Rules(), near) == (
+        ("wheel_torque_gain", "nameless_body_torque"),
+        ("viscous_torque", "nameless_body_torque"),
+    )
+    assert ambiguous_sets(steps, Rules(log_evidence_margin=1.0), near) == ()
+    assert ambiguous_sets(steps, Rules(), FAR) == ()
 
 
 def test_names_beside_what_may_have_no_name_may_each_hold_a_part_of_it():
@@ -76,15 +92,13 @@ def test_a_random_effect_is_weighed_against_what_is_averaged_as_it_is(monkeypatc
     """Not against the best of a finer signal; several claims pay for their choice."""
     fit = SimpleNamespace(linearised=lambda: None)
     shapes = (NamelessShape("body torque", 25.0),)
-    monkeypatch.setattr(conclusion, "torque_response", lambda estimate: None)
-    monkeypatch.setattr(
-        conclusion, "driven_evidence", lambda *_: {("rate sensor", "body rate"): 7.0}
-    )
+    monkeypatch.setattr(nameless, "torque_response", lambda estimate: None)
+    monkeypatch.setattr(nameless, "driven_evidence", lambda *_: {("rate sensor", "body rate"): 7.0})
     step = Step("torque_noise", fit, fit, 20.0, stochastic=True, nameless=shapes)
-    assert rival_of((step,), 24) == NamelessShape("body torque", pytest.approx(5.0))
+    assert rival_of((step,), 24) == Rival("body torque", pytest.approx(5.0), 0)
     weak = Step("torque_noise", fit, fit, 20.0, stochastic=True)
-    assert rival_of((weak,), 24) == NamelessShape(
-        "rate sensor that follows body rate", pytest.approx(-13.0)
+    assert rival_of((weak,), 24) == Rival(
+        "rate sensor that follows body rate", pytest.approx(-13.0), 0
     )
     both = (Step("constant_torque", fit, fit, 4.0, nameless=shapes), weak)
     assert rival_of(both, 24).log_bayes_factor == pytest.approx(1.0 + math.log(24.0))

@@ -9,7 +9,7 @@ import pytest
 
 from bayes_inertia.app.diagnosed_fit import fitted_effects
 from bayes_inertia.app.diagnosis_json import next_fit_from
-from bayes_inertia.diagnosis.conclusion import nameless_rival, nameless_shapes
+from bayes_inertia.diagnosis.nameless import nameless_rival, nameless_shapes
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.diagnosis.unexplained import unexplained_signal

@@ -1,0 +1,193 @@
+"""What has no name against what was named: imitation, and sets that the data cannot tell apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from scipy.special import logsumexp
+
+from bayes_inertia.diagnosis.driven_disturbances import DRIVEN_BY_LIBRARY, driven_evidence
+from bayes_inertia.diagnosis.result import AlternativeEffect, NamelessShape, Step
+from bayes_inertia.diagnosis.rules import Rules
+from bayes_inertia.diagnosis.torque_response import torque_response
+from bayes_inertia.diagnosis.unexplained import unexplained_signal
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
+
+# What a shape without a name is called in an ambiguous set, by where it enters.
+NAMELESS = {
+    "body torque": "nameless_body_torque",
+    "wheel torque": "nameless_wheel_torque",
+    "rate sensor": "nameless_rate_error",
+    "tachometers": "nameless_tachometer_error",
+    "star tracker": "nameless_star_tracker_error",
+}
+# Between the place where a disturbance enters and what it follows.
+FOLLOWS = " that follows "
+
+
+class Rival(NamedTuple):
+    """The disturbance without a name that comes nearest to the effects named.
+
+    Parameters
+    ----------
+    source : str
+        Where it enters, and what it follows; empty where nothing was named.
+    log_bayes_factor : float
+        By which it beats the effects from one step on.
+    instead_of : int
+        The first of these steps, from 0.
+    """
+
+    source: str
+    log_bayes_factor: float
+    instead_of: int
+
+
+def nameless_shapes(steps: Sequence[Step]) -> list[list[NamelessShape]]:
+    """All disturbances without a name in what the fit before each step leaves.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        What was added.
+
+    Returns
+    -------
+    list of list of NamelessShape
+        As many as steps.
+    """
+    return [
+        _nameless(step, any(later.stochastic for later in steps[i:]))
+        for i, step in enumerate(steps)
+    ]
+
+
+def nameless_rival(
+    steps: Sequence[Step], candidates: int, shapes: Sequence[Sequence[NamelessShape]]
+) -> Rival:
+    """Weigh a disturbance without a name against the effects named.
+
+    Several effects together can imitate one that is not in the library, each taking a part. A
+    torque or sensor error of any shape has far more freedom and pays for it in evidence; one in
+    proportion to something known (`driven_disturbances`) has about as much. Where either wins
+    clearly, the names are not the cause. A claim of several effects at once pays for each further
+    choice among the candidates (Scott and Berger 2010).
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        What was added.
+    candidates : int
+        How many there were to choose from.
+    shapes : sequence of sequences of NamelessShape
+        From `nameless_shapes`.
+
+    Returns
+    -------
+    Rival
+        The disturbance that comes nearest, with the log evidence by which it beats all effects
+        named, or the last of them, whichever is more, and from which step on; -inf without steps.
+    """
+    claimed, rival = np.log(candidates), Rival("", -np.inf, 0)
+    for i in reversed(range(len(steps))):
+        claimed += steps[i].log_bayes_factor - np.log(candidates)
+        near = max(shapes[i], key=lambda shape: shape.log_bayes_factor)
+        if near.log_bayes_factor - claimed > rival.log_bayes_factor:
+            rival = Rival(near.source, float(near.log_bayes_factor - claimed), i)
+    return rival
+
+
+def _nameless(step: Step, random: bool) -> list[NamelessShape]:
+    """Disturbances without a name in what the fit before a step leaves.
+
+    A disturbance in proportion to something is one hypothesis, whatever drives it: its evidence
+    is the average over all drivers. Against a random effect stands only what is averaged over
+    its size and shape as that is, and no finer over time.
+    """
+    estimate = step.before
+    if random:
+        driven, free = driven_evidence(torque_response(estimate), estimate.linearised()), []
+    else:
+        signal = unexplained_signal(estimate)
+        driven = signal.driven_evidence
+        free = [s for s in (signal.torque, signal.better_signal) if s is not None]
+    values = {driver: v for driver, v in driven.items() if driver not in DRIVEN_BY_LIBRARY}
+    average = float(logsumexp(list(values.values())) - np.log(len(values)))
+    (hook, driver), _ = max(values.items(), key=lambda item: item[1])
+    return [
+        *step.nameless,
+        *(NamelessShape(s.source, s.log_evidence) for s in free),
+        NamelessShape(f"{hook}{FOLLOWS}{driver}", average),
+    ]
+
+
+def names_may_imitate(steps: Sequence[Step], rules: Rules) -> bool:
+    """Whether effects of a fixed shape may each have taken a part of something without a name.
+
+    They stand beside a random effect which a shape without a name explains as well: what is random
+    about it may be what they left of one disturbance that none of them is.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        What was added.
+    rules : Rules
+        Its margin decides what explains as well.
+
+    Returns
+    -------
+    bool
+        False for a random effect alone, and without one.
+    """
+    if len(steps) < 2 or not steps[-1].stochastic:
+        return False
+    return bool(_nameless_equals(steps[-1], rules))
+
+
+def ambiguous_sets(
+    steps: Sequence[Step], rules: Rules, rival: Rival
+) -> tuple[tuple[str, ...], ...]:
+    """What the data cannot tell apart, the effects named first.
+
+    A disturbance without a name that explains the data about as well as what was named from some
+    step on may stand in place of each of these names.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        What was added.
+    rules : Rules
+        Its margin decides what is told from a disturbance without a name.
+    rival : Rival
+        From `nameless_rival`.
+
+    Returns
+    -------
+    tuple of tuple of str
+        Shapes without a name are called `NAMELESS[source]`.
+    """
+    sets = []
+    equal = rival.log_bayes_factor > -rules.log_evidence_margin
+    for i, step in enumerate(steps):
+        random = step.stochastic or any(_is_stochastic(a) for a in step.alternatives)
+        near = [n.source for n in _nameless_equals(step, rules)] if random else []
+        if equal and i >= rival.instead_of:
+            near.append(rival.source.split(FOLLOWS)[0])
+        beside = [a.effect for a in step.alternatives]
+        beside += [NAMELESS[source] for source in dict.fromkeys(near)]
+        if beside:
+            sets.append((step.added, *beside))
+    return tuple(sets)
+
+
+def _nameless_equals(step: Step, rules: Rules) -> list[NamelessShape]:
+    """Shapes without a name that explain the data as well as what a step added."""
+    least = step.log_bayes_factor - rules.log_evidence_margin
+    return [shape for shape in step.nameless if shape.log_bayes_factor > least]
+
+
+def _is_stochastic(alternative: AlternativeEffect) -> bool:
+    effects = {effect.name: effect for effect in alternative.estimate.model.effects}
+    return isinstance(effects[alternative.effect], StochasticEffect)
