@@ -225,7 +225,8 @@ def outside_lines(rows: pd.DataFrame, where: str) -> list[str]:
     unknown = outside.apply(nameless, axis=1)
     lines = [
         f"| effects outside the library, {where}: "
-        f"unknown, or a shape without a name in the set | at least 90 % | {share(unknown.sum(), len(outside))} |"
+        "unknown, or a shape without a name in the set | at least 90 % | "
+        f"{share(unknown.sum(), len(outside))} |"
     ]
     for name in OUTSIDE:
         verdicts = unknown[outside["label"] == name]

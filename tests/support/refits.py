@@ -8,6 +8,7 @@ import numpy as np
 
 from bayes_inertia.diagnosis.candidates import ranked_candidates, score_candidates
 from bayes_inertia.diagnosis.refitting import ScoredRound, refit
+from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.inference.optimizer import estimate
 
 
@@ -30,4 +31,4 @@ def refitted(at, effect: str):
     """The fit with one effect more."""
     begun = scored(at)
     (candidate,) = (c for c in begun.candidates if c.effect == effect)
-    return refit(begun, candidate)
+    return refit(begun, candidate, Rules())
