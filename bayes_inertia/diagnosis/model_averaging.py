@@ -122,11 +122,16 @@ def _exchanged(diagnosis: Diagnosis, step: Step, other: AlternativeEffect) -> Es
 
 
 def _model_with(model: Model, other: AlternativeEffect) -> Model:
-    """A model that holds an alternative effect too: a flexible mode has a model of its own."""
-    if other.effect in {effect.name for effect in model.effects}:
+    """A model that holds an alternative effect as it was fitted.
+
+    A flexible mode has a model of its own, and a strong effect a wider prior.
+    """
+    effects = {effect.name: effect for effect in model.effects}
+    fitted = {effect.name: effect for effect in other.estimate.model.effects}[other.effect]
+    if effects.get(other.effect) == fitted:
         return model
-    effects = {effect.name: effect for effect in other.estimate.model.effects}
-    return Model(model.campaign, (*model.effects, effects[other.effect]), model.structure.drive)
+    effects[other.effect] = fitted
+    return Model(model.campaign, tuple(effects.values()), model.structure.drive)
 
 
 def averaged_posterior(

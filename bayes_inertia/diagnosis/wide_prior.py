@@ -72,7 +72,7 @@ def within_prior(fitted: Estimate, effect: str, rules: Rules, *, tolerance: floa
         distance = float(np.abs(_distances(fitted, effect)).max(initial=0.0))
         if distance <= rules.prior_sd_at_most:
             break
-        wide = move_to(fitted, _widened(fitted.model, effect, 2.0 ** np.ceil(np.log2(distance))))
+        wide = move_to(fitted, _widened(fitted.model, effect, _power_of_two(distance)))
         fitted = re_estimate(wide, wide.theta, wide.free, tolerance=tolerance)
     return fitted
 
@@ -132,3 +132,8 @@ def _widened(model: Model, effect: str, factor: float) -> Model:
         for e in model.effects
     )
     return Model(model.campaign, effects, model.structure.drive, model.noise)
+
+
+def _power_of_two(distance: float) -> float:
+    """The next one: sizes that differ by noise get one prior."""
+    return float(2.0 ** np.ceil(np.log2(distance)))
