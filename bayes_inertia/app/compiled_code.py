@@ -50,8 +50,8 @@ def keep_compiled_code(folder: str | Path | None = None) -> Path | None:
     Parameters
     ----------
     folder : str or Path, optional
-        Where; by default a folder of this version and processor in the user's cache folder, or
-        what the environment variable BAYES_INERTIA_CACHE says.
+        Where; by default a folder of this version, Python and processor in the user's cache
+        folder, or what the environment variable BAYES_INERTIA_CACHE says.
 
     Returns
     -------
@@ -84,10 +84,11 @@ def keep_compiled_code(folder: str | Path | None = None) -> Path | None:
 
 
 def cache_folder() -> Path | None:
-    """Where compiled code is kept: a folder of this version and processor.
+    """Where compiled code is kept: a folder of this version, Python and processor.
 
     Code of another processor may use instructions that this one lacks: on a cluster with one home
-    each kind of machine has its own.
+    each kind of machine has its own. JAX compresses entries in ways that differ between versions
+    of Python, and cannot read one in the other.
 
     Returns
     -------
@@ -100,7 +101,8 @@ def cache_folder() -> Path | None:
     from platformdirs import user_cache_path
 
     root = Path(wanted).expanduser() if wanted else user_cache_path("bayes-inertia") / "compiled"
-    digest = hashlib.sha256(_processor().encode()).hexdigest()
+    made_for = f"{sys.version_info[:2]} {_processor()}"
+    digest = hashlib.sha256(made_for.encode()).hexdigest()
     return root.absolute() / f"{__version__}-{digest[:8]}"
 
 

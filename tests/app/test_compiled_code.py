@@ -138,10 +138,16 @@ def test_a_folder_that_others_may_write_is_not_used(tmp_path, monkeypatch):
     assert entries(tmp_path) == []
 
 
-def test_the_folder_is_of_a_version_and_a_processor(tmp_path, monkeypatch):
+def test_the_folder_is_of_a_version_a_python_and_a_processor(tmp_path, monkeypatch):
     monkeypatch.setenv(VARIABLE, str(tmp_path))
     here = cache_folder()
     assert here.parent == tmp_path
+    with monkeypatch.context() as other:
+        other.setattr("bayes_inertia.app.compiled_code.sys.version_info", (3, 99))
+        assert cache_folder() != here
+    with monkeypatch.context() as other:
+        other.setattr("bayes_inertia.app.compiled_code._processor", lambda: "another")
+        assert cache_folder() != here
     monkeypatch.setattr("bayes_inertia.app.compiled_code.__version__", "0.0.1")
     assert cache_folder().name.startswith("0.0.1-")
     assert cache_folder() != here
