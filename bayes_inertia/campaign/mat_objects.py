@@ -43,7 +43,12 @@ def read_objects(path: str, into: Contents) -> None:
         return
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # It sets an option that pandas 3 no longer needs.
-        import matio
+        try:
+            import matio
+        except ImportError:  # It has no wheel for Python 3.14 yet, so is no dependency there.
+            for place in places:
+                into.closed[place] += " (mat-io may open it: pip install mat-io)"
+            return
 
     names = list({re.sub(r"\(\d+\)$", "", place.split("/")[0]) for place in places})
     try:

@@ -143,7 +143,7 @@ def _check_any(
     advice = f"the file has {names}" if names else "store each column as a vector of numbers"
     if closed and not names:
         path, kind = next(iter(closed.items()))
-        what, advice = f"{path} is {kind}, which only MATLAB can read", _OLD_OBJECT
+        what, advice = f"{path} is {kind} and was not read", _OLD_OBJECT
     raise CampaignError(what, where=label, advice=advice)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 
@@ -128,13 +129,12 @@ def test_mat_of_version_7_3(tmp_path):
     with file.open("r+b") as raw:
         raw.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124, b" ") + b"\x00\x02IM")
     check_streams(file, "gyro", "tracker")
-    assert read_raw(file, table="gyro").notes == (
-        "ts is a MATLAB timeseries object and was not read",
-    )
+    (note,) = read_raw(file, table="gyro").notes
+    assert re.fullmatch(r"ts is a MATLAB timeseries object( \(mat-io .*\))? and was not read", note)
 
 
 def test_a_closed_object_alone_says_how_to_open_it(tmp_path):
-    with pytest.raises(CampaignError, match=r"only MATLAB can read; save it as a struct: s ="):
+    with pytest.raises(CampaignError, match=r"was not read; save it as a struct: s ="):
         table_of({}, {}, "a.mat", closed={"ts": "a MATLAB timeseries object"})
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
 
 import numpy as np
@@ -14,7 +15,7 @@ from bayes_inertia.importing.raw_files import read_raw
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # It sets an option that pandas 3 no longer needs.
-    from matio import save_to_mat
+    save_to_mat = pytest.importorskip("matio", reason="no wheel for this Python").save_to_mat
     from matio.utils.matclass import MatlabOpaque
 
 TIME = 0.25 * np.arange(8)
@@ -129,3 +130,13 @@ def test_other_classes_stay_closed(tmp_path):
     other = MatlabOpaque({"a": TIME}, "my.sensor")
     held = contents(saved(tmp_path / "a.mat", "v7", gyro=other, plain=TIME))
     assert held.closed == {"gyro": "a MATLAB my.sensor object"}
+
+
+def test_without_the_library_objects_say_what_opens_them(tmp_path, monkeypatch):
+    file = saved(tmp_path / "a.mat", "v7", gyro=timeseries(regular()), plain=TIME)
+    monkeypatch.setitem(sys.modules, "matio", None)
+    held = contents(file)
+    assert held.closed["gyro"].endswith(
+        "timeseries object (mat-io may open it: pip install mat-io)"
+    )
+    assert list(held.arrays) == ["plain"]
