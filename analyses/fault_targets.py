@@ -197,11 +197,10 @@ def _as_command(target: str, path: Path) -> None:
 
 
 def _read_run(path: Path) -> None:
-    from bayes_inertia.app.run_folder import read_run
-    from bayes_inertia.physics.effects import by_name
+    from bayes_inertia.app.run_folder import effects_of_run, read_run
 
     run = read_run(path.parent)
-    by_name(run.effects)
+    effects_of_run(path.parent, run)
     run.owner(path.parent).holds_this_work()
 
 

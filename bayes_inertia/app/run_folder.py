@@ -22,7 +22,7 @@ from bayes_inertia.app.run_report import run_summary, write_run_report
 from bayes_inertia.app.stored_diagnosis import DIAGNOSIS_FILE, blaming_diagnosis, read_diagnosis
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import campaign_sha256, copy_campaign, read_campaign
-from bayes_inertia.errors import CampaignError, SettingsError
+from bayes_inertia.errors import CampaignError, EffectError, SettingsError
 from bayes_inertia.files import write_atomically
 from bayes_inertia.folder_lock import working_in
 from bayes_inertia.inference.fit_context import FitContext
@@ -277,7 +277,7 @@ def _posterior(folder: Path, run: Run, progress: Progress | None) -> Posterior:
         content = _diagnosed(folder, campaign, run, progress)
         # Always from the file's content, so that a run that was killed gives the same bits.
         with blaming_diagnosis(folder, content):
-            choice = next_fit_from(content, _candidates(run))
+            choice = next_fit_from(content, _candidates(folder, run))
         return fit_after_diagnosis(
             campaign,
             choice,
@@ -290,7 +290,7 @@ def _posterior(folder: Path, run: Run, progress: Progress | None) -> Posterior:
         )
     return fit(
         campaign,
-        effects=effects_named(run.effects),
+        effects=effects_of_run(folder, run),
         drive=run.drive,
         settings=run.settings,
         chains=chains,
@@ -314,7 +314,7 @@ def _diagnosed(
         campaign,
         drive=run.drive,
         seed=run.settings.seed,
-        library=_candidates(run),
+        library=_candidates(folder, run),
         as_stated=run.as_stated,
         count_undetected=run.count_undetected,
     )
@@ -324,7 +324,32 @@ def _diagnosed(
     return content
 
 
-def _candidates(run: Run) -> tuple[Effect, ...]:
+def effects_of_run(folder: Path, run: Run) -> tuple[Effect, ...]:
+    """The effects that a run names.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the run.
+    run : Run
+        What `read_run` read there.
+
+    Returns
+    -------
+    tuple of Effect
+
+    Raises
+    ------
+    EffectError
+        If one of them is nowhere; the message names the run's file.
+    """
+    try:
+        return effects_named(run.effects)
+    except EffectError as error:
+        raise error.inside(str(folder / "run.json")) from error
+
+
+def _candidates(folder: Path, run: Run) -> tuple[Effect, ...]:
     """What a diagnosis tries: the library, and what the run names beyond it."""
-    further = tuple(e for e in effects_named(run.effects) if e not in LIBRARY)
+    further = tuple(e for e in effects_of_run(folder, run) if e not in LIBRARY)
     return (*LIBRARY, *further)

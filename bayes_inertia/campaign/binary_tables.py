@@ -72,7 +72,8 @@ def _parquet_columns(table: Any, names: Sequence[str], label: str) -> Table:
             what = f"holds {kind}, not numbers"
             raise CampaignError(what, where=f"{label}, column {name}", advice=_ADVICE)
     arrays = {
-        name: table.column(name).cast(pyarrow.float64(), safe=False).to_numpy() for name in names
+        name: _with_quiet_nans(table.column(name).cast(pyarrow.float64(), safe=False).to_numpy())
+        for name in names
     }
     single = frozenset(name for name, kind in kinds.items() if kind == pyarrow.float32())
     return Table(label, arrays, single=single)
@@ -172,6 +173,11 @@ def _choose(groups: Mapping[str, Any], names: Sequence[str], requested: str, lab
     return named[0]
 
 
+def _with_quiet_nans(values: np.ndarray) -> np.ndarray:
+    """The same numbers; damage can make NaNs that every calculation would warn of."""
+    return np.where(np.isnan(values), np.nan, values)
+
+
 def _table(columns: dict[str, np.ndarray], label: str) -> Table:
     arrays: dict[str, np.ndarray] = {}
     rows: int | None = None
@@ -191,7 +197,7 @@ def _table(columns: dict[str, np.ndarray], label: str) -> Table:
                 where=where,
                 advice="give all columns one length",
             )
-        arrays[name] = values.astype(float).ravel()
+        arrays[name] = _with_quiet_nans(values.astype(float).ravel())
     return Table(
         label,
         arrays,

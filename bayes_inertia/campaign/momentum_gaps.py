@@ -116,6 +116,8 @@ def _bend(at: np.ndarray, momentum: np.ndarray, k: int) -> tuple[float, float]:
     mean = (momentum[k + 1] - momentum[k]) / length
     change = np.abs(slopes[1] - slopes[0])
     lack = np.abs(mean - 0.5 * (slopes[0] + slopes[1]))
-    bend = float((change / 12.0 + lack / 4.0).max() * length**2)
-    sag = float((change / 8.0 + lack / 2.0).max() * length)
+    # After a wild stamp the gap is endless.
+    with np.errstate(over="ignore"):
+        bend = float((change / 12.0 + lack / 4.0).max() * length**2)
+        sag = float((change / 8.0 + lack / 2.0).max() * length)
     return bend, sag

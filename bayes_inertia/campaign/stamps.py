@@ -80,7 +80,9 @@ def _resolution(time: np.ndarray, step: float) -> float | None:
     largest; the latter is the one that every stamp is rounded to at least as well as.
     """
     largest = float(np.abs(time).max())
-    single = time.astype(np.float32).astype(float)
+    # A wild stamp overflows, and is none of 32 bits.
+    with np.errstate(over="ignore"):
+        single = time.astype(np.float32).astype(float)
     if np.array_equal(single, time):
         resolution = float(np.spacing(np.float32(largest)))
         if resolution > _FINE * step:

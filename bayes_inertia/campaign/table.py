@@ -10,6 +10,9 @@ import numpy as np
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths.values import array_dataclass
 
+# Names of columns that a message lists, and the characters of one.
+_MOST_NAMES, _LONGEST_NAME = 60, 60
+
 
 @array_dataclass
 class Table:
@@ -112,9 +115,31 @@ def check_columns_present(names: Iterable[str], available: Sequence[str], place:
         if name not in available:
             near = difflib.get_close_matches(name, available, 1)
             hint = f"did you mean {near[0]!r}? " if near else ""
-            listed = ", ".join(available[:60]) + (", ..." if len(available) > 60 else "")
             raise CampaignError(
                 f"no column {name!r} (named in [columns])",
                 where=place,
-                advice=f"{hint}The table has: {listed or 'no column'}",
+                advice=f"{hint}The table has: {listed_names(available)}",
             )
+
+
+def listed_names(names: Sequence[str]) -> str:
+    """Names of columns for a message: one line, whatever a damaged header holds.
+
+    Parameters
+    ----------
+    names : sequence of str
+        In the order of the table.
+
+    Returns
+    -------
+    str
+        At most sixty names of at most sixty characters.
+
+    Examples
+    --------
+    >>> listed_names(["t_s", "w\\n0.0,1.0"])
+    't_s, w\\\\n0.0,1.0'
+    """
+    plain = [name if name.isprintable() else ascii(name)[1:-1] for name in names[:_MOST_NAMES]]
+    short = [name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}..." for name in plain]
+    return ", ".join([*short, *["..."] * (len(names) > _MOST_NAMES)]) or "no column"

@@ -215,6 +215,14 @@ def refuse_impossible(campaign: Campaign | str | Path) -> None:
 def _checked(
     campaign: Campaign, description: CampaignPart | None, text: str, quick: bool
 ) -> ConventionsCheck:
+    # Numbers whose squares overflow break every law, infinitely.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _held_against_laws(campaign, description, text, quick)
+
+
+def _held_against_laws(
+    campaign: Campaign, description: CampaignPart | None, text: str, quick: bool
+) -> ConventionsCheck:
     columns = stated_columns(campaign, description)
     slews = sampled(campaign)
     if slews is None:

@@ -18,6 +18,7 @@ from typing import Literal
 
 import numpy as np
 
+from bayes_inertia.campaign.table import listed_names
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths.values import array_dataclass
 
@@ -193,12 +194,11 @@ class RawTable:
         if name in self.columns:
             return self.columns[name]
         near = difflib.get_close_matches(name, self.columns, 1)
-        listed = ", ".join(list(self.columns)[:60]) + (", ..." if len(self.columns) > 60 else "")
         raise CampaignError(
             f"no column {name!r}",
             where=self.label,
             advice=(f"did you mean {near[0]!r}? " if near else "")
-            + f"The table has: {listed or 'no column'}",
+            + f"The table has: {listed_names(list(self.columns))}",
         )
 
     def numbers(self, name: str) -> np.ndarray:

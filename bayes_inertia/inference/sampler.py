@@ -192,7 +192,7 @@ def steps_wanted(diagnostics: Diagnostics, settings: Settings) -> int:
     --------
     >>> diagnostics = Diagnostics(True, 1.0, 4000.0, 2000.0, 2.0, 11_264, 0.1, 1.0, 0.6, 12, 44)
     >>> [steps_wanted(diagnostics, Settings(target_ess=n)) for n in (1000.0, 2500.0, 10_000.0)]
-    [72, 95, 144]
+    [44, 56, 88]
     """
     steps, draws = diagnostics.steps, diagnostics.steps - diagnostics.discarded
     # Not a number stays one.

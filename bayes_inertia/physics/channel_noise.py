@@ -206,11 +206,18 @@ def noise_model_from_json(content: Mapping[str, Any]) -> NoiseModel:
     -------
     NoiseModel
 
+    Raises
+    ------
+    TypeError
+        If it describes none.
+
     Examples
     --------
     >>> noise_model_from_json(NoiseModel().json()) == NoiseModel()
     True
     """
+    if not isinstance(content, Mapping):
+        raise TypeError(f"noise {content!r}")
     return NoiseModel(**{channel: ChannelNoise(**noise) for channel, noise in content.items()})
 
 

@@ -24,7 +24,7 @@ from bayes_inertia.design.comparison import Contender
 from bayes_inertia.design.designer import Design
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.design.limits import Limits
-from bayes_inertia.errors import OutputError
+from bayes_inertia.errors import CampaignError, EffectError, OutputError
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.inference.settings import Settings
 from bayes_inertia.sealing import SEAL_KEY, sealed
@@ -124,6 +124,23 @@ def test_a_run_folder_of_version_0_1_is_read_and_goes_on(tmp_path):
     assert run_folder.start(EXAMPLE, tmp_path / "run", settings=Settings(seed=3)) == run
     with pytest.raises(OutputError, match="other kind"):
         run_folder.start(EXAMPLE, tmp_path / "run", settings=Settings(seed=3), kind="diagnose")
+
+
+@pytest.mark.parametrize("noise", ["white", ["white"], 1.0])
+def test_a_run_whose_noise_is_none_is_refused_by_its_file(tmp_path, noise):
+    run_folder.start(EXAMPLE, tmp_path / "run", settings=Settings(seed=3))
+    path = tmp_path / "run" / "run.json"
+    content = json.loads(path.read_text()) | {"noise": noise}
+    del content[SEAL_KEY]
+    path.write_text(json.dumps(content))
+    with pytest.raises(CampaignError, match=r"run\.json: not a run description \(noise"):
+        run_folder.read_run(tmp_path / "run")
+
+
+def test_a_run_with_an_effect_that_is_nowhere_is_refused_by_its_file(tmp_path):
+    run = run_folder.start(EXAMPLE, tmp_path / "run", settings=Settings(seed=3))
+    with pytest.raises(EffectError, match=r"run\.json, effects: no effect of this name: 'x'"):
+        run_folder.effects_of_run(tmp_path / "run", replace(run, effects=("x",)))
 
 
 def contender(name: str) -> Contender:

@@ -51,6 +51,11 @@ BAD_CSV = [
         CSV.replace("wx", "w_x"),
         ["a.csv, line 1", "no column 'wx'", "did you mean 'w_x'"],
     ),
+    (
+        "column named by several lines",
+        CSV.replace("wx,", '"w\nx",', 1),
+        ["a.csv, line 1", "no column 'wx'", "The table has: t, u1", "w\\nx, wy"],
+    ),
     ("text", cell(4, "wx", "high"), ["a.csv, line 4, column wx", "'high' is not a number"]),
     ("long text", cell(4, "wx", "x" * 9000), ["a.csv, line 4, column wx", "..."]),
     (

@@ -74,6 +74,19 @@ def test_parquet_null_and_integer(tmp_path):
     assert np.isnan(slew.rate[:, 0]).tolist() == [True, False, False, False]
 
 
+@pytest.mark.parametrize("suffix", [".h5", ".parquet"])
+def test_nans_of_any_kind_are_missing_readings(tmp_path, suffix):
+    """A bit that flips can make a NaN of which every calculation would warn."""
+    folder = with_table(tmp_path, suffix)
+    for name in "ab":
+        columns = table_columns()
+        columns["wx"] = columns["wx"].copy()
+        columns["wx"].view(np.int64)[1] = 0x7FF0_0000_0000_0001
+        SAVERS[suffix](folder / f"{name}{suffix}", columns)
+    rate = read_campaign(folder).slews[0].rate
+    assert np.isnan(rate[:, 0]).tolist() == [False, True, False, False]
+
+
 def test_groups_and_structs(tmp_path):
     """One HDF5 or MAT file may hold all slews, each in the group (struct) of its name; a lone group
     needs no name.

@@ -78,3 +78,8 @@ def test_rounded_stamps_of_a_campaign(tmp_path):
     assert campaign.dirt[0].rows == ()
     assert campaign.dirt[0].slew == campaign.slews[0].name
     np.testing.assert_allclose(np.diff(campaign.slews[0].time), 1.0 / 7.0, rtol=1e-3)
+
+
+def test_a_wild_stamp_overflows_nothing():
+    """Beyond what 32 bits hold; warnings are errors here."""
+    regular_stamps(np.append(0.48 * ROWS + 0.1 * (ROWS % 3 == 0), 1e40))

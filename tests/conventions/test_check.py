@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ import pytest
 import bayes_inertia
 from bayes_inertia.app.cli import main
 from bayes_inertia.conventions.check import check_conventions
+from bayes_inertia.physics.small_campaign import small_campaign
 from tests.support.wrong_conventions import value_of, with_keys
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
@@ -150,3 +152,9 @@ def test_impossible_data_end_with_2_before_minutes_are_spent(command, tmp_path, 
 def test_check_goes_on_if_told_to(tmp_path):
     folder = with_keys(EXAMPLE, tmp_path / "campaign", WRONG["torque sign"])
     assert run("check", folder, "--anyway") == 0
+
+
+def test_numbers_whose_squares_overflow_are_held_against_the_laws_without_a_warning():
+    campaign = small_campaign()
+    slews = tuple(replace(s, wheel_momentum=1e200 * s.wheel_momentum) for s in campaign.slews)
+    assert check_conventions(replace(campaign, slews=slews)).verdict in ("consistent", "wrong")
