@@ -14,6 +14,7 @@ are more certain than they should be. They count divided by a temperature (`Rule
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Literal, NamedTuple
@@ -240,7 +241,7 @@ def log_evidence_of(p_value: float) -> float:
     (5.99, 0.0)
     """
     p = max(p_value, _LEAST_P_VALUE)
-    return float(-np.log(-np.e * p * np.log(p))) if p < 1.0 / np.e else 0.0
+    return float(-np.log(-math.e * p * np.log(p))) if p < 1.0 / math.e else 0.0
 
 
 def _average(values: Sequence[float]) -> float:
