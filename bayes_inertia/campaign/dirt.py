@@ -10,6 +10,9 @@ What reading a campaign does about each fault:
 | single wrong stamp | given the time between its neighbours if they are two steps apart | clock, \
 modelled |
 | single wrong stamp beside a gap | the row is left out | clock, masked |
+| few stamps an hour and 100 durations away from the others | the rows are left out | clock, \
+masked |
+| more such stamps | error that names the first row | |
 | clock set back for more than a row | error that names the row and the size | |
 | clock set forward | looks like a gap | gap |
 | rounded stamps (32 bits, few digits) that a regular clock fits within their resolution | the \

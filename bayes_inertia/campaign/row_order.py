@@ -24,8 +24,12 @@ _GLITCHES = 0.02
 _NEAREST, _FARTHEST = 0.75, 3.0
 # Neighbours of a wrong stamp are two steps apart, within this share of a step.
 _REGULAR = 0.1
+# A stamp is far off if it is away from the others by this many times their whole duration, and by
+# more than this time [s], or units of a clock that counts others.
+_FAR_OFF, _LONGEST_BREAK = 100.0, 3600.0
 # Stamps of 32 bits may be coarse by this share of their spacing.
 _COARSE = 0.01
+_LEFT_OUT = "with a wrong stamp left out"
 
 
 def ordered_rows(table: Table, time: str, names: Sequence[str]) -> tuple[Table, list[Dirt]]:
@@ -51,7 +55,7 @@ def ordered_rows(table: Table, time: str, names: Sequence[str]) -> tuple[Table, 
     ------
     CampaignError
         If a time is empty or too coarse, is given twice with different content, or the clock jumps
-        back; the error names the line.
+        back or far away; the error names the line.
 
     Examples
     --------
@@ -64,8 +68,18 @@ def ordered_rows(table: Table, time: str, names: Sequence[str]) -> tuple[Table, 
     with np.errstate(over="ignore"):
         steps = np.diff(stamps)
     _refuse_coarse_times(table, time, steps)
-    if np.all(steps > 0.0):
-        return table, []
+    records: list[Dirt] = []
+    if not np.all(steps > 0.0):
+        table, records = _in_order(table, time, names)
+    far = _far_off_rows(table, time)
+    if not len(far):
+        return table, records
+    table = _rows(table, np.delete(np.arange(len(table.columns[time])), far))
+    return table, [_dirt("clock", far, len(table.columns[time]), "masked", _LEFT_OUT), *records]
+
+
+def _in_order(table: Table, time: str, names: Sequence[str]) -> tuple[Table, list[Dirt]]:
+    """Rows whose times go back somewhere, in order; and what was done."""
     table, kept, wrong = _without_wrong_stamps(table, time)
     stamps = table.columns[time]
     late = kept[_late_rows(stamps[kept])]
@@ -78,7 +92,7 @@ def ordered_rows(table: Table, time: str, names: Sequence[str]) -> tuple[Table, 
     before_lost = stamps[np.maximum(lost - 1, 0)]
     records: list[tuple[DirtKind, np.ndarray, Treatment, str]] = [
         ("clock", stamps[mended], "modelled", "with a wrong stamp given that between neighbours"),
-        ("clock", before_lost, "masked", "with a wrong stamp left out"),
+        ("clock", before_lost, "masked", _LEFT_OUT),
         ("clock", stamps[late], "ignored", "out of order put in place"),
         ("duplicate", times[doubled], "masked", "with the time of another joined with it"),
     ]
@@ -133,6 +147,27 @@ def _refuse_coarse_times(table: Table, time: str, steps: np.ndarray) -> None:
             where=f"{table.label}, column {time}",
             advice="store time with 64 bits, or count it from the start of the slew",
         )
+
+
+def _far_off_rows(table: Table, time: str) -> np.ndarray:
+    """Rows whose stamps lie so far from the others that no slew is meant; few, or refused."""
+    stamps = table.columns[time]
+    steps = np.diff(np.unique(stamps))
+    if len(steps) < 2:
+        return np.zeros(0, dtype=int)
+    limit = max(_FAR_OFF * len(stamps) * float(np.median(steps)), _LONGEST_BREAK)
+    with np.errstate(over="ignore"):
+        distance = np.abs(stamps - np.median(stamps))
+    far = np.flatnonzero(distance > limit)
+    if len(far) > _GLITCHES * len(stamps):
+        row = int(far[0])
+        raise CampaignError(
+            f"the time {float(stamps[row])!r} is far from most others, which lie around "
+            f"{float(np.median(stamps)):.6g}",
+            where=table.place(row, time),
+            advice="remove the rows with wrong times, or give each slew a file of its own",
+        )
+    return far
 
 
 def _late_rows(stamps: np.ndarray) -> np.ndarray:

@@ -179,22 +179,22 @@ def hypotheses(
 
 def _sets(levels: Sequence[Level], steps: Sequence[Step]) -> dict[tuple[str, ...], float]:
     """Log evidence of every set of effects, against nothing."""
-    found: dict[frozenset[str], tuple[tuple[str, ...], float]] = {}
+    weighed: dict[frozenset[str], tuple[tuple[str, ...], float]] = {}
     for level in levels:
         for name, value in level.one_more.items():
             names = (*level.effects, name)
-            found.setdefault(frozenset(names), (names, level.log_evidence + value))
+            weighed.setdefault(frozenset(names), (names, level.log_evidence + value))
     for level in levels:
-        found[frozenset(level.effects)] = (level.effects, level.log_evidence)
+        weighed[frozenset(level.effects)] = (level.effects, level.log_evidence)
     final = tuple(step.added for step in steps)
     claimed = sum(step.log_bayes_factor for step in steps)
-    found[frozenset(final)] = (final, claimed)
+    weighed[frozenset(final)] = (final, claimed)
     for i, step in enumerate(steps):
         for other in step.alternatives:
             names = (*final[:i], other.effect, *final[i + 1 :])
             value = claimed + other.log_bayes_factor - step.log_bayes_factor
-            found.setdefault(frozenset(names), (names, value))
-    return dict(found.values())
+            weighed.setdefault(frozenset(names), (names, value))
+    return dict(weighed.values())
 
 
 def log_prior(size: int, members: int) -> float:

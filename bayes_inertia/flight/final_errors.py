@@ -136,7 +136,7 @@ def _plants(
 ) -> Plant:
     """The spacecraft (n on a leading axis) that the draws describe, before slew `index`."""
     craft, n = mission.spacecraft, len(thetas)
-    J = np.asarray(inertia_tensor.tensor(jnp.asarray(thetas[:, :6])))
+    J = inertia_tensor.tensor(thetas[:, :6])
     J = without_spin(J, mission.prior.includes_wheel_spin, craft.wheels)
     if craft.bias is None:
         bias = np.stack([rate_bias(craft, rng) for _ in range(n)])

@@ -45,14 +45,14 @@ def _lines_of(text: str, key: str) -> list[tuple[int, str]]:
     wanted = "streams" if first == "columns" else first
     label = "holds" if first == "columns" else "name"
     keys = (last, *_OTHER_KEYS.get(last, ()))
-    found = []
+    lines = []
     for table, entries in _tables(text):
         stated = {name: value for name, value, _, _ in entries}
         mounting = first == "rate_sensor" and table == "streams" and stated.get("holds") == "rate"
         named = table == wanted and (not middle or stated.get(label) == middle[0])
         if named or mounting:
-            found += [(number, line) for name, _, number, line in entries if name in keys]
-    return found
+            lines += [(number, line) for name, _, number, line in entries if name in keys]
+    return lines
 
 
 def _tables(text: str) -> list[tuple[str, list[tuple[str, str | None, int, str]]]]:

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
@@ -186,12 +185,12 @@ def _places(estimate: Estimate, names: Sequence[str]) -> np.ndarray:
 
 def _scale_direction(estimate: Estimate) -> np.ndarray:
     """Direction (f,) that scales J (without the wheels' spin inertia) as a whole."""
-    J = np.array(inertia_tensor.tensor(jnp.asarray(estimate.theta[:6])))
+    J = inertia_tensor.tensor(estimate.theta[:6])
     if estimate.model.structure.includes_wheel_spin:
         campaign = estimate.model.campaign
         J = J - campaign.wheel_axes_B @ np.diag(campaign.spin_inertias) @ campaign.wheel_axes_B.T
     direction = np.zeros(len(estimate.free))
-    elements = np.asarray(inertia_tensor.elements(jnp.asarray(J)))
+    elements = inertia_tensor.elements(J)
     fitted = elements[estimate.free[estimate.free < 6]]
     direction[_places(estimate, inertia_tensor.ELEMENTS)] = fitted
     return direction
@@ -315,7 +314,7 @@ def _hidden_by_rest_about(estimate: Estimate, axes_B: np.ndarray) -> tuple[str, 
     project = axes_B @ axes_B.T
     names = []
     for k, name in enumerate(inertia_tensor.ELEMENTS):
-        unit = np.array(inertia_tensor.tensor(jnp.asarray(np.eye(6)[k])))
+        unit = inertia_tensor.tensor(np.eye(6)[k])
         if np.linalg.norm(project @ unit @ project) > 0.5 * np.linalg.norm(unit):
             names.append(name)
     sensor_axes = estimate.model.campaign.rate_sensor.axes

@@ -7,18 +7,12 @@ import shutil
 from pathlib import Path
 
 import pytest
+from support.commands import run
 
 import bayes_inertia
-from bayes_inertia.app.cli import main
 from bayes_inertia.inference.posterior import Posterior
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
-
-
-def run(*arguments: str) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    return stop.value.code
 
 
 @pytest.fixture

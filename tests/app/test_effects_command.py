@@ -6,10 +6,10 @@ import json
 from pathlib import Path
 
 import pytest
+from support.commands import run
 
 import bayes_inertia
 from bayes_inertia.app import run_folder
-from bayes_inertia.app.cli import main
 from bayes_inertia.app.commands.effects import show_checked_effect
 from bayes_inertia.errors import EffectError, OutputError
 from bayes_inertia.physics.check_effect import CheckedEffect
@@ -40,12 +40,6 @@ class Push(Effect):
     def body_torque(self, p, slew, t, state):
         return p["torque"]
 '''
-
-
-def run(*arguments) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    return stop.value.code
 
 
 @pytest.fixture

@@ -9,9 +9,9 @@ from types import SimpleNamespace
 
 import pyarrow.parquet as pq
 import pytest
+from support.commands import run
 
 import bayes_inertia
-from bayes_inertia.app.cli import main
 from bayes_inertia.app.fit_many_folder import fit_many
 from bayes_inertia.conventions.check import refuse_impossible
 from bayes_inertia.errors import CampaignError, EffectError, OutputError
@@ -19,12 +19,6 @@ from bayes_inertia.physics.parameters import BASE_NAMES
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 TRUTH = json.loads((EXAMPLE / "truth.json").read_text())
-
-
-def run(*arguments) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    return stop.value.code
 
 
 @pytest.fixture

@@ -13,21 +13,16 @@ from types import SimpleNamespace
 
 import pytest
 import typer
+from support.commands import run
 
 import bayes_inertia
-from bayes_inertia.app.cli import COMMANDS, command_line, main
+from bayes_inertia.app.cli import COMMANDS, command_line
 from bayes_inertia.app.commands.examples import EXAMPLES, example_of
 from bayes_inertia.app.commands.run_result import run_result_json
 from bayes_inertia.app.terminal import progress_bar, quietly
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 DOCUMENTED = Path(bayes_inertia.__file__).parents[1] / "docs" / "how_to" / "json_output.md"
-
-
-def run(*arguments) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    return stop.value.code
 
 
 @pytest.fixture

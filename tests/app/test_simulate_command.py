@@ -9,20 +9,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from support.commands import run
 
 import bayes_inertia
-from bayes_inertia.app.cli import main
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.plan_file import write_plan
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
-
-
-def run(*arguments) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    return stop.value.code
 
 
 @pytest.fixture

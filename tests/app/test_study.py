@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy import stats
+from support.commands import run
 
 import bayes_inertia
-from bayes_inertia.app.cli import main
 from bayes_inertia.app.study_folder import Study, run_study
 from bayes_inertia.design.simulated_fits import AchievedErrors
 from bayes_inertia.errors import EstimateError, OutputError
@@ -20,12 +20,6 @@ from bayes_inertia.physics.parameters import BASE_NAMES
 from bayes_inertia.report.pictures.study import draw_coverage
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
-
-
-def run(*arguments) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    return stop.value.code
 
 
 def made(n: int, seed: int, shrink: float = 1.0) -> Study:

@@ -351,3 +351,26 @@ def test_the_largest_commands_of_a_wrong_unit_are_no_dirt():
     ramp[7] = 1e31
     _, dirt = without_impossible_torques(channels, [wheel])
     assert [record.kind for record, _ in dirt] == ["outliers"]
+
+
+@pytest.mark.parametrize("row", [0, 1, 37, -1])
+@pytest.mark.parametrize("stamp", ["-3.7e283", "0.0", "1e12", "4e5"])
+def test_a_stamp_far_from_all_others_never_counts(tmp_path, row, stamp):
+    def change(header, rows):
+        for other in rows:
+            other[0] = repr(float(other[0]) + 1e5)
+        rows[row][0] = stamp
+
+    campaign = read_campaign(dirty(tmp_path / "c", change))
+    notes = [d.note for d in campaign.dirt if d.kind == "clock"]
+    assert any("1 row with a wrong stamp" in note for note in notes)
+    assert campaign.slews[0].duration < 1e3
+
+
+def test_many_stamps_far_from_the_others_are_refused(tmp_path):
+    def change(header, rows):
+        for row in rows[300:]:
+            row[0] = repr(float(row[0]) + 1e9)
+
+    error = refusal(dirty(tmp_path / "c", change))
+    assert_teaches(error, ["slew_01.csv, line 302, column t_s", "far from most others"])

@@ -80,6 +80,8 @@ def test_refuses_what_could_not_be_read_back(tmp_path):
 
 
 NUMBER = st.floats(-1e6, 1e6, allow_subnormal=True)
+# Seconds within the hour: a stamp farther away than that is a wrong one.
+TIME = st.floats(-1e3, 1e3)
 
 
 POSITIVE = st.floats(1e-9, 1e3)
@@ -118,7 +120,7 @@ def campaigns(draw) -> Campaign:
     torque, momentum, field = (draw(st.booleans()) for _ in range(3))
     slews = []
     for name in draw(st.lists(st.text(max_size=5), min_size=1, max_size=3, unique=True)):
-        time = np.array(sorted(draw(st.lists(NUMBER, min_size=2, max_size=5, unique=True))))
+        time = np.array(sorted(draw(st.lists(TIME, min_size=2, max_size=5, unique=True))))
         rows = len(time)
         rate = arrays(draw, rows, 3, gaps=True) * 9e-4
         rate[0] = 9e-4 * draw(NUMBER)

@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from support.commands import run
 
 import bayes_inertia
-from bayes_inertia.app.cli import main
 from bayes_inertia.conventions.check import check_conventions
 from bayes_inertia.physics.small_campaign import small_campaign
 from tests.support.wrong_conventions import value_of, with_keys
@@ -112,12 +112,6 @@ def test_a_unit_that_makes_nearly_all_readings_unbelievable_is_named(
     folder = with_keys(EXAMPLE, tmp_path / "campaign", {"rate_sensor.range": 0.1})
     change = check_conventions(in_another_unit(folder, prefix, factor)).changes[0]
     assert (change.key, change.mended) == (key, unit)
-
-
-def run(*arguments: object) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    return stop.value.code
 
 
 def test_the_command_prints_one_document_and_ends_with_2(tmp_path, capsys):

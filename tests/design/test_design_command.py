@@ -8,10 +8,10 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from support.commands import run
 
 import bayes_inertia
 from bayes_inertia.app import design_folder
-from bayes_inertia.app.cli import main
 from bayes_inertia.app.design_request import keep_outs
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.design.designer import design_plan
@@ -25,12 +25,6 @@ EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 
 
 DEGREE = math.pi / 180.0
-
-
-def run(*arguments) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    return stop.value.code
 
 
 @pytest.mark.slow

@@ -9,9 +9,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.commands import run
 
 from bayes_inertia.app import promise_of_plan, run_folder
-from bayes_inertia.app.cli import main
 from bayes_inertia.app.plan_json import slew_rows
 from bayes_inertia.app.result_folder import write_json
 from bayes_inertia.flight.flown_slews import other_slews
@@ -28,12 +28,6 @@ from bayes_inertia.sealing import sealed
 DEGREE = math.pi / 180.0
 AXES = ((1.0, 0.0, 0.0), (0.0, 1.0, 1.0))
 PLAN = Plan("two slews", tuple(PlannedSlew(axis, 40.0 * DEGREE) for axis in AXES))
-
-
-def run(*arguments) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    return stop.value.code
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ import json
 import math
 
 import pytest
+from support.commands import run
 
-from bayes_inertia.app.cli import main
 from bayes_inertia.report.run_comparison import ComparedRun, compare_runs
 
 
@@ -51,12 +51,6 @@ def folders(made, tmp_path):
         (tmp_path / name).mkdir()
         made(kind).save(tmp_path / name / "posterior.nc")
     return tmp_path
-
-
-def run(*arguments) -> int:
-    with pytest.raises(SystemExit) as stop:
-        main([str(a) for a in arguments])
-    return stop.value.code
 
 
 def test_two_runs_make_a_page(folders, capsys):
