@@ -11,17 +11,19 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from bayes_inertia.diagnosis.nameless import NAMELESS
 from bayes_inertia.diagnosis.result import AlternativeEffect, Diagnosis, Step
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.optimizer import move_to, re_estimate, with_noise
+from bayes_inertia.inference.optimizer import estimate, move_to, re_estimate, with_noise
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.physics.effects import REMAINDERS
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import N_BASE
 
@@ -33,7 +35,7 @@ class AlternativeParameters:
     Parameters
     ----------
     effect : str
-        The effect assumed.
+        The effect assumed; a value of `nameless.NAMELESS` for what has no name.
     instead_of : str
         The effect named; empty for one more effect, see `undetected_averaging`.
     probability : float
@@ -68,10 +70,20 @@ class AlternativeParameters:
         return np.sqrt(np.diag(self.covariance))
 
 
+class _Member(NamedTuple):
+    """What may be true instead of an effect named, by how much log evidence more, and its fit."""
+
+    effect: str
+    instead_of: str
+    lead: float
+    estimate: Estimate
+
+
 def alternative_parameters(diagnosis: Diagnosis) -> tuple[AlternativeParameters, ...]:
     """Fit J and K with another effect of an ambiguous set in place of the one named.
 
-    One effect is exchanged at a time: that two sets are both led by the wrong one is left out.
+    One effect is exchanged at a time: that two sets are both led by the wrong one is left out. For
+    what has no name stand a torque and a rate error of free shape (`physics.effects.REMAINDERS`).
 
     Parameters
     ----------
@@ -85,23 +97,51 @@ def alternative_parameters(diagnosis: Diagnosis) -> tuple[AlternativeParameters,
     """
     if diagnosis.verdict != "ambiguous":
         return ()
-    pairs = [(step, other) for step in diagnosis.steps for other in step.alternatives]
-    # At equal odds beforehand. Each alternative was weighed beside the effect of its own step.
-    odds = np.exp([other.log_bayes_factor - step.log_bayes_factor for step, other in pairs])
-    rows = []
-    for (step, other), probability in zip(pairs, odds / (1.0 + odds.sum()), strict=True):
-        estimate = _exchanged(diagnosis, step, other)
-        rows.append(
-            AlternativeParameters(
-                other.effect,
-                step.added,
-                float(probability),
-                tuple(estimate.model.space.names[:N_BASE]),
-                estimate.theta[:N_BASE],
-                estimate.covariance[:N_BASE, :N_BASE],
-            )
+    members = [
+        _Member(
+            other.effect,
+            step.added,
+            other.log_bayes_factor - step.log_bayes_factor,
+            _exchanged(diagnosis, step, other),
         )
-    return tuple(rows)
+        for step in diagnosis.steps
+        for other in step.alternatives
+    ]
+    members += _nameless_members(diagnosis)
+    # At equal odds beforehand. Each alternative was weighed beside the effect of its own step.
+    odds = np.exp([member.lead for member in members])
+    return tuple(
+        AlternativeParameters(
+            member.effect,
+            member.instead_of,
+            float(probability),
+            tuple(member.estimate.model.space.names[:N_BASE]),
+            member.estimate.theta[:N_BASE],
+            member.estimate.covariance[:N_BASE, :N_BASE],
+        )
+        for member, probability in zip(members, odds / (1.0 + odds.sum()), strict=True)
+    )
+
+
+def _nameless_members(diagnosis: Diagnosis) -> list[_Member]:
+    """What has no name in the first ambiguous set that holds it.
+
+    What it does to J and K nobody knows: a torque and a rate error of free shape stand for it.
+    """
+    for named, *others in diagnosis.ambiguous_with:
+        for name in (other for other in others if other in NAMELESS.values()):
+            fitted = _with_remainders(diagnosis, named)
+            return [_Member(name, named, diagnosis.nameless_lead, fitted)]
+    return []
+
+
+def _with_remainders(diagnosis: Diagnosis, named: str) -> Estimate:
+    """The final fit with a torque and a rate error of free shape in place of one effect."""
+    final = diagnosis.final
+    fitted = {final.model.space.names[i].split(".")[0] for i in final.free} - {named}
+    kept = (effect for effect in final.model.effects if effect.name in fitted)
+    model = Model(final.model.campaign, (*kept, *REMAINDERS), final.model.structure.drive)
+    return with_noise(estimate(model, starts=1, discount=False), diagnosis.noise)
 
 
 def _exchanged(diagnosis: Diagnosis, step: Step, other: AlternativeEffect) -> Estimate:

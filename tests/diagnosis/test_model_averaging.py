@@ -33,13 +33,17 @@ def test_each_member_of_an_ambiguous_set_has_its_own_J_and_K(
 ):
     assert torqued.verdict == "ambiguous"
     others = alternative_parameters(torqued)
-    # What has no name has no J and K of its own.
-    members = [n for n in torqued.ambiguous_with[0][1:] if not n.startswith("nameless_")]
+    members = list(torqued.ambiguous_with[0][1:])
     assert [o.effect for o in others] == members
     (step,) = torqued.steps
     odds = [math.exp(r.log_bayes_factor - step.log_bayes_factor) for r in step.alternatives]
+    odds.append(math.exp(torqued.nameless_lead))
     assert [o.probability for o in others] == pytest.approx([x / (1.0 + sum(odds)) for x in odds])
-    for other in others:
+    *with_names, nameless = others
+    assert nameless.effect.startswith("nameless_")
+    assert np.all(nameless.sd > torqued.base.sd[:9])
+    assert np.all(np.abs(nameless.mean - torqued.base.theta[:9]) < 5.0 * nameless.sd)
+    for other in with_names:
         direct = fitted_with(torqued.base.model, other.effect)
         assert np.all(np.abs(other.mean - direct.theta[:9]) < 0.01 * direct.sd[:9])
         np.testing.assert_allclose(other.sd, direct.sd[:9], rtol=0.01)
