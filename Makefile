@@ -21,11 +21,12 @@ test: $(VENV)/ready-test
 	$(BIN)/ruff check .
 	$(BIN)/python -m pytest -q -n 2 --dist worksteal -m "not slow"
 
-# The documentation is built beside the slow tests: they leave a tenth of two cores idle.
-test-all: test lint types $(VENV)/ready-docs
-	$(MAKE) docs & docs=$$!; \
+# Types are checked and the documentation is built beside the slow tests: these leave a tenth of two
+# cores idle.
+test-all: test lint $(VENV)/ready-docs
+	$(MAKE) types docs & checked=$$!; \
 	$(BIN)/python -m pytest -q -n 2 --dist worksteal -m slow; tested=$$?; \
-	wait $$docs && exit $$tested
+	wait $$checked && exit $$tested
 
 lint: $(VENV)/ready-test
 	$(BIN)/ruff check .
