@@ -59,19 +59,51 @@ def probabilities_text(rows: Sequence[Mapping[str, Any]]) -> str:
     'How probable each answer is: rate bias 97 %; something without a name 3 %.'
     """
     told = [row for row in rows if row["probability"] > _NEGLIGIBLE_PROBABILITY][:_MOST_ANSWERS]
+    answers = [f"{answer_text(row)} {per_cent(row['probability'])}" for row in told]
+    return f"How probable each answer is: {'; '.join(answers)}."
+
+
+def answer_text(row: Mapping[str, Any]) -> str:
+    """What a hypothesis says is missing.
+
+    Parameters
+    ----------
+    row : mapping
+        Of `hypotheses` in diagnosis.json.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> answer_text({"kind": "effects", "effects": ["rate_bias", "wheel_friction"]})
+    'rate bias and wheel friction'
+    """
     words = {
         "nothing": "nothing is missing",
         "nameless": "something without a name",
         "others": "other effects",
     }
-    answers = [
-        f"{words.get(row['kind']) or listed([plain(name) for name in row['effects']])} "
-        f"{_per_cent(row['probability'])}"
-        for row in told
-    ]
-    return f"How probable each answer is: {'; '.join(answers)}."
+    return words.get(row["kind"]) or listed([plain(name) for name in row["effects"]])
 
 
-def _per_cent(probability: float) -> str:
-    """No answer is certain."""
+def per_cent(probability: float) -> str:
+    """A probability in print: no answer is certain, and none is impossible.
+
+    Parameters
+    ----------
+    probability : float
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> per_cent(0.123), per_cent(0.9999), per_cent(1e-9)
+    ('12 %', 'over 99 %', 'under 1 %')
+    """
+    if probability < 1.0 - _NEARLY_CERTAIN:
+        return "under 1 %"
     return "over 99 %" if probability > _NEARLY_CERTAIN else f"{100.0 * probability:.0f} %"

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.report.answer_wording import answer_text, per_cent
 from bayes_inertia.report.diagnosis_wording import (
     alike_sentences,
     probabilities,
@@ -35,6 +36,7 @@ from bayes_inertia.report.section import Picture, Section, packaged
 
 _MOST_WINDOWS_LISTED = 12
 _MOST_MATCHES_LISTED = 3
+_MOST_ANSWERS_LISTED = 8
 
 
 def diagnosis_sections(content: Mapping[str, Any]) -> list[Section]:
@@ -48,13 +50,14 @@ def diagnosis_sections(content: Mapping[str, Any]) -> list[Section]:
     Returns
     -------
     list of Section
-        Where the model disagrees, candidates, what naming changed, what may be true instead,
-        what may hide still, the torque that nothing explains. What this diagnosis does not have
+        Where the model disagrees, candidates, how probable each answer is, what naming changed,
+        what may be true instead, what may hide still, the torque that nothing explains. What this diagnosis does not have
         is left out; its verdict stands with that of the fit.
     """
     sections = (
         _disagreement_section(content),
         _candidates_section(content),
+        _answers_section(content),
         _changes_section(content),
         _alternatives_section(content),
         _could_hide_section(content),
@@ -192,6 +195,22 @@ def _step_row(
         "cells": [f"{step[f'reduced_chi2_{side}'][channel]:.4g}" for channel in channels],
         "held": NOT_GIVEN if held_out is None else f"{held_out:.4g}",
     }
+
+
+def _answers_section(content: Mapping[str, Any]) -> Section | None:
+    """How probable each answer is; None in a diagnosis of an earlier version."""
+    rows = [
+        {
+            "answer": answer_text(row),
+            "probability": per_cent(row["probability"]),
+            "prior": per_cent(math.exp(row["log_prior"])),
+            "log_evidence": f"{row['log_evidence']:.1f}",
+        }
+        for row in content.get("hypotheses", [])[:_MOST_ANSWERS_LISTED]
+    ]
+    if not rows:
+        return None
+    return Section("How probable each answer is", packaged("answers.html"), {"rows": rows})
 
 
 def _alternatives_section(content: Mapping[str, Any]) -> Section | None:

@@ -66,7 +66,10 @@ def test_each_member_of_an_ambiguous_set_has_its_own_J_and_K(
         "J and K are averaged over what may be true (constant torque "
     )
     assert any(said.startswith(begun) for said in diagnosis_verdict(content).sentences)
-    assert "J and K, whichever it is" in [section.title for section in diagnosis_sections(content)]
+    sections = {section.title: section for section in diagnosis_sections(content)}
+    assert "J and K, whichever it is" in sections
+    rows = sections["How probable each answer is"].context["rows"]
+    assert rows[0]["answer"] == "constant torque"
 
 
 @pytest.mark.slow
