@@ -14,6 +14,7 @@ from pathlib import Path
 
 from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.app.investigation import Investigation, investigate
+from bayes_inertia.campaign.block_means import without_surplus_rows
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.model_averaging import AlternativeParameters, averaged_posterior
 from bayes_inertia.diagnosis.result import Diagnosis
@@ -259,6 +260,9 @@ def fit_after_diagnosis(
         context = replace(context, measured_noise=dict(treatment.level))
     if any(isinstance(effect, StochasticEffect) for effect in effects):
         settings = replace(settings, walkers=min(settings.walkers, STOCHASTIC_SETTINGS.walkers))
+    if not as_stated:
+        # The rows of which the treatment speaks.
+        campaign = without_surplus_rows(campaign)
     campaign = treated(campaign, treatment, choice.drive)
     posterior = fit(
         campaign,

@@ -17,6 +17,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.gaps import LONGEST_STEP
+from bayes_inertia.campaign.quantisation import quantisation_step
 from bayes_inertia.campaign.slew import Slew
 
 _OF_NOISE = 0.01  # error of a block mean, as a share of its noise
@@ -24,6 +25,11 @@ _REMAINDER = 0.016  # of w'''' L^4, after the curvature is removed
 _NEIGHBOURS = 5  # block means that tell a curvature
 _LARGEST_BLOCK = 1000  # [readings]
 _LEAST_KEPT = 0.95  # of the readings
+# Where slews have more rows than the first number a diagnosis takes block means, and at least the
+# second number of them: ringing of 50 periods in a slew can still be told.
+_MANY_ROWS, _ENOUGH_ROWS = 1000, 200
+# Steps of rounding beyond so many sigmas make errors that last, which a mean does not reduce.
+_COARSE_STEP = 1.0
 
 
 def reduced(campaign: Campaign, block: int | None = None) -> Campaign:
@@ -74,6 +80,46 @@ def reduced(campaign: Campaign, block: int | None = None) -> Campaign:
         rate_sensor=replace(campaign.rate_sensor, sigma=(x, y, z)),
         wheels=wheels,
     )
+
+
+def without_surplus_rows(campaign: Campaign) -> Campaign:
+    """The campaign with block means where its slews have far more rows than their motion asks for.
+
+    What searches among many hypotheses then costs as the motion does, not as the sampling.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What was flown.
+
+    Returns
+    -------
+    Campaign
+        The very object where slews have few rows, its noise is stated to be correlated, or its
+        rates are rounded coarsely.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> campaign = small_campaign()
+    >>> without_surplus_rows(campaign) is campaign
+    True
+    """
+    rates = [np.asarray(slew.rate) for slew in campaign.slews if slew.rate is not None]
+    if not rates or campaign.rate_sensor.correlated_noise is not None:
+        return campaign
+    rows = int(np.median([np.isfinite(rate).any(axis=1).sum() for rate in rates]))
+    if rows <= _MANY_ROWS:
+        return campaign
+    together = np.concatenate(rates)
+    steps = [quantisation_step(axis) or 0.0 for axis in together.T]
+    sigmas = campaign.rate_sensor.sigma
+    if any(step > _COARSE_STEP * s for step, s in zip(steps, sigmas, strict=True)):
+        return campaign
+    length = min(longest_block(campaign), rows // _ENOUGH_ROWS)
+    while length > 1 and _kept(campaign, length) < _LEAST_KEPT:
+        length //= 2
+    return reduced(campaign, length)
 
 
 def longest_block(campaign: Campaign) -> int:

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from bayes_inertia.campaign.block_means import without_surplus_rows
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.candidates import (
     CandidateEffects,
@@ -68,7 +69,7 @@ def diagnose(
     Parameters
     ----------
     campaign : Campaign
-        What was flown.
+        What was flown. Of slews with thousands of rows block means are taken.
     library : sequence of Effect
         Candidate effects; instances of your own may be among them.
     stochastic : sequence of StochasticEffect
@@ -80,7 +81,8 @@ def diagnose(
     seed : int
         Of the optimizer's starts and of the simulated thresholds.
     as_stated : bool
-        Take the telemetry as it is: leave no outlier out, and take the noise for white.
+        Take the telemetry as it is: leave no outlier out, take no block means, and take the noise
+        for white.
 
     Returns
     -------
@@ -96,6 +98,8 @@ def diagnose(
     EffectError
         If two candidates have one name.
     """
+    if not as_stated:
+        campaign = without_surplus_rows(campaign)
     own = [e for e in library if isinstance(e, StochasticEffect)]
     stochastic = tuple({e.name: e for e in (*stochastic, *own)}.values())
     library = [e for e in library if e not in own]

@@ -110,9 +110,13 @@ class _Inert(Effect):
     name = "inert"
     step: float | None = None
     hooks: tuple[str, ...] = ()
+    between: bool = True
 
     def max_step(self, campaign):
         return self.step
+
+    def looks_between_rows(self, campaign):
+        return self.between
 
     def acts(self, hook):
         return hook in self.hooks
@@ -148,7 +152,8 @@ def _undisturbed(
     # One hook of each kind that decides the grid stands for all.
     kinds = (MOVING_HOOKS, LOOKING_BACK)
     hooks = tuple(kind[0] for kind in kinds if any(effect.acts(hook) for hook in kind))
-    model = Model(campaign, (_Inert(step, hooks),), drive)
+    inert = _Inert(step, hooks, effect.looks_between_rows(campaign))
+    model = Model(campaign, (inert,), drive)
     local = jnp.zeros((model.n_slews, model.structure.n_local))
     return _prediction(model.structure, jnp.asarray(model.space.mean), local, model.data)
 

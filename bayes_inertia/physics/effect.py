@@ -85,6 +85,24 @@ class Effect:
         """
         return None
 
+    def looks_between_rows(self, campaign: Campaign) -> bool:
+        """Whether a sensor hook looks at more than the row that it is asked for.
+
+        Such hooks are given a grid on which straight lines follow the motion.
+
+        Parameters
+        ----------
+        campaign : Campaign
+            Where it acts.
+
+        Returns
+        -------
+        bool
+            False spares the finer grid: what is read in a row depends on that row alone, or is
+            interpolated as smoothly as the body moves.
+        """
+        return True
+
     def afterwards(self) -> Effect:
         """The effect as it is in slews flown after the campaign.
 

@@ -64,8 +64,8 @@ def integration_plan(
     """The longest steps that keep the simulation's error far below every sensor's noise.
 
     Effects shorten the steps: to their `max_step`; to the telemetry's own rows where they act on
-    the motion and state no step; and sensors that look back see a grid as fine as their hooks
-    were promised.
+    the motion and state no step; and sensors that look between rows see a grid as fine as their
+    hooks were promised.
 
     Parameters
     ----------
@@ -90,7 +90,11 @@ def integration_plan(
     steps = [step for step in (effect.max_step(campaign) for effect in effects) if step is not None]
     motion = motion_scales(campaign)
     longest = min([longest_smooth_step(campaign, motion), *steps])
-    looks_back = any(effect.acts(hook) for effect in effects for hook in LOOKING_BACK)
+    looks_back = any(
+        effect.acts(hook) and effect.looks_between_rows(campaign)
+        for effect in effects
+        for hook in LOOKING_BACK
+    )
     spacing = min(longest, longest_step(campaign)) if looks_back else longest
     if any(_needs_each_row(effect, campaign) for effect in effects):
         return IntegrationPlan(spacing, 1)

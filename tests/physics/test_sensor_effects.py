@@ -82,9 +82,24 @@ def test_rate_sensor_delay_shifts_a_sine(tau):
     np.testing.assert_allclose(seen[inside], expected[inside], atol=0.05**2 / 8 * 1.1)
 
 
+def test_rate_sensor_delay_follows_the_bend_of_a_free_motion():
+    time = 0.05 * np.arange(200)
+    context, path = path_of(np.stack([np.sin(4.0 * time)] * 3, -1), step=0.05)
+
+    def largest_error(context, tau):
+        effect, p = effect_of("rate_sensor_delay"), {"tau": jnp.asarray(tau)}
+        seen = effect.rate_output(p, context, path, path.rate_B)[2:, 0]
+        return np.abs(seen - np.sin(4.0 * (time - tau))[2:]).max()
+
+    driven = context._replace(torque=jnp.ones((200, 1)))
+    for tau in (0.01, 0.025, 0.12):
+        assert largest_error(context, tau) < 0.15 * largest_error(driven, tau)
+
+
 def test_rate_sensor_delay_is_differentiable_at_zero_and_nothing_there():
     rates = np.abs(np.arange(11.0) - 5.0)[:, None] * np.ones(3)  # a corner at row 5
     context, path = path_of(rates, step=1.0)
+    context = context._replace(torque=jnp.ones((11, 1)).at[0].set(0.0))
 
     def out(tau):
         effect = effect_of("rate_sensor_delay")

@@ -101,6 +101,9 @@ class EachSlew(Effect):
     def max_step(self, campaign):
         return self.inner.max_step(campaign)
 
+    def looks_between_rows(self, campaign):
+        return self.inner.looks_between_rows(campaign)
+
     def parameters(self, campaign):
         return tuple(self._repeated(p) for p in self.inner.parameters(campaign))
 

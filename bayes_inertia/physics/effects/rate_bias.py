@@ -43,5 +43,8 @@ class RateBias(Effect):
         )
         return (vector("bias", "xyz", unit="rad/s", prior=Normal(0.0, sigma)),)
 
+    def looks_between_rows(self, campaign):
+        return False
+
     def rate_output(self, p, slew, trajectory, rate_S):
         return rate_S + p["bias"]

@@ -42,5 +42,8 @@ class RateBiasDrift(Effect):
             sigma = 20.0 * float(np.max(campaign.rate_sensor.bias_sigma)) / (last - first)
         return (vector("drift", "xyz", unit="rad/s^2", prior=Normal(0.0, sigma)),)
 
+    def looks_between_rows(self, campaign):
+        return False
+
     def rate_output(self, p, slew, trajectory, rate_S):
         return rate_S + (slew.start + slew.time - slew.middle)[:, None] * p["drift"]

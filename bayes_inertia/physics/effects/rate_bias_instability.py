@@ -83,5 +83,8 @@ class RateBiasInstability(StochasticEffect):
         hats = hat_functions(slew_fraction(slew, t), self.knots)
         return on_axes(hats, p["coefficients"], 3)
 
+    def looks_between_rows(self, campaign):
+        return False
+
     def rate_output(self, p, slew, trajectory, rate_S):
         return rate_S + self.signal(p, slew, slew.time)

@@ -48,5 +48,8 @@ class RateBiasSlewDrift(StochasticEffect):
     def coefficient_root(self, p, slew, count):
         return independent(p["sd"], count)
 
+    def looks_between_rows(self, campaign):
+        return False
+
     def rate_output(self, p, slew, trajectory, rate_S):
         return rate_S + (slew.time - slew.time[0])[:, None] * p["coefficients"]

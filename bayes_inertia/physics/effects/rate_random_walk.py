@@ -90,5 +90,8 @@ class RateRandomWalk(StochasticEffect):
         offset = jnp.ones((*fraction.shape, 1))
         return on_axes(jnp.concatenate([offset, walk], -1), p["coefficients"], 3)
 
+    def looks_between_rows(self, campaign):
+        return False
+
     def rate_output(self, p, slew, trajectory, rate_S):
         return rate_S + self.signal(p, slew, slew.time)

@@ -18,11 +18,12 @@ class RateSensorDelay(Effect):
     """The rate sensor reports what was true tau >= 0 earlier: w(t - tau).
 
     Held torques make the rate piecewise linear between samples, so that linear interpolation is
-    exact up to gyroscopic terms. Only delays: a feedback controller answers the noise of a
-    reading with the torque that follows it, so that a reading "predicted" from what came after
-    it would agree with its own noise. Before the first row the rate is continued linearly where
-    no torque is commanded there (a body in free flight), and held otherwise: the torques before
-    it are unknown.
+    exact up to gyroscopic terms. Without torque commands the motion is smooth, and the
+    parabola through the row before too follows it. Only delays: a feedback controller
+    answers the noise of a reading with the torque that follows it, so that a reading "predicted"
+    from what came after it would agree with its own noise. Before the first row the rate is
+    continued linearly where no torque is commanded there (a body in free flight), and held
+    otherwise: the torques before it are unknown.
 
     Parameters
     ----------
@@ -44,6 +45,9 @@ class RateSensorDelay(Effect):
         sigma = self.sigma if self.sigma is not None else campaign.scale_of_motion()[1] / 1000.0
         return (scalar("tau", unit="s", prior=Normal(0.0, sigma, lower=0.0)),)
 
+    def looks_between_rows(self, campaign):
+        return any(s.wheel_torque is not None and s.wheel_torque.any() for s in campaign.slews)
+
     def rate_output(self, p, slew, trajectory, rate_S):
         return _at(slew, rate_S, slew.time - p["tau"])
 
@@ -51,7 +55,8 @@ class RateSensorDelay(Effect):
 def _at(slew: SlewContext, rows: Array, times: Array) -> Array:
     """Rows (n, 3) given on the slew's grid, at other times (m,).
 
-    Linear in between and beyond the ends; at a row, the line before it.
+    In between linear where torques are commanded, else quadratic; linear beyond the ends. At a row,
+    the line before it.
     """
     steps = jnp.sum(slew.step > 0.0)  # what follows is padding
     left = jnp.clip(jnp.searchsorted(slew.time, times, side="left") - 1, 0, steps - 1)
@@ -59,4 +64,20 @@ def _at(slew: SlewContext, rows: Array, times: Array) -> Array:
     held = (times < slew.time[0])[:, None] & jnp.any(slew.torque[0] != 0.0)
     # From the right end, so that a row at its own time is itself to the last bit.
     back = times - slew.time[left + 1]
-    return jnp.where(held, rows[left], rows[left + 1] + slope * back[:, None])
+    line = rows[left + 1] + slope * back[:, None]
+    bend = jnp.where(jnp.any(slew.torque != 0.0), 0.0, _bend(slew, rows, left, back))
+    return jnp.where(held, rows[left], line + bend)
+
+
+def _bend(slew: SlewContext, rows: Array, left: Array, back: Array) -> Array:
+    """What a parabola through the row before too adds (m, 3) to the line of an interval.
+
+    No row after the reading counts. Nothing is added beyond the ends and before the second row.
+    """
+    step = jnp.where(slew.step > 0.0, slew.step, 1.0)[:-1, None]
+    chord = (rows[1:] - rows[:-1]) / step
+    bent = (chord[1:] - chord[:-1]) / (step[1:] + step[:-1])
+    bent = jnp.concatenate([jnp.zeros_like(bent[:1]), bent])
+    before, after = back[:, None] + step[left], back[:, None]
+    within = (before >= 0.0) & (after <= 0.0)
+    return jnp.where(within, bent[left] * before * after, 0.0)

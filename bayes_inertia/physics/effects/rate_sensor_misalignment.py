@@ -36,6 +36,9 @@ class RateSensorMisalignment(Effect):
     def parameters(self, campaign):
         return (vector("angle", "xyz", unit="rad", prior=Normal(0.0, self.sigma)),)
 
+    def looks_between_rows(self, campaign):
+        return False
+
     def rate_output(self, p, slew, trajectory, rate_S):
         seen_B = quaternion.to_body(quaternion.exp(p["angle"]), trajectory.rate_B)
         return rate_S + (seen_B - trajectory.rate_B) @ slew.rate_axes.T

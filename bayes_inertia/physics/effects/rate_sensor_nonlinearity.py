@@ -44,5 +44,8 @@ class RateSensorNonlinearity(Effect):
             vector("cubic", "xyz", unit="s^2/rad^2", prior=Normal(0.0, self.sigma / full**2)),
         )
 
+    def looks_between_rows(self, campaign):
+        return False
+
     def rate_output(self, p, slew, trajectory, rate_S):
         return rate_S + p["quadratic"] * rate_S**2 + p["cubic"] * rate_S**3

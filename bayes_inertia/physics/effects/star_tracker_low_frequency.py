@@ -63,6 +63,9 @@ class StarTrackerLowFrequency(StochasticEffect):
     def coefficient_root(self, p, slew, count):
         return independent(jnp.asarray(self.median) if self.known else p["sd"], count)
 
+    def looks_between_rows(self, campaign):
+        return False
+
     def attitude_output(self, p, slew, trajectory, attitude):
         if slew.fix_group is None:
             return attitude

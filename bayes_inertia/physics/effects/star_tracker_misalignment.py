@@ -39,5 +39,8 @@ class StarTrackerMisalignment(Effect):
     def parameters(self, campaign):
         return (vector("angle", "xyz", unit="rad", prior=Normal(0.0, self.sigma)),)
 
+    def looks_between_rows(self, campaign):
+        return False
+
     def attitude_output(self, p, slew, trajectory, attitude):
         return quaternion.multiply(attitude, quaternion.exp(p["angle"]))

@@ -43,6 +43,9 @@ class StarTrackerShift(Effect):
             sigma = 20.0 * campaign.star_tracker.sigma_cross if campaign.star_tracker else 5e-4
         return (vector("shift", "xyz", unit="rad", prior=Normal(0.0, sigma)),)
 
+    def looks_between_rows(self, campaign):
+        return False
+
     def attitude_output(self, p, slew, trajectory, attitude):
         after = slew.time > 0.5 * (slew.time[0] + slew.time[-1])
         return quaternion.multiply(

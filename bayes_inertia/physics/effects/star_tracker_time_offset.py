@@ -41,6 +41,9 @@ class StarTrackerTimeOffset(Effect):
         sigma = self.sigma if self.sigma is not None else campaign.scale_of_motion()[1] / 1000.0
         return (scalar("tau", unit="s", prior=Normal(0.0, sigma)),)
 
+    def looks_between_rows(self, campaign):
+        return any(slew.fixes.any() for slew in campaign.slews)
+
     def attitude_output(self, p, slew, trajectory, attitude):
         rate, step = trajectory.rate_B, slew.step
         # Angle turned since the first row: the integral of the piecewise linear rate.

@@ -62,6 +62,9 @@ class TachometerNoiseWalk(StochasticEffect):
     def coefficient_root(self, p, slew, count):
         return independent(p["density"] * jnp.sqrt(slew_duration(slew)), count)
 
+    def looks_between_rows(self, campaign):
+        return False
+
     def momentum_output(self, p, slew, trajectory, momentum):
         if not p["coefficients"].shape[0]:
             return momentum
