@@ -256,7 +256,7 @@ class ScoreTests:
         draws : int
             Number of simulated campaigns.
         further : int
-            Candidates beside these whose p-values are bounds: each is counted with its full share.
+            Tests beside these whose p-values are bounds: each is counted with its full share.
 
         Returns
         -------

@@ -51,8 +51,8 @@ def diagnosis_sections(content: Mapping[str, Any]) -> list[Section]:
     -------
     list of Section
         Where the model disagrees, candidates, how probable each answer is, what naming changed,
-        what may be true instead, what may hide still, the torque that nothing explains. What this diagnosis does not have
-        is left out; its verdict stands with that of the fit.
+        what may be true instead, what may hide still, the torque that nothing explains. What this
+        diagnosis does not have is left out; its verdict stands with that of the fit.
     """
     sections = (
         _disagreement_section(content),
