@@ -51,6 +51,7 @@ def to_json(investigation: Investigation) -> dict[str, Any]:
         "verdict": diagnosis.verdict,
         "named": list(diagnosis.named),
         "ambiguous_with": [list(names) for names in diagnosis.ambiguous_with],
+        "readings_a_mean": investigation.readings_a_mean,
         "dirt": [dirt.json() for dirt in diagnosis.dirt],
         "disagreement": _windows(before),
         "disagreement_after": None if after is None else _windows(after),

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
+from bayes_inertia.campaign.block_means import readings_a_mean
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.design.correction_slew import CorrectionForecast, correction_forecast
 from bayes_inertia.design.separating_slew import Separation, separating_slew
@@ -54,6 +55,8 @@ class Investigation:
         How far what is too weak to be found could have moved J and K.
     undetected : tuple of AlternativeParameters
         J and K with one more effect that was not found; empty unless they are to be counted.
+    readings_a_mean : int
+        Readings of the rate sensor that were averaged to one; 1 where none were.
     """
 
     diagnosis: Diagnosis
@@ -65,6 +68,7 @@ class Investigation:
     alternatives: tuple[AlternativeParameters, ...] = ()
     blind_spots: tuple[Undetected, ...] = ()
     undetected: tuple[AlternativeParameters, ...] = ()
+    readings_a_mean: int = 1
 
 
 @on_one_blas_thread
@@ -125,6 +129,7 @@ def investigate(
         alternatives=alternative_parameters(diagnosis),
         blind_spots=undetected_effects(diagnosis),
         undetected=undetected_alternatives(diagnosis) if count_undetected else (),
+        readings_a_mean=1 if as_stated else readings_a_mean(campaign),
     )
 
 

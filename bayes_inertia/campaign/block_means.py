@@ -95,8 +95,9 @@ def without_surplus_rows(campaign: Campaign) -> Campaign:
     Returns
     -------
     Campaign
-        The very object where slews have few rows, its noise is stated to be correlated, or its
-        rates are rounded coarsely.
+        The very object where slews have few rows or torque commands (whose changes a late reading
+        shows within a block), its noise is stated to be correlated, or its rates are rounded
+        coarsely.
 
     Examples
     --------
@@ -105,21 +106,38 @@ def without_surplus_rows(campaign: Campaign) -> Campaign:
     >>> without_surplus_rows(campaign) is campaign
     True
     """
+    return reduced(campaign, readings_a_mean(campaign))
+
+
+def readings_a_mean(campaign: Campaign) -> int:
+    """How many readings a diagnosis averages.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        What was flown.
+
+    Returns
+    -------
+    int
+        1 where readings stay as they are, see `without_surplus_rows`.
+    """
     rates = [np.asarray(slew.rate) for slew in campaign.slews if slew.rate is not None]
-    if not rates or campaign.rate_sensor.correlated_noise is not None:
-        return campaign
+    commanded = any(slew.wheel_torque is not None for slew in campaign.slews)
+    if not rates or commanded or campaign.rate_sensor.correlated_noise is not None:
+        return 1
     rows = int(np.median([np.isfinite(rate).any(axis=1).sum() for rate in rates]))
     if rows <= _MANY_ROWS:
-        return campaign
+        return 1
     together = np.concatenate(rates)
     steps = [quantisation_step(axis) or 0.0 for axis in together.T]
     sigmas = campaign.rate_sensor.sigma
     if any(step > _COARSE_STEP * s for step, s in zip(steps, sigmas, strict=True)):
-        return campaign
+        return 1
     length = min(longest_block(campaign), rows // _ENOUGH_ROWS)
     while length > 1 and _kept(campaign, length) < _LEAST_KEPT:
         length //= 2
-    return reduced(campaign, length)
+    return length
 
 
 def longest_block(campaign: Campaign) -> int:

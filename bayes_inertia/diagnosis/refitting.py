@@ -7,6 +7,7 @@ evidence. What the data cannot tell apart from the best stays beside it as an al
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,6 +30,7 @@ _FIRST_ORDER_ERROR = 2.0
 # most, while evidence is weighed in units.
 _COMPARISON_TOLERANCE = 1e-5
 _MAX_ALTERNATIVES = 2
+_REFITS_AT_ONCE = 2
 _MAX_AMPLITUDE = 10.0  # [prior sd] of an effect at the start of its refit
 
 
@@ -100,7 +102,7 @@ def best_step(scored: ScoredRound, dropped: set[str], rules: Rules) -> Step | No
         The effect added, with its alternatives; None if no candidate is needed.
     """
     remaining = [c for c in scored.candidates if c.effect not in dropped]
-    refits = [refit(scored, c, rules) for c in _promising(remaining, scored.threshold, rules)]
+    refits = _refitted(scored, _promising(remaining, scored.threshold, rules), rules)
     needed = _by_evidence(
         r for r in refits if r.log_bayes_factor > 0.0 and r.p_value < scored.threshold
     )
@@ -116,7 +118,7 @@ def best_step(scored: ScoredRound, dropped: set[str], rules: Rules) -> Step | No
     others = needed[1:] + [r for r in refits if r.effect not in needed_names]
     refitted = {r.effect for r in refits}
     untried = [c for c in remaining if c.effect not in refitted]
-    others += [refit(scored, c, rules) for c in _imitations(scored.tests, best, untried, rules)]
+    others += _refitted(scored, _imitations(scored.tests, best, untried, rules), rules)
     return Step(
         best.effect,
         scored.estimate,
@@ -125,6 +127,12 @@ def best_step(scored: ScoredRound, dropped: set[str], rules: Rules) -> Step | No
         _alternatives(scored.tests, best, others, rules),
         compared=tuple((r.effect, r.log_bayes_factor) for r in others),
     )
+
+
+def _refitted(scored: ScoredRound, candidates: Sequence[Candidate], rules: Rules) -> list[Refit]:
+    """Candidates refitted, two at a time: compiled code needs no interpreter lock."""
+    with ThreadPoolExecutor(_REFITS_AT_ONCE) as pool:
+        return list(pool.map(lambda candidate: refit(scored, candidate, rules), candidates))
 
 
 def refit(scored: ScoredRound, candidate: Candidate, rules: Rules) -> Refit:

@@ -44,6 +44,7 @@ def diagnosis_verdict(content: Mapping[str, Any]) -> Verdict:
     """
     sentences = [
         _on_disagreement(content),
+        *_on_block_means(content),
         *dirt_sentences(content.get("dirt", [])),
         *_on_named_effects(content),
         *_on_probabilities(content),
@@ -189,6 +190,17 @@ def _on_what_is_unknown(content: Mapping[str, Any]) -> list[str]:
     if content["unknown"]:
         sentences.append(f"What is left looks like this: {content['unknown']['description']}.")
     return sentences
+
+
+def _on_block_means(content: Mapping[str, Any]) -> list[str]:
+    readings = content.get("readings_a_mean", 1)
+    if readings == 1:
+        return []
+    return [
+        f"Rates are means of {readings} readings each, which hold all that a rigid body's motion "
+        "shows: ringing faster than a quarter of their rate was not looked for. "
+        "Rows of dirt are counted in these means."
+    ]
 
 
 def _on_skipped(content: Mapping[str, Any]) -> list[str]:

@@ -10,9 +10,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import bayes_inertia
-from bayes_inertia.campaign.block_means import longest_block, reduced
+from bayes_inertia.campaign.block_means import longest_block, reduced, without_surplus_rows
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
+from bayes_inertia.campaign.hardware import CorrelatedNoise, RateSensor, StarTracker, Wheel
 from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.campaign.slew import Slew
@@ -110,3 +110,29 @@ def test_fixes_and_changes_of_commands_keep_their_rows():
 def test_slow_telemetry_with_ever_new_commands_stays_as_it_is():
     campaign = read_campaign(EXAMPLE)
     assert reduced(campaign) is campaign
+
+
+def test_a_diagnosis_takes_block_means_of_slews_with_far_more_rows_than_their_motion_asks_for():
+    campaign = thrown(TIME, noise=SIGMA)
+    means = without_surplus_rows(campaign)
+    rows = np.isfinite(means.slews[0].rate).all(axis=1).sum()
+    block = round((SIGMA / means.rate_sensor.sigma[0]) ** 2)
+    assert 2 <= block <= longest_block(campaign)
+    assert rows == len(TIME) // block >= 200
+    assert without_surplus_rows(means) is means
+
+
+def test_readings_stay_as_they_are_where_means_would_lose_something():
+    few, many = thrown(TIME[:900]), thrown(TIME, noise=SIGMA)
+    slew = many.slews[0]
+    commanded = replace(slew, wheel_torque=np.full((len(TIME), 1), 1e-5))
+    coarse = replace(slew, rate=np.round(slew.rate / (2.0 * SIGMA)) * 2.0 * SIGMA)
+    lasting = CorrelatedNoise((0.5, 0.5, 0.5), (0.01, 0.01, 0.01))
+    sensor = replace(many.rate_sensor, correlated_noise=lasting)
+    for campaign in (
+        few,
+        replace(many, slews=(commanded,)),
+        replace(many, slews=(coarse,)),
+        replace(many, rate_sensor=sensor),
+    ):
+        assert without_surplus_rows(campaign) is campaign
