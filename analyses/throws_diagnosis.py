@@ -1,6 +1,7 @@
 """What disturbs the thrown bodies? Each effect of the library, judged on throws held out.
 
     python analyses/throws_diagnosis.py [--data ../shared/data/delft] [--only NAME] [--draw]
+    python analyses/throws_diagnosis.py --command [--only NAME]
 
 writes `analyses/results/throws_diagnosis.md` and `.json` and `figures/throws_diagnosis.png`.
 
@@ -18,6 +19,9 @@ for each. Two numbers judge it (`throws_linear`):
 The best are then fitted in full, one after the other. A flexible mode's frequency is chosen with
 all throws: its gain is too large by a few units. At the lowest frequency tried (two periods a
 throw) it is no ringing but stands for anything slow.
+
+With `--command` the command itself is run on each configuration (`throws_command`); the page begins
+with what it says.
 """
 
 from __future__ import annotations
@@ -28,6 +32,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from throws_command import command_row
 from throws_linear import LinearThrows, Term, scores, search
 from throws_page import picture, report
 
@@ -139,6 +144,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--data", type=Path, default=HERE.parents[1] / "shared" / "data" / "delft")
     parser.add_argument("--only", choices=CONFIGURATIONS)
+    parser.add_argument("--command", action="store_true", help="run the command on each body")
     parser.add_argument("--draw", action="store_true", help="draw again what is in the results")
     arguments = parser.parse_args()
     if not arguments.data.is_dir():
@@ -146,15 +152,20 @@ def main() -> None:
         return
     path = HERE / "results" / "throws_diagnosis.json"
     rows = json.loads(path.read_text()) if path.is_file() else []
+    known = {row["configuration"]: row for row in rows}
     wanted = (arguments.only,) if arguments.only else CONFIGURATIONS
     for name in () if arguments.draw else wanted:
-        if not (arguments.data / name).is_dir():
+        folder = arguments.data / name
+        if not folder.is_dir():
             continue
-        row = diagnose_configuration(arguments.data / name)
-        rows = sorted(
-            [r for r in rows if r["configuration"] != name] + [row],
-            key=lambda r: CONFIGURATIONS.index(r["configuration"]),
-        )
+        row = known.get(name, {})
+        if arguments.command and row:
+            row["command"] = command_row(folder)
+        else:
+            kept = {"command": row["command"]} if "command" in row else {}
+            row = diagnose_configuration(folder) | kept
+        known[name] = row
+        rows = [known[n] for n in CONFIGURATIONS if n in known]
         write_atomically(path, json.dumps(rows, indent=1) + "\n")
         print(report([row]), flush=True)
     write_atomically(path.with_suffix(".md"), report(rows))

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from page_table import table_lines
+from throws_command import command_lines
 
 from bayes_inertia.report.pictures import style
 
@@ -33,6 +34,9 @@ def report(rows: list[dict]) -> str:
     lines = [
         "# What disturbs the thrown bodies?",
         "",
+        *command_lines(rows),
+        "## Each effect of the library, judged on throws held out",
+        "",
         *_INTRODUCTION,
         "",
         "![Effects](../../figures/throws_diagnosis.png)",
@@ -40,7 +44,7 @@ def report(rows: list[dict]) -> str:
     ]
     for row in rows:
         lines += [
-            f"## {row['configuration']}, {row['throws']} throws",
+            f"### {row['configuration']}, {row['throws']} throws",
             "",
             *_candidate_lines(row),
             "",
