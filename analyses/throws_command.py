@@ -40,34 +40,34 @@ def command_row(folder: Path) -> dict:
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         if done.returncode not in (0, 3):
             raise RuntimeError(done.stderr.decode())
-        summary = json.loads((run / "summary.json").read_text())
-        diagnosis = json.loads((run / "diagnosis.json").read_text())
+        seconds = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+        return row_of(run) | {"exit_code": done.returncode, "processor_seconds": seconds}
+
+
+def row_of(run: Path) -> dict:
+    """Verdict, steps and principal moments of a run folder."""
+    summary = json.loads((run / "summary.json").read_text())
+    diagnosis = json.loads((run / "diagnosis.json").read_text())
     moments = list(summary["derived"].values())
     return {
-        "exit_code": done.returncode,
-        "processor_seconds": (after.ru_utime - before.ru_utime)
-        + (after.ru_stime - before.ru_stime),
         "verdict_sentence": summary["verdict_sentence"],
         "verdict": diagnosis["verdict"],
         "named": diagnosis["named"],
         "effects": summary["effects"],
         "why_unknown": diagnosis["why_unknown"],
         "looks_like": (diagnosis["unknown"] or {}).get("description", ""),
-        "steps": [
-            {
-                "added": step["added"],
-                "reduced_chi2_before": step["reduced_chi2_before"]["total"],
-                "reduced_chi2_after": step["reduced_chi2_after"]["total"],
-                "held_out_before": step["held_out_before"],
-                "held_out_after": step["held_out_after"],
-            }
-            for step in diagnosis["steps"]
-        ],
+        "steps": [_step(step) for step in diagnosis["steps"]],
         "reduced_chi2": summary["fit"]["reduced_chi2"]["total"],
         "principal_moments": [row["mean"] for row in moments],
         "sd": [row["sd"] for row in moments],
         "robust_sd": [row["robust_sd"] for row in moments],
     }
+
+
+def _step(step: dict) -> dict:
+    chi2 = {key: step[key]["total"] for key in ("reduced_chi2_before", "reduced_chi2_after")}
+    held_out = {key: step[key] for key in ("held_out_before", "held_out_after")}
+    return {"added": step["added"]} | chi2 | held_out
 
 
 def command_lines(rows: list[dict]) -> list[str]:
@@ -109,7 +109,8 @@ def _moment_lines(rows: list[dict]) -> list[str]:
         ):
             first = [row["configuration"], f"I{i + 1}", f"{1e6 * plain[i]:.1f}"]
             estimate = [f"{1e6 * moment:.1f}", f"{1e6 * sd:.1f}"]
-            seconds = f"{command['processor_seconds']:.0f} s" if i == 0 else ""
+            known = i == 0 and command.get("processor_seconds")
+            seconds = f"{known:.0f} s" if known else ""
             if "truth" not in row:
                 cells.append([*first, "-", *estimate, "-", "-", "-", seconds])
                 continue

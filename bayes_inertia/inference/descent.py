@@ -27,6 +27,8 @@ from bayes_inertia.physics.forward_model import Model
 
 # Rounds of learning sizes, at most, and the change [prior sd] after which they have settled.
 _ROUNDS, _SETTLED = 8, 0.02
+# Tolerance of the objective while sizes are learnt; a descent as asked for follows.
+_TOLERANCE_OF_ROUNDS = 1e-4
 
 
 def descend(
@@ -54,14 +56,15 @@ def descend(
         Half the sum of all whitened squares, priors included.
     """
     shaped = without_hyperparameters(model, free)
-    point, objective = _to_minimum(model, point, white, shaped, **stop)
     if len(shaped) < len(free):
+        rough = {**stop, "tolerance": max(stop.get("tolerance", 0.0), _TOLERANCE_OF_ROUNDS)}
+        point, _ = _to_minimum(model, point, white, shaped, **rough)
         for _ in range(_ROUNDS):
             point, change = most_probable(evidence_at(model, point, white, free))
-            point, objective = _to_minimum(model, point, white, shaped, **stop)
             if change < _SETTLED:
                 break
-    return point, objective
+            point, _ = _to_minimum(model, point, white, shaped, **rough)
+    return _to_minimum(model, point, white, shaped, **stop)
 
 
 def _to_minimum(
