@@ -45,18 +45,22 @@ def command_row(folder: Path) -> dict:
 
 
 def row_of(run: Path) -> dict:
-    """Verdict, steps and principal moments of a run folder."""
-    summary = json.loads((run / "summary.json").read_text())
+    """Verdict and steps of a run folder, and principal moments where its fit came to an end."""
     diagnosis = json.loads((run / "diagnosis.json").read_text())
-    moments = list(summary["derived"].values())
-    return {
-        "verdict_sentence": summary["verdict_sentence"],
+    row = {
         "verdict": diagnosis["verdict"],
         "named": diagnosis["named"],
-        "effects": summary["effects"],
         "why_unknown": diagnosis["why_unknown"],
         "looks_like": (diagnosis["unknown"] or {}).get("description", ""),
         "steps": [_step(step) for step in diagnosis["steps"]],
+    }
+    if not (run / "summary.json").is_file():
+        return row
+    summary = json.loads((run / "summary.json").read_text())
+    moments = list(summary["derived"].values())
+    return row | {
+        "verdict_sentence": summary["verdict_sentence"],
+        "effects": summary["effects"],
         "reduced_chi2": summary["fit"]["reduced_chi2"]["total"],
         "principal_moments": [row["mean"] for row in moments],
         "sd": [row["sd"] for row in moments],
@@ -78,10 +82,10 @@ def command_lines(rows: list[dict]) -> list[str]:
     return [
         "## What the command itself says",
         "",
-        "One call of `bayes-inertia diagnose` for each body, from the raw rates to the report. The "
-        "distance is to a truth that is itself known to 1 %.",
+        "One call of `bayes-inertia diagnose` for each body, from the raw rates at 4 kHz, which it "
+        "reduces to block means. The distance is to a truth that is itself known to 1 %.",
         "",
-        *_moment_lines(rows),
+        *_moment_lines([row for row in rows if "principal_moments" in row["command"]]),
         "",
         *_verdict_lines(rows),
         "",
@@ -89,6 +93,8 @@ def command_lines(rows: list[dict]) -> list[str]:
 
 
 def _moment_lines(rows: list[dict]) -> list[str]:
+    if not rows:
+        return ["No fit after a diagnosis has come to its end yet: of J there is nothing to say."]
     columns = (
         "body",
         "moment",
@@ -148,13 +154,17 @@ def _verdict_lines(rows: list[dict]) -> list[str]:
     lines: list[str] = []
     for row in rows:
         command = row["command"]
-        lines += [
-            f"**{row['configuration']}**: {command['verdict']}. {command['verdict_sentence']}"
-        ]
+        verdict = f"`{command['verdict']}` ({command['why_unknown'] or 'explained'}). "
+        verdict += command.get("verdict_sentence", "The fit that follows was stopped.")
+        lines.append(f"**{row['configuration']}**: {verdict}")
         if command["looks_like"]:
             lines += ["", f"What is left looks like this: {command['looks_like']}."]
         if command["steps"]:
-            lines += ["", "Tried one after the other, one set of parameters for all throws:", ""]
+            lines += [
+                "",
+                "Tried one after the other (what is random: one size for all throws):",
+                "",
+            ]
             lines += table_lines(
                 ("effect", "reduced chi²", "reduced chi² of throws held out"),
                 [
