@@ -37,7 +37,7 @@ Pipeline = Literal["right", "small_sd", "no_scale_factors", "flipped_sign"]
 # Nearly independent draws that the truth is ranked among: ranks 0 to 199. With 199 the central
 # intervals of 50, 90 and 95 % are whole numbers of ranks.
 RANKED = 199
-SETTINGS = Settings(ensembles=2, walkers=100, steps=16, max_steps=16, threads=1)
+SETTINGS = Settings(ensembles=2, walkers=50, steps=16, max_steps=16, threads=1)
 QUANTITIES = (*BASE_NAMES, "I1", "I2", "I3", "correction slew", "log posterior")
 # The slew [rad] whose correction is predicted, about an axis that all of J and K bear on.
 _CORRECTED_ANGLE = np.radians(60.0)
@@ -77,8 +77,9 @@ class CalibrationFit:
         estimate = optimizer.estimate(model, seed=number, starts=1)
         settings = replace(SETTINGS, seed=number)
         chains = sample(estimate, settings)
-        # The last draws of different walkers: hardly correlated, nearly every step proposes anew.
-        draws = chains.samples[:, :, -1].reshape(-1, chains.samples.shape[-1])[:RANKED]
+        # Each walker halfway and at its end: hardly correlated, nearly every step proposes anew.
+        length, size = chains.samples.shape[2:]
+        draws = chains.samples[:, :, [length // 2 - 1, length - 1]].reshape(-1, size)[:RANKED]
         density = log_density_at(estimate)
         values = _quantities(case, density, _changed(draws, self.pipeline))
         truth = _quantities(case, density, _truth(flight, model)[None])[0]
