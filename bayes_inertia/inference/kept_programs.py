@@ -17,6 +17,7 @@ import zlib
 from collections.abc import Callable, Hashable
 from functools import cache, partial, update_wrapper
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import jax
@@ -55,6 +56,7 @@ class KeptProgram:
         self._function = function
         self._traced: Any = jax.jit(function, static_argnums=0, **options)
         self._ready: dict[Hashable, Callable[..., Any]] = {}
+        self._preparing: dict[Hashable, Lock] = {}
 
     def __call__(self, structure: Any, *arrays: Any) -> Any:
         leaves, tree = jax.tree.flatten(arrays)
@@ -64,12 +66,16 @@ class KeptProgram:
         form = (structure, tree, tuple(_form(x) for x in leaves))
         program = self._ready.get(form)
         if program is None:
-            program = self._ready[form] = self._prepared(kept, form, arrays)
+            # A program that two threads want is compiled by one.
+            with self._preparing.setdefault(form, Lock()):
+                program = self._ready.get(form) or self._prepared(kept, form, arrays)
+                self._ready[form] = program
         return program(*arrays)
 
     def clear_cache(self) -> None:
         """Forget all programs of this process."""
         self._ready.clear()
+        self._preparing.clear()
         self._traced.clear_cache()
 
     def _cache_size(self) -> int:
