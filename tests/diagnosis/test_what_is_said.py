@@ -84,10 +84,11 @@ def test_the_report_says_and_draws_it(lagging, pumped, content_of):
     assert [s.title for s in sections] == [
         "Where does the base model disagree?",
         "Candidates",
+        "How probable each answer is",
         "What adding effects changes",
     ]
     assert diagnosis_verdict(content).title == "Found what is missing: wheel command lag."
-    assert [len(s.pictures) for s in sections] == [2, 1, 2]
+    assert [len(s.pictures) for s in sections] == [2, 1, 0, 2]
     last = diagnosis_sections(content_of(pumped, unexplained=unexplained_signal(pumped.base)))[-1]
     assert last.title == "What nothing explains"
     assert len(last.pictures) >= 1
