@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -65,7 +66,7 @@ def unit_vector(value: Any, key: str) -> Vector:
     array = np.asarray(value, dtype=float)
     is_vector = array.shape == (3,) and bool(np.all(np.isfinite(array)))
     require(is_vector, key, f"{value!r} is not a vector", "give three finite numbers")
-    norm = float(np.linalg.norm(array))
+    norm = math.hypot(*array.tolist())
     require(
         abs(norm - 1.0) < 0.01,
         key,

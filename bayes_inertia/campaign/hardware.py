@@ -171,7 +171,7 @@ def _require_independent_axes(axes: np.ndarray) -> None:
     key = "rate_sensor.axes"
     shape = f"shape {axes.shape} is not (3, 3)"
     require(axes.shape == (3, 3), key, shape, "give one row a sensor axis")
-    lengths = np.linalg.norm(axes, axis=1)
+    lengths = np.hypot.reduce(axes, axis=1)
     require(
         bool(np.all(np.abs(lengths - 1.0) < 0.01)),
         key,

@@ -253,6 +253,11 @@ BAD_TOML = [
         ["campaign.toml, key wheels.y.axis", "unit"],
     ),
     (
+        "axis whose square overflows",
+        [("axis = [0.0, 1.0, 0.0]", "axis = [0.0, 1e200, 0.0]")],
+        ["campaign.toml, key wheels.y.axis", "length 1e+200"],
+    ),
+    (
         "slew axis zero",
         [("start = 0.0\naxis = [1.0", "start = 0.0\naxis = [0.0")],
         ["campaign.toml, key slews.first.axis", "unit"],
