@@ -51,8 +51,8 @@ BLOCK = 250  # Cases.
 _RUN_BLOCKS = 5  # One block in so many holds files of runs, the others campaigns.
 _SECONDS = 10.0  # Of processor time that a case may take.
 _PATIENCE = 120.0  # [s] on the clock after which a process that does not answer is ended.
-# [bytes] of addresses that a case may take beyond what the libraries take. Threads reserve more than
-# they use: what is resident at most is told at the end of a block.
+# [bytes] of addresses that a case may take beyond what the libraries take. Threads reserve more
+# than they use: what is resident at most is told at the end of a block.
 _MEMORY = 3 * 2**30
 GOOD = ("accepted", "refused")
 

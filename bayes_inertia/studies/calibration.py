@@ -37,7 +37,7 @@ Pipeline = Literal["right", "small_sd", "no_scale_factors", "flipped_sign"]
 # Nearly independent draws that the truth is ranked among: ranks 0 to 199. With 199 the central
 # intervals of 50, 90 and 95 % are whole numbers of ranks.
 RANKED = 199
-SETTINGS = Settings(ensembles=2, walkers=50, steps=16, max_steps=16, threads=1)
+SETTINGS = Settings(ensembles=2, walkers=50, steps=12, max_steps=12, threads=1)
 QUANTITIES = (*BASE_NAMES, "I1", "I2", "I3", "correction slew", "log posterior")
 # The slew [rad] whose correction is predicted, about an axis that all of J and K bear on.
 _CORRECTED_ANGLE = np.radians(60.0)
