@@ -103,6 +103,7 @@ def _outcome(case: Case, given: Path, corpus: Path, random) -> tuple[str, str]:
             warnings.simplefilter("default")
             # Of this study: the readers of binary files are forks.
             warnings.filterwarnings("ignore", message=".*use of fork", category=DeprecationWarning)
+            warnings.filterwarnings("ignore", message=".*os.fork", category=RuntimeWarning)
             command()
         return "bad message", "no exit code"
     except SystemExit as ended:
@@ -231,7 +232,9 @@ def summary(work: Path, seed: int) -> dict:
         "corpus": corpus_digests(work / "corpus"),
         "counts": table,
         "slowest_seconds": slowest,
-        "peak_MB": max((e["peak_kb"] for e in ends), default=0) / 1024,
+        "peak_MB": max((e["peak_kb"] for e in ends if "peak_kb" in e), default=0) / 1024,
+        "blocks": len(ends),
+        "blocks_with_peak": sum("peak_kb" in e for e in ends),
         "peak_child_MB": max((e["peak_child_kb"] for e in ends), default=0) / 1024,
         "processor_seconds": seconds,
         "faults": faults[:50],
@@ -261,8 +264,9 @@ def page(result: dict) -> str:
         "Accepted: the damage does not show, or makes another valid file. Refused: exit code 2 and "
         "one line that names the file.",
         "",
-        f"Largest memory of the process {result['peak_MB']:.0f} MB, of a reader of binary files "
-        f"{result['peak_child_MB']:.0f} MB. "
+        f"Largest memory of a process of {BLOCK} cases {result['peak_MB']:.0f} MB (measured in "
+        f"{result['blocks_with_peak']} of {result['blocks']} processes), of a reader of binary "
+        f"files {result['peak_child_MB']:.0f} MB. "
         f"Processor time of the commands {result['processor_seconds'] / 60:.1f} minutes.",
         "",
         "| file | cases | " + " | ".join(outcomes) + " | slowest [s of processor] |",

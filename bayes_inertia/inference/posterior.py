@@ -105,6 +105,8 @@ class Posterior:
         if not intact:
             with blaming(path, intact=False, advice=_ADVICE), np.errstate(over="raise"):
                 posterior.summary()
+                # What is no text cannot be written to a page.
+                json.dumps(posterior.attributes, ensure_ascii=False).encode("utf-8")
         return posterior
 
     def save(self, path: str | Path) -> Path:

@@ -70,6 +70,18 @@ def test_without_a_seal_another_process_reads_it_first(stored):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="limits of file size are POSIX")
+def test_text_that_is_none_is_damage(made, stored, tmp_path):
+    """Half a character, as a flipped bit makes it, cannot be written to a page."""
+    posterior = made("one_slew")
+    tree = posterior.tree.copy()
+    tree.attrs["bayes_inertia"] = json.dumps(posterior.attributes | {"campaign": "\udc9e"})
+    path = tmp_path / "unsealed.nc"
+    tree.to_netcdf(path, engine="h5netcdf")
+    with pytest.raises(CampaignError, match="is damaged") as caught:
+        Posterior.load(path)
+    assert_teaches(caught.value, ["unsealed.nc", "resume"])
+
+
 def test_a_disk_without_room_leaves_the_old_result(made, stored):
     import resource
 
