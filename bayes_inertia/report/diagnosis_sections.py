@@ -204,7 +204,8 @@ def _answers_section(content: Mapping[str, Any]) -> Section | None:
             "answer": answer_text(row),
             "probability": per_cent(row["probability"]),
             "prior": per_cent(math.exp(row["log_prior"])),
-            "log_evidence": f"{row['log_evidence']:.1f}",
+            # Adding zero takes the sign off a rounded -0.0.
+            "log_evidence": f"{round(row['log_evidence'], 1) + 0.0:.1f}",
         }
         for row in content.get("hypotheses", [])[:_MOST_ANSWERS_LISTED]
     ]
