@@ -128,18 +128,22 @@ def _nameless_members(diagnosis: Diagnosis) -> list[_Member]:
 
     What it does to J and K nobody knows: a torque and a rate error of free shape stand for it.
     """
-    for named, *others in diagnosis.ambiguous_with:
-        for name in (other for other in others if other in NAMELESS.values()):
-            fitted = _with_remainders(diagnosis, named)
-            return [_Member(name, named, diagnosis.nameless_lead, fitted)]
-    return []
+    places = [
+        (name, named)
+        for named, *others in diagnosis.ambiguous_with
+        for name in others
+        if name in NAMELESS.values()
+    ]
+    return [
+        _Member(name, named, diagnosis.nameless_lead, _with_remainders(diagnosis, named))
+        for name, named in places[:1]
+    ]
 
 
 def _with_remainders(diagnosis: Diagnosis, named: str) -> Estimate:
     """The final fit with a torque and a rate error of free shape in place of one effect."""
     final = diagnosis.final
-    fitted = {final.model.space.names[i].split(".")[0] for i in final.free} - {named}
-    kept = (effect for effect in final.model.effects if effect.name in fitted)
+    kept = (effect for effect in final.effects_fitted if effect.name != named)
     model = Model(final.model.campaign, (*kept, *REMAINDERS), final.model.structure.drive)
     return with_noise(estimate(model, starts=1, discount=False), diagnosis.noise)
 

@@ -248,12 +248,7 @@ def with_stochastic(before: Estimate, effect: StochasticEffect, start: Sequence[
         Of a model that holds what is fitted and nothing else.
     """
     old = before.model
-    fitted = {old.space.names[i].split(".")[0] for i in before.free}
-    model = Model(
-        old.campaign,
-        (*(e for e in old.effects if e.name in fitted), effect),
-        old.structure.drive,
-    )
+    model = Model(old.campaign, (*before.effects_fitted, effect), old.structure.drive)
     begin = move_to(before, model)
     part = model.space.slice_of(effect.name)
     theta = begin.theta.copy()

@@ -24,6 +24,7 @@ from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root, solve
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 
 
@@ -97,6 +98,12 @@ class Estimate:
     def free(self) -> np.ndarray:
         """Indices (f,) of the parameters that were fitted (all, unless some were held)."""
         return self.information.free
+
+    @property
+    def effects_fitted(self) -> tuple[Effect, ...]:
+        """The model's effects of which a parameter is free."""
+        names = {self.model.space.names[i].split(".")[0] for i in self.free}
+        return tuple(effect for effect in self.model.effects if effect.name in names)
 
     @cached_property
     def covariance(self) -> np.ndarray:

@@ -3,9 +3,8 @@
 Reduced bases over one slew: the Karhunen-Loeve functions of the Wiener process (a random walk that
 begins at zero); hat functions on evenly spaced knots with the covariance of an Ornstein-Uhlenbeck
 or a Matern process at them, for what is read; and means of the former over equal pieces, for what
-is integrated. Loeve,
-"Probability Theory" II, section 37; Rasmussen and Williams, "Gaussian Processes for Machine
-Learning", section 4.2.1.
+is integrated. Loeve, "Probability Theory" II, section 37; Rasmussen and Williams, "Gaussian
+Processes for Machine Learning", section 4.2.1.
 """
 
 from __future__ import annotations
