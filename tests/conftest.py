@@ -11,12 +11,14 @@ import os
 # Matrices are small: with workers on all cores, more threads only wait for each other.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import pickle
 from dataclasses import dataclass, field
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from filelock import FileLock
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
@@ -203,6 +205,25 @@ def slew_input(time, torque, axes, spin, momentum=None) -> SlewInput:
     """A slew for the simulator with a wheel momentum (n, wheels) to drive the measured mode."""
     slew = idle_slew(time, np.shape(axes)[1], axes, spin, torque)
     return slew if momentum is None else slew._replace(momentum=jnp.asarray(momentum))
+
+
+@pytest.fixture(scope="session")
+def computed_once(tmp_path_factory, worker_id):
+    """`computed_once(name, make)`: what `make()` returns, worked out by one worker for all.
+
+    It is pickled into the folder that the workers of a session share.
+    """
+    shared = tmp_path_factory.getbasetemp()
+    shared = shared if worker_id == "master" else shared.parent
+
+    def compute(name, make):
+        path = shared / f"{name}.pickle"
+        with FileLock(f"{path}.lock"):
+            if not path.exists():
+                path.write_bytes(pickle.dumps(make()))
+        return pickle.loads(path.read_bytes())
+
+    return compute
 
 
 @pytest.fixture(scope="session")

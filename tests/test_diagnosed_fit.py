@@ -44,8 +44,11 @@ def test_the_pipeline_gives_the_same_bits_with_and_without_a_folder(flown, tmp_p
     assert said(again) == said(stored)
 
 
+@pytest.mark.parametrize("effects", [(ConstantTorque(),), REMAINDERS])
 @pytest.mark.parametrize("verdict", ["named", "unknown"])
-def test_noise_is_taken_as_measured_unless_something_has_no_name(flown, monkeypatch, verdict):
+def test_noise_is_taken_as_measured_unless_something_has_no_name(
+    flown, monkeypatch, verdict, effects
+):
     calls = {}
 
     def fit(campaign, **options):
@@ -55,11 +58,11 @@ def test_noise_is_taken_as_measured_unless_something_has_no_name(flown, monkeypa
     monkeypatch.setattr(diagnosed_fit, "fit", fit)
     monkeypatch.setattr(diagnosed_fit, "averaged_posterior", lambda posterior, *_: posterior)
     noise = {"rate": 2.0, "attitude": 1.0, "momentum": 1.0}
-    wanted = NextFit(verdict, (ConstantTorque(),), DirtTreatment(level=noise), "commanded")
+    wanted = NextFit(verdict, effects, DirtTreatment(level=noise), "commanded")
     fit_after_diagnosis(flown.campaign, wanted, drive=None, settings=QUICK)
     assert calls["settings"].seed == 4
-    # What has no name may be anything: a torque and a rate error of free shape stand for it.
-    free = REMAINDERS if verdict == "unknown" else ()
-    assert calls["effects"] == (ConstantTorque(), *free)
+    assert calls["effects"] == effects
     factor = calls["campaign"].rate_sensor.sigma[0] / flown.campaign.rate_sensor.sigma[0]
     assert factor == (2.0 if verdict == "named" else 1.0)
+    # Without a free shape, louder noise would take what has no name for its own.
+    assert calls["as_stated"] == (verdict == "unknown" and effects is not REMAINDERS)

@@ -17,6 +17,7 @@ from bayes_inertia.app.investigation import Investigation, investigate
 from bayes_inertia.campaign.block_means import without_surplus_rows
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.model_averaging import AlternativeParameters, averaged_posterior
+from bayes_inertia.diagnosis.remainder_averaging import tried_effects
 from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.diagnosis.undetected_averaging import all_alternatives
@@ -43,15 +44,14 @@ class NextFit:
     verdict : {"consistent", "named", "ambiguous", "unknown"}
         Of the diagnosis.
     effects : tuple of Effect
-        To fit along, with the settings that they were found with; none where the verdict is
-        "unknown".
+        To fit along, with the settings that they were found with.
     treatment : DirtTreatment
         What was done about dirt in the telemetry, and the noise that was measured.
     drive : {"commanded", "measured"}
         What drove the model in the diagnosis.
     alternatives : tuple of AlternativeParameters
-        J and K with another effect of an ambiguous set, or with one that was not found, to be
-        averaged over.
+        J and K with another effect of an ambiguous set, with one that was not found, or with
+        shapes that are free, to be averaged over.
     """
 
     verdict: str
@@ -193,7 +193,7 @@ def next_fit(investigation: Investigation) -> NextFit:
 
 
 def fitted_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
-    """The effects that a diagnosis added, with the settings that they were found with.
+    """The effects that a full fit after a diagnosis holds, with the settings they were found with.
 
     Parameters
     ----------
@@ -203,10 +203,14 @@ def fitted_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
     Returns
     -------
     tuple of Effect
-        In the order in which they were added; empty where the verdict is "unknown".
+        Those added, in their order. Where no candidate explains the data, those of fixed shape
+        among them; where names only imitate what is there, a torque and a rate error of free
+        shape instead.
     """
-    if diagnosis.verdict == "unknown":
-        return ()
+    if diagnosis.why_unknown == "imitation":
+        return REMAINDERS
+    if diagnosis.why_unknown == "misfit":
+        return tried_effects(diagnosis)
     instances = {e.name: e for e in diagnosis.final.model.effects}
     return tuple(instances[step.added] for step in diagnosis.steps)
 
@@ -225,7 +229,8 @@ def fit_after_diagnosis(
     """The posterior with what a diagnosis named, averaged over what it could not tell apart.
 
     Where something is missing that has no name, a torque and an error of the rates of free shape
-    are fitted along: the uncertainties of J and K then hold what they may have done.
+    are fitted along or averaged over: the uncertainties of J and K then hold what they may have
+    done.
 
     Parameters
     ----------
@@ -249,16 +254,16 @@ def fit_after_diagnosis(
     Returns
     -------
     Posterior
-        With a group `averaged` more where the diagnosis is ambiguous.
+        With a group `averaged` more where there is something to average over.
     """
     context, treatment = FitContext(campaign_sha256, verdict=choice.verdict), choice.treatment
-    effects = (*choice.effects, *(REMAINDERS if choice.verdict == "unknown" else ()))
     if choice.verdict == "unknown":
         # What is missing may be part of what looks like louder noise.
         treatment = replace(treatment, level=DirtTreatment().level)
     else:
         context = replace(context, measured_noise=dict(treatment.level))
-    if any(isinstance(effect, StochasticEffect) for effect in effects):
+    free_shapes = any(isinstance(effect, StochasticEffect) for effect in choice.effects)
+    if free_shapes:
         settings = replace(settings, walkers=min(settings.walkers, STOCHASTIC_SETTINGS.walkers))
     if not as_stated:
         # The rows of which the treatment speaks.
@@ -266,12 +271,13 @@ def fit_after_diagnosis(
     campaign = treated(campaign, treatment, choice.drive)
     posterior = fit(
         campaign,
-        effects=effects,
+        effects=choice.effects,
         drive=drive,
         settings=settings,
         chains=chains,
         context=context,
-        as_stated=as_stated,
+        # Without a free shape that takes it up, what is missing would pass for louder noise.
+        as_stated=as_stated or (choice.verdict == "unknown" and not free_shapes),
         progress=progress,
     )
     return averaged_posterior(posterior, choice.alternatives, settings.seed)

@@ -25,7 +25,7 @@ from bayes_inertia.diagnosis.unexplained import UnexplainedSignal
 from bayes_inertia.inference.treatment import DirtTreatment, treatment_from
 from bayes_inertia.maths.values import json_ready
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.effects import LIBRARY, STOCHASTIC
+from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, STOCHASTIC
 
 FORMAT = "bayes-inertia-diagnosis/1"
 _CORRECTION_ANGLE = 60.0  # [deg] of the correction slew that is forecast
@@ -107,7 +107,7 @@ def fitted_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
     Returns
     -------
     list of dict
-        {effect, settings} of each; none where the verdict is "unknown".
+        {effect, settings} of each.
     """
     return [{"effect": e.name, "settings": _settings(e)} for e in fitted_effects(diagnosis)]
 
@@ -147,9 +147,12 @@ def next_fit_from(content: Mapping[str, Any], library: Sequence[Effect] = LIBRAR
     known = {e.name: e for e in (*STOCHASTIC, *library)}
     # Files of earlier versions state the level of the noise alone.
     before = DirtTreatment(level=content["noise"])
+    fitted = tuple(replace(known[row["effect"]], **row["settings"]) for row in content["fitted"])
+    if content["verdict"] == "unknown" and not content.get("alternatives"):
+        fitted = fitted or REMAINDERS  # Files of earlier versions leave them out.
     return NextFit(
         content["verdict"],
-        tuple(replace(known[row["effect"]], **row["settings"]) for row in content["fitted"]),
+        fitted,
         treatment_from(content["treatment"]) if "treatment" in content else before,
         content["drive"],
         all_alternatives(

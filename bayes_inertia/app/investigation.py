@@ -17,6 +17,7 @@ from bayes_inertia.design.correction_slew import CorrectionForecast, correction_
 from bayes_inertia.design.separating_slew import Separation, separating_slew
 from bayes_inertia.diagnosis.blind_spots import Undetected, undetected_effects
 from bayes_inertia.diagnosis.model_averaging import AlternativeParameters, alternative_parameters
+from bayes_inertia.diagnosis.remainder_averaging import remainder_alternatives
 from bayes_inertia.diagnosis.residual_scan import Disagreement, scan_residuals
 from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.rules import Rules
@@ -50,7 +51,8 @@ class Investigation:
     separating_slews : tuple of Separation
         For each ambiguous set the slew that best tells its first two apart, where there is one.
     alternatives : tuple of AlternativeParameters
-        J and K with another effect of an ambiguous set.
+        J and K with another effect of an ambiguous set, or with shapes that are free, where no
+        candidate explains the data.
     blind_spots : tuple of Undetected
         How far what is too weak to be found could have moved J and K.
     undetected : tuple of AlternativeParameters
@@ -126,7 +128,7 @@ def investigate(
         unexplained=unexplained_signal(base) if unknown else None,
         correction=correction_forecast(base, final, seed=seed) if corrected else None,
         separating_slews=separating_slews(diagnosis, library=library, seed=seed),
-        alternatives=alternative_parameters(diagnosis),
+        alternatives=alternative_parameters(diagnosis) or remainder_alternatives(diagnosis),
         blind_spots=undetected_effects(diagnosis),
         undetected=undetected_alternatives(diagnosis) if count_undetected else (),
         readings_a_mean=1 if as_stated else readings_a_mean(campaign),

@@ -206,9 +206,13 @@ def in_chart(
     hessian : (unknowns, unknowns) array
     gradient : (unknowns,) array
     """
-    turn = np.eye(len(gradient))
-    turn[:6, :6] = np.asarray(_chart_slope(_to_chart(point.theta[:6])))
-    return turn.T @ hessian @ turn, turn.T @ gradient
+    turn = np.asarray(_chart_slope(_to_chart(point.theta[:6])))
+    # Only J is turned: thousands of nuisances stay as they are.
+    hessian, gradient = hessian.copy(), gradient.copy()
+    hessian[:6] = turn.T @ hessian[:6]
+    hessian[:, :6] = hessian[:, :6] @ turn
+    gradient[:6] = turn.T @ gradient[:6]
+    return hessian, gradient
 
 
 def marginal_information(

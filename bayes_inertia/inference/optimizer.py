@@ -107,9 +107,9 @@ def estimate(
     if not discount or not any(too_large):
         return fitted
     channels = np.array(too_large[:3]) | too_large[3]
-    # Begin again from the gentle descent: it is nearer than the point that the model's errors
-    # have overruled.
-    return _discounted_fit(model, gentle_end, channels, free, counts)
+    return _discounted_fit(
+        model, *_begin_of_discount(model, best[0], gentle_end, channels), channels, free, counts
+    )
 
 
 def re_estimate(
@@ -225,11 +225,28 @@ def with_noise(previous: Estimate, factors: dict[str, float]) -> Estimate:
     return _estimate_of(model, *settled, discount, free, previous.starts)
 
 
+def _begin_of_discount(
+    model: Model, optimum: Point, gentle_end: Point, channels: np.ndarray
+) -> tuple[Point, np.ndarray]:
+    """Where the discounted estimate begins, and with which factors (slews, 3)."""
+    if model.structure.hyperparameters:
+        # What has no fixed shape takes up most of the misfit: the optimum is near, and the sizes
+        # learnt there save most of the rounds.
+        stated = whitening(model, optimum.theta)
+        return optimum, np.where(channels, _dispersions(model, optimum, stated), 1.0)
+    # The gentle descent's end is nearer than the point that the model's errors have overruled.
+    return gentle_end, np.where(channels, GENTLE_WEIGHT, np.ones((model.n_slews, 3)))
+
+
 def _discounted_fit(
-    model: Model, point: Point, channels: np.ndarray, free: np.ndarray, starts: Starts
+    model: Model,
+    point: Point,
+    factors: np.ndarray,
+    channels: np.ndarray,
+    free: np.ndarray,
+    starts: Starts,
 ) -> Estimate:
     """Repeat the estimate, each slew counted as its own residuals scatter, until both agree."""
-    factors = np.where(channels, GENTLE_WEIGHT, np.ones((model.n_slews, 3)))
     for _ in range(_DISCOUNT_ROUNDS):
         point, _, stated = _optimum_with_noise(model, point, factors, free, rounds=1)
         previous, factors = factors, np.where(channels, _dispersions(model, point, stated), 1.0)

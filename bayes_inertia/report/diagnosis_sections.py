@@ -215,9 +215,12 @@ def _answers_section(content: Mapping[str, Any]) -> Section | None:
 
 
 def _alternatives_section(content: Mapping[str, Any]) -> Section | None:
-    """J and K with each effect of the ambiguous sets; None if there is no set."""
+    """J and K with each effect of the ambiguous sets; None if there is no set.
+
+    None where the verdict is "unknown", too: its steps are not those of the fit below.
+    """
     alternatives = content.get("alternatives")
-    if not alternatives:
+    if not alternatives or content["verdict"] == "unknown":
         return None
     rows = []
     for i, (name, shift) in enumerate(content["steps"][-1]["shift"].items()):

@@ -96,6 +96,8 @@ def _on_unknown(summary: Mapping[str, Any], accuracy: str) -> str:
     # Effects of free shape take up what it did.
     if any(name.endswith("_remainder") for name in summary["effects"]):
         return f"{missing}; with a disturbance of free shape allowed for, {accuracy}."
+    if summary.get("averaged_over"):
+        return f"{missing}; averaged over a disturbance of free shape and none, {accuracy}."
     return f"{missing}, and J and K may be off by more than their uncertainty ({accuracy})."
 
 

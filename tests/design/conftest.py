@@ -28,5 +28,7 @@ def mission(craft, prior):
 
 
 @pytest.fixture(scope="session")
-def designed(mission):
-    return design_plan(mission, candidates=150, starts=3, draws=2, seed=1)
+def designed(mission, computed_once):
+    return computed_once(
+        "designed", lambda: design_plan(mission, candidates=150, starts=3, draws=2, seed=1)
+    )

@@ -22,6 +22,8 @@ from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, ConstantTorque, WheelCommandLag
 from bayes_inertia.physics.parameters import Normal, scalar
 
+# What acts in the campaign `pumped`.
+PUMPED = {"pump": {"torque": np.array(3e-4)}}
 # Without the flexible mode, whose every refit compiles code of its own.
 RIGID = tuple(e for e in LIBRARY if e.name != "flexible_mode")
 
@@ -55,11 +57,21 @@ def flight():
     template = planned_campaign(plan, most_like_mission())
 
     def fly(effects=(), values=None, seed=11):
-        return draw_flight(
-            template, plan, seed, effects=effects, values=values, vary=False
-        ).campaign
+        return drawn(effects, values, seed).campaign
 
+    def drawn(effects, values, seed=11):
+        return draw_flight(template, plan, seed, effects=effects, values=values, vary=False)
+
+    fly.spacecraft_of = lambda effects, values: drawn(effects, values).spacecraft
     return fly
+
+
+@pytest.fixture(scope="session")
+def pumped_truth(flight):
+    """J (six elements) and K of the spacecraft of `pumped`."""
+    craft = flight.spacecraft_of((Pump(),), PUMPED)
+    J = craft.inertia_B
+    return np.array([J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2], *craft.scale_factor])
 
 
 @pytest.fixture(scope="session")
@@ -68,29 +80,28 @@ def clean(flight):
 
 
 @pytest.fixture(scope="session")
-def clean_diagnosis(clean):
+def clean_diagnosis(clean, computed_once):
     """The diagnosis of a campaign where nothing is missing."""
-    return diagnose(clean)
+    return computed_once("clean_diagnosis", lambda: diagnose(clean))
 
 
 @pytest.fixture(scope="session")
-def lagging(flight):
-    return diagnose(flight((WheelCommandLag(),), {"wheel_command_lag": {"tau": np.array(0.1)}}))
+def lagging(flight, computed_once):
+    late = {"wheel_command_lag": {"tau": np.array(0.1)}}
+    return computed_once("lagging", lambda: diagnose(flight((WheelCommandLag(),), late)))
 
 
 @pytest.fixture(scope="session")
-def pumped(flight):
-    return diagnose(flight((Pump(),), {"pump": {"torque": np.array(3e-4)}}), library=RIGID)
+def pumped(flight, computed_once):
+    return computed_once("pumped", lambda: diagnose(flight((Pump(),), PUMPED), library=RIGID))
 
 
 @pytest.fixture(scope="session")
-def torqued(flight):
+def torqued(flight, computed_once):
     """A weak constant torque, which three slews cannot tell from a star-tracker shift."""
-    return diagnose(
-        flight(
-            (ConstantTorque(),), {"constant_torque": {"torque": 1e-7 * np.array([1.0, -1.0, 1.0])}}
-        ),
-        library=RIGID,
+    weak = {"constant_torque": {"torque": 1e-7 * np.array([1.0, -1.0, 1.0])}}
+    return computed_once(
+        "torqued", lambda: diagnose(flight((ConstantTorque(),), weak), library=RIGID)
     )
 
 

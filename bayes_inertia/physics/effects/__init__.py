@@ -62,7 +62,7 @@ LIBRARY: tuple[Effect, ...] = (
     InertiaChange(),
 )
 
-# Effects without a fixed shape: fitted by name, not tried by a diagnosis.
+# Effects without a fixed shape: fitted by name; a diagnosis tries them with a test of their own.
 STOCHASTIC: tuple[Effect, ...] = (
     RateRandomWalk(),
     RateBiasInstability(),

@@ -1,0 +1,59 @@
+"""J and K where something is missing that no candidate explains."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayes_inertia.app.diagnosed_fit import fitted_effects, next_fit
+from bayes_inertia.app.diagnosis_json import next_fit_from
+from bayes_inertia.app.investigation import Investigation
+from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.diagnosis.remainder_averaging import (
+    FREE_SHAPES,
+    remainder_alternatives,
+    tried_effects,
+)
+from bayes_inertia.diagnosis.residual_scan import scan_residuals
+from bayes_inertia.diagnosis.result import Step
+from bayes_inertia.diagnosis.unexplained import unexplained_signal
+from bayes_inertia.inference.optimizer import with_noise
+from bayes_inertia.physics.effects import REMAINDERS
+from bayes_inertia.report.diagnosis_sections import diagnosis_sections
+
+
+@pytest.mark.slow
+def test_what_no_candidate_explains_is_averaged_over_free_shapes(pumped, pumped_truth, content_of):
+    assert pumped.why_unknown == "misfit"
+    alternatives = remainder_alternatives(pumped)
+    (free,) = alternatives
+    assert (free.effect, free.instead_of, free.probability) == (FREE_SHAPES, "", 0.5)
+    # What the free shapes may have done is taken from what is known of J and K.
+    plain = with_noise(pumped.base, dict.fromkeys(CHANNELS, 1.0))
+    assert np.all(free.sd > plain.sd[:9])
+    assert np.max(np.abs(free.mean - pumped_truth) / free.sd) < 4.0
+    # The file gives the second half of a run what the first half had.
+    more = {"unexplained": unexplained_signal(pumped.base), "alternatives": alternatives}
+    content = content_of(pumped, **more)
+    stored = next_fit_from(content)
+    there = next_fit(Investigation(pumped, scan_residuals(pumped.base), alternatives=alternatives))
+    assert stored.effects == there.effects == tried_effects(pumped)
+    assert np.array_equal(stored.alternatives[0].covariance, there.alternatives[0].covariance)
+    assert "J and K, whichever it is" not in {s.title for s in diagnosis_sections(content)}
+    # An earlier version left the free shapes to the fit.
+    assert next_fit_from(content | {"fitted": [], "alternatives": []}).effects == REMAINDERS
+
+
+@pytest.mark.slow
+def test_what_is_named_is_not_averaged_and_imitations_give_way_to_free_shapes(lagging):
+    assert remainder_alternatives(lagging) == ()
+    imitated = replace(lagging, verdict="unknown", why_unknown="imitation")
+    assert remainder_alternatives(imitated) == ()
+    assert fitted_effects(imitated) == REMAINDERS
+    # A shape that is free is tried, and not kept beside the remainder.
+    (lag,) = lagging.steps
+    model = replace(lagging.final.model, effects=(*lagging.final.model.effects, *REMAINDERS))
+    final = replace(lagging.final, model=model)
+    both = (lag, Step(REMAINDERS[0].name, lag.before, final, 0.0))
+    missing = replace(lagging, verdict="unknown", why_unknown="misfit", steps=both, final=final)
+    assert [effect.name for effect in fitted_effects(missing)] == ["wheel_command_lag"]
