@@ -31,7 +31,7 @@ from bayes_inertia.inference.hyperparameters import (
 )
 from bayes_inertia.inference.laplace import Estimate, Starts, residual_series
 from bayes_inertia.inference.noise_estimate import with_noise_model
-from bayes_inertia.inference.noise_model import Whitening, discounted, whitening
+from bayes_inertia.inference.noise_model import Whitening, discounted, n_data, whitening
 from bayes_inertia.inference.objective import normal_equations
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_tests import dispersion
@@ -42,6 +42,8 @@ from bayes_inertia.physics.forward_model import Model
 # The discount has settled once no slew's factor changes by more than this share; rounds at most.
 _DISCOUNT_SETTLED = 0.02
 _DISCOUNT_ROUNDS = 10
+# Squares that exceed what noise predicts by so many sds are worth another descent.
+_SURPLUS_SD = 3.0
 
 
 @on_one_blas_thread
@@ -284,8 +286,8 @@ def _best_optimum_with_noise(
 ) -> tuple[Point, float, Whitening]:
     """As `_optimum_with_noise`, or from nuisances guessed afresh at the J reached, if better."""
     settled = _optimum_with_noise(model, point, factors, free)
-    if model.structure.hyperparameters:
-        # Its coefficients belong to its nuisances: guessed afresh they would be lost.
+    if model.structure.hyperparameters or _is_as_noise_makes_it(model, settled):
+        # Coefficients of free shapes belong to their nuisances: guessed afresh they would be lost.
         return settled
     guess = replace(settled[0], local=guess_nuisances(model, settled[0].theta))
     if not np.any(guess.local):
@@ -293,6 +295,18 @@ def _best_optimum_with_noise(
     return min(
         settled, _optimum_with_noise(model, guess, factors, free), key=lambda optimum: optimum[1]
     )
+
+
+def _is_as_noise_makes_it(model: Model, settled: tuple[Point, float, Whitening]) -> bool:
+    """Whether an optimum's squares are no more than noise predicts: no other is far below it.
+
+    All unknowns have priors, so that twice the objective is chi^2 with as many degrees of freedom
+    as there are readings.
+    """
+    _, objective, stated = settled
+    readings = n_data(stated).sum()
+    expected = readings + _SURPLUS_SD * np.sqrt(2.0 * readings)
+    return model.noise.is_stated and bool(2.0 * objective < expected)
 
 
 def _estimate_of(

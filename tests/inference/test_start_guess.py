@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.objective import negative_log_posterior
 from bayes_inertia.inference.optimizer import estimate
@@ -55,6 +56,22 @@ def test_every_start_finds_the_optimum_without_tachometers(deaf):
     at = estimate(Model(deaf), starts=6, discount=False)
     assert at.starts.agreeing == at.starts.tried == 6
     assert at.tests["total"].reduced_chi2 == pytest.approx(1.0, abs=0.2)
+
+
+def test_only_an_optimum_worse_than_noise_makes_it_is_guessed_at_again(deaf, monkeypatch):
+    guesses = []
+
+    def counted(model, theta):
+        guesses.append(theta)
+        return guess_nuisances(model, theta)
+
+    monkeypatch.setattr(optimizer, "guess_nuisances", counted)
+    estimate(Model(deaf), starts=1, discount=False)
+    assert not guesses
+    sigma = tuple(0.5 * s for s in deaf.rate_sensor.sigma)
+    louder = replace(deaf, rate_sensor=replace(deaf.rate_sensor, sigma=sigma))
+    estimate(Model(louder), starts=1, discount=False)
+    assert len(guesses) == 1
 
 
 def test_what_is_measured_needs_no_guess(flown):
