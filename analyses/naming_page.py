@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from naming_campaigns import SIZES
+from outside_kinds import SHAPELESS
 from page_table import table_lines
 from scipy import stats
 
@@ -68,8 +69,8 @@ def nameless(row: dict) -> bool:
 def _summary(rows: Sequence[dict]) -> list[str]:
     hidden = [row for row in rows if row["kind"] == "random"]
     outside = [row for row in rows if row["kind"] == "outside"]
-    wander = [row for row in outside if row["label"] == "outside_wander"]
-    others = [row for row in outside if row["label"] != "outside_wander"]
+    shaped = [row for row in outside if row["label"] not in SHAPELESS]
+    shapeless = [row for row in outside if row["label"] in SHAPELESS]
     clean = [row for row in rows if row["kind"] == "clean"]
     table: list[tuple[str, str]] = []
     for strength, name in enumerate(_SIZE_NAMES):
@@ -99,16 +100,11 @@ def _summary(rows: Sequence[dict]) -> list[str]:
             ("... a wrong name without the truth", share(_n(some, _wrong), len(some))),
         ]
     table += [
+        *_of_outside("outside the library, with a shape", shaped),
+        *_of_outside("outside the library, without a fixed shape", shapeless),
         (
-            "outside the library: unknown",
-            share(_n(others, lambda row: row["verdict"] == "unknown"), len(others)),
-        ),
-        ("... or a set with a shape without a name", share(_n(others, nameless), len(others))),
-        (
-            "a star tracker that wanders after each slew: `star_tracker_low_frequency`",
-            share(
-                _n(wander, lambda row: row["named"] == ["star_tracker_low_frequency"]), len(wander)
-            ),
+            "... or the random effect of the library that enters there",
+            share(_n(shapeless, lambda row: nameless(row) or _of_its_kind(row)), len(shapeless)),
         ),
         (
             "clean campaigns in which anything is named",
@@ -143,6 +139,21 @@ def _summary(rows: Sequence[dict]) -> list[str]:
         )
     counted = [row for row in table if row[1] != "0 of 0"]
     return [*table_lines(("", "measured"), counted), ""]
+
+
+def _of_outside(title: str, rows: Sequence[dict]) -> list[tuple[str, str]]:
+    unknown = _n(rows, lambda row: row["verdict"] == "unknown")
+    return [
+        (f"{title}: unknown", share(unknown, len(rows))),
+        ("... or a set with a shape without a name", share(_n(rows, nameless), len(rows))),
+        ("... nothing found", share(_n(rows, lambda r: r["verdict"] == "consistent"), len(rows))),
+    ]
+
+
+def _of_its_kind(row: dict) -> bool:
+    """Whether what is named enters where the hidden signal does, without a shape as that."""
+    sets = [name for names in row["ambiguous_with"] for name in names]
+    return SHAPELESS[row["label"]] in (*row["named"], *sets)
 
 
 def _n(rows: Sequence[dict], counted) -> int:

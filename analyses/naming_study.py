@@ -19,10 +19,11 @@ from time import process_time
 
 import numpy as np
 from diagnosis_campaigns import draw, without_tachometers
-from diagnosis_study import OUTSIDE, truth_of
+from diagnosis_study import truth_of
 from independent import replayed
 from naming_campaigns import OF_TACHOMETERS, SIZES, random_campaign
 from naming_page import write_page
+from outside_kinds import KINDS, outside
 
 from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.search import diagnose
@@ -45,9 +46,10 @@ class NamedOrNot:
         """Its row."""
         label, strength, index = task_id.split("/")
         if self.kind == "outside":
-            flown, noise = seed.spawn(2)
+            flown, noise, path = seed.spawn(3)
             flight = draw(flown, (), {}, True)
-            campaign = replayed(flight, OUTSIDE[label], np.random.default_rng(noise))
+            missing = outside(label, np.random.default_rng(path))
+            campaign = replayed(flight, missing, np.random.default_rng(noise))
             campaign = campaign if self.tachometers else without_tachometers(campaign)
         else:
             flight, campaign = random_campaign(label, int(strength), seed, self.tachometers)
@@ -86,7 +88,7 @@ def labels(kind: str, tachometers: bool) -> list[tuple[str, int]]:
     if kind == "clean":
         return [("clean", 0)]
     if kind == "outside":
-        return [(name, 0) for name in OUTSIDE]
+        return [(name, 0) for name in KINDS]
     names = [name for name in SIZES if tachometers or name not in OF_TACHOMETERS]
     return [(name, strength) for strength in (0, 1) for name in names]
 
