@@ -39,7 +39,7 @@ from independent import Deadband, Disturbance, Leak, RateSquared, Ripple, Swirl,
 from physical_limits import why_not_flown, why_not_physical
 
 from bayes_inertia.diagnosis.cross_validation import held_out_chi2
-from bayes_inertia.diagnosis.model_averaging import alternative_parameters
+from bayes_inertia.diagnosis.quoted_parameters import quoted_parameters
 from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.diagnosis.search import diagnose
@@ -210,7 +210,7 @@ def _summary(diagnosis: Diagnosis, truth: np.ndarray) -> dict:
         "p_best": min(c.p_value for c in diagnosis.candidates),
         "limit": diagnosis.threshold,
         "max_abs_z": float(np.abs(z).max()),
-        "max_abs_z_averaged": float(np.abs(averaged_z(diagnosis, truth)).max()),
+        "max_abs_z_averaged": float(np.abs(quoted_z(diagnosis, truth)).max()),
         "chi2_inside": {
             channel: bool(test.interval[0] <= test.reduced_chi2 <= test.interval[1])
             for channel, test in diagnosis.tests.items()
@@ -228,20 +228,10 @@ def truth_of(flight: Flight) -> np.ndarray:
     )
 
 
-def averaged_z(diagnosis: Diagnosis, truth: np.ndarray) -> np.ndarray:
-    """Distance of J and K from the truth [sd], averaged over the effects of an ambiguous set."""
-    alternatives = alternative_parameters(diagnosis)
-    final = diagnosis.final
-    weights = np.array(
-        [
-            1.0 - sum(a.probability for a in alternatives),
-            *(a.probability for a in alternatives),
-        ]
-    )[:, None]
-    means = np.array([final.theta[:9], *(a.mean for a in alternatives)])
-    variances = np.array([final.sd[:9] ** 2, *(a.sd**2 for a in alternatives)])
-    mean = (weights * means).sum(0)
-    return (mean - truth) / np.sqrt((weights * (variances + (means - mean) ** 2)).sum(0))
+def quoted_z(diagnosis: Diagnosis, truth: np.ndarray) -> np.ndarray:
+    """Distance of J and K from the truth [sd], with the uncertainty that is quoted for them."""
+    quoted = quoted_parameters(diagnosis)
+    return (quoted.mean - truth) / quoted.sd
 
 
 def hash_of(text: str) -> int:

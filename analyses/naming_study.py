@@ -19,7 +19,7 @@ from time import process_time
 
 import numpy as np
 from diagnosis_campaigns import draw, without_tachometers
-from diagnosis_study import truth_of
+from diagnosis_study import quoted_z, truth_of
 from independent import replayed
 from naming_campaigns import OF_TACHOMETERS, SIZES, random_campaign
 from naming_page import write_page
@@ -78,6 +78,7 @@ def _summary(diagnosis: Diagnosis, truth: np.ndarray) -> dict:
         "source": diagnosis.nameless_source,
         "values": {k: v for k, v in values if k.split(".")[0] in diagnosis.named},
         "max_abs_z": float(np.abs(z).max()),
+        "quoted_z": quoted_z(diagnosis, truth).tolist(),
         "holds_90": int(np.count_nonzero(np.abs(z) < 1.6449)),
         "dirt": [dirt.kind for dirt in diagnosis.dirt],
     }

@@ -124,6 +124,7 @@ _PUBLIC = {
     "Investigation": "app.investigation",
     "Match": "diagnosis.unexplained",
     "NamelessShape": "diagnosis.result",
+    "QuotedParameters": "diagnosis.quoted_parameters",
     "Rules": "diagnosis.rules",
     "Spectrum": "diagnosis.spectrum",
     "Step": "diagnosis.result",
@@ -133,6 +134,7 @@ _PUBLIC = {
     "diagnose": "diagnosis.search",
     "diagnose_and_fit": "app.diagnosed_fit",
     "investigate": "app.investigation",
+    "quoted_parameters": "diagnosis.quoted_parameters",
     # What to fly next.
     "AchievedErrors": "design.simulated_fits",
     "Contender": "design.comparison",

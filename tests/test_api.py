@@ -35,9 +35,9 @@ PUBLIC = set(
     TaskFailure WorkResult fit_many
     Degeneracy Direction InformationArrival Observability ParameterObservability observe
     AlternativeEffect AlternativeParameters BeyondPrior BinnedResiduals Candidate DiagnosedFit
-    Diagnosis Disagreement FreeSignal Hypothesis Investigation Match NamelessShape Rules Spectrum
-    Step Undetected
-    UnexplainedSignal Window diagnose diagnose_and_fit investigate
+    Diagnosis Disagreement FreeSignal Hypothesis Investigation Match NamelessShape QuotedParameters
+    Rules Spectrum Step Undetected
+    UnexplainedSignal Window diagnose diagnose_and_fit investigate quoted_parameters
     AchievedErrors Contender CorrectionForecast Design Goal KeepOut Limits Margin Separation
     compare_plans design_plan next_slew separating_slew
     keep_compiled_code

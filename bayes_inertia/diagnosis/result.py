@@ -155,7 +155,8 @@ class Diagnosis:
     steps : tuple of Step
         What was added.
     base, final : Estimate
-        The fits with nothing and with everything added.
+        The fits with nothing and with everything added. Where the verdict is "ambiguous" or
+        "unknown" their sds are too small: `quoted_parameters` gives those to quote.
     noise : dict
         Factor by which each channel's noise exceeds what is stated.
     tests : dict

@@ -9,6 +9,7 @@ from bayes_inertia.app.diagnosed_fit import fitted_effects, next_fit
 from bayes_inertia.app.diagnosis_json import next_fit_from
 from bayes_inertia.app.investigation import Investigation
 from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.diagnosis.quoted_parameters import quoted_parameters
 from bayes_inertia.diagnosis.remainder_averaging import (
     FREE_SHAPES,
     remainder_alternatives,
@@ -57,3 +58,16 @@ def test_what_is_named_is_not_averaged_and_imitations_give_way_to_free_shapes(la
     both = (lag, Step(REMAINDERS[0].name, lag.before, final, 0.0))
     missing = replace(lagging, verdict="unknown", why_unknown="misfit", steps=both, final=final)
     assert [effect.name for effect in fitted_effects(missing)] == ["wheel_command_lag"]
+
+
+@pytest.mark.slow
+def test_what_is_quoted_holds_the_truth_whatever_the_verdict(pumped, pumped_truth, lagging):
+    named = quoted_parameters(lagging)
+    assert np.array_equal(named.mean, lagging.final.theta[:9])
+    assert np.allclose(named.sd, lagging.final.sd[:9], rtol=1e-12)
+    quoted = quoted_parameters(pumped)
+    (free,) = remainder_alternatives(pumped)
+    assert quoted.names == free.names
+    # Half the variance of each of two fits, and a quarter of their distance squared.
+    assert np.all(quoted.sd > np.sqrt(0.5) * free.sd)
+    assert np.max(np.abs(quoted.mean - pumped_truth) / quoted.sd) < 4.0
