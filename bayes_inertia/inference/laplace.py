@@ -20,6 +20,7 @@ from bayes_inertia.inference.objective import block_index, prior_rows
 from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.inference.residual_tests import ChannelTest, channel_tests
 from bayes_inertia.inference.rounding import has_one_error, rounding_steps
+from bayes_inertia.inference.slew_shares import SlewShares
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root, solve
@@ -177,7 +178,7 @@ class Estimate:
         (d,) array
             theta.
         """
-        step, _ = self.linearised().without_slew(slew)
+        step, _ = self._slew_shares.without(slew)
         theta = self.theta.copy()
         theta[self.free] += step[: len(self.free)]
         return theta
@@ -188,12 +189,16 @@ class Estimate:
 
         Where one slew alone determines a parameter, the others cannot check it.
         """
-        fit, columns = self.linearised(), np.arange(len(self.free))
+        columns = np.arange(len(self.free))
         sds = np.zeros((self.model.n_slews, len(self.theta)))
         for slew in range(self.model.n_slews):
-            _, hessian = fit.without_slew(slew)
-            sds[slew, self.free] = np.sqrt(np.diag(inverse(hessian))[columns])
+            _, matrix = self._slew_shares.without(slew)
+            sds[slew, self.free] = np.sqrt(np.diag(inverse(matrix))[columns])
         return sds
+
+    @cached_property
+    def _slew_shares(self) -> SlewShares:
+        return self.linearised().shares
 
     def linearised(self) -> LinearisedFit:
         """The fit to first order around the maximum.

@@ -24,7 +24,8 @@ from bayes_inertia.inference.likelihood import (
 from bayes_inertia.inference.noise_model import Whitening
 from bayes_inertia.inference.objective import block_index, normal_equations, prior_rows
 from bayes_inertia.inference.point import N_BIAS, Point
-from bayes_inertia.maths.linear_algebra import inverse, inverse_root, solve
+from bayes_inertia.inference.slew_shares import SlewShares, slew_shares
+from bayes_inertia.maths.linear_algebra import inverse, inverse_root
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Model
 
@@ -168,25 +169,12 @@ class LinearisedFit:
         index = self.index(slew)
         return self.covariance[np.ix_(index, index)]
 
-    def without_slew(self, slew: int) -> tuple[np.ndarray, np.ndarray]:
-        """The fit without one slew, to first order.
-
-        Parameters
-        ----------
-        slew : int
-            The slew left out, from 0.
-
-        Returns
-        -------
-        step : (unknowns,) array
-            From `point` to the optimum of the other slews.
-        hessian : (unknowns, unknowns) array
-            Normal matrix of the other slews, priors included.
-        """
-        weights = np.ones(len(self.information.matrix))
-        weights[slew] = 0.0
-        hessian, gradient = self.normal_equations(weights)
-        return -solve(hessian, gradient), hessian
+    @cached_property
+    def shares(self) -> SlewShares:
+        """What each slew tells of the shared unknowns."""
+        slope, distance = (x[self.free] for x in prior_rows(self.model, self.point.theta))
+        gradient = np.concatenate([slope * distance, self.point.bias])
+        return slew_shares(self.information, self.point.local, self.prior_precision, gradient)
 
     @cached_property
     def sensitivities(self) -> Sensitivities:

@@ -46,7 +46,7 @@ def fit_verdict(summary: Mapping[str, Any], n_slews: int) -> Verdict:
         )
         sentences.append(f"The model explains the data: {typeset(says)}.")
     else:
-        sentences += _on_misfit(too_large, too_small, has_robust)
+        sentences += _on_misfit(too_large, too_small, has_robust, "diagnosed" in gates)
     sentences += [f"{text[0].upper()}{text[1:]}." for text in failed]
     sentences += _on_starts(fit["starts_agreeing"])
     if explained and not failed:
@@ -170,11 +170,19 @@ def misfit_channels(fit: Mapping[str, Any], criteria: Criteria) -> tuple[list[st
     return too_large, too_small
 
 
-def _on_misfit(too_large: list[str], too_small: list[str], has_robust: bool) -> list[str]:
+def _on_misfit(
+    too_large: list[str], too_small: list[str], has_robust: bool, diagnosed: bool
+) -> list[str]:
     if too_large:
-        return [
+        missing = (
             f"The residuals ({listed(too_large)}) are larger, or more structured, "
-            "than the model and the stated noise predict: an effect is missing.",
+            "than the model and the stated noise predict: an effect is missing."
+        )
+        if diagnosed:
+            # The gate of the diagnosis says what that means for J and K.
+            return [missing, "A bias of the estimate that all slews share shows in no sd."]
+        return [
+            missing,
             "Use the robust sd: it is what the slews themselves support. "
             "Do not read the model's sd as the uncertainty."
             if has_robust

@@ -134,6 +134,23 @@ def test_leaving_a_slew_out_to_first_order_is_nearly_refitting_without_it(fitted
         np.testing.assert_allclose(first_order / refit.sd, moved / refit.sd, atol=0.1)
 
 
+def test_the_shares_of_slews_are_the_joint_fit_with_nuisances_eliminated(fitted):
+    fit, shared = fitted.linearised(), fitted.linearised().n_shared
+    for left_out in range(3):
+        weights = np.where(np.arange(3) == left_out, 0.0, 1.0)
+        hessian, gradient = fit.normal_equations(weights)
+        covariance = np.linalg.inv(hessian)
+        step, matrix = fit.shares.without(left_out)
+        sd = np.sqrt(np.diag(covariance)[:shared])
+        np.testing.assert_allclose(
+            np.linalg.inv(matrix) / np.outer(sd, sd),
+            covariance[:shared, :shared] / np.outer(sd, sd),
+            atol=1e-6,
+        )
+        direct = -(covariance @ gradient)[:shared]
+        np.testing.assert_allclose(step / sd, direct / sd, atol=1e-6)
+
+
 def test_robust_sd_is_never_below_the_models(perfect, fitted, flown):
     for result, _ in perfect:
         assert np.all(result.robust_sd >= result.sd * (1.0 - 1e-12))

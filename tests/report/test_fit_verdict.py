@@ -119,3 +119,13 @@ def test_the_limits_that_were_used_are_named(summary_of):
     said = fit_verdict(summary | {"criteria": {"nested_rhat_below": 1.05}}, n_slews=5)
     assert "wanted below 1.05" in said.sentences[0]
     assert "wanted below 1.01" in fit_verdict(summary, n_slews=5).sentences[0]
+
+
+def test_after_a_diagnosis_nobody_is_sent_to_diagnose(summary_of):
+    plain, diagnosed = (
+        " ".join(fit_verdict(summary_of(passed=gates, reduced_chi2=LARGE), n_slews=5).sentences)
+        for gates in ({"explained": False}, {"explained": False, "diagnosed": False})
+    )
+    assert "Run “bayes-inertia diagnose”" in plain
+    assert "bayes-inertia diagnose" not in diagnosed
+    assert "an effect is missing" in diagnosed
