@@ -32,7 +32,7 @@ from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 # Enough for limits of 95 %: samples of an effect with states of its own take minutes.
-DIAGNOSED_SETTINGS = Settings(target_ess=2_000.0)
+DIAGNOSED_SETTINGS = Settings(walkers=32, target_ess=2_000.0)
 
 
 @dataclass(frozen=True)
