@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import jax.numpy as jnp
 import numpy as np
@@ -241,10 +242,13 @@ class ParameterSpace:
         """Prior means (medians of log-normal priors) (size,)."""
         return np.array([p.median if isinstance(p, LogNormal) else p.mean for p in self.priors])
 
-    @property
+    @cached_property
     def sd(self) -> np.ndarray:
-        """Prior standard deviations (size,)."""
-        return np.array([p.sd for p in self.priors])
+        """Prior standard deviations (size,), read-only."""
+        # That of a truncated prior takes long, and steps of every optimizer ask for it.
+        sds = np.array([p.sd for p in self.priors])
+        sds.setflags(write=False)
+        return sds
 
     @property
     def lower(self) -> np.ndarray:
