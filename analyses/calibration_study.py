@@ -1,11 +1,11 @@
-"""`study calibration` for as long as there is time, and pipelines that are wrong on purpose.
+"""`study calibration`, and pipelines that are wrong on purpose.
 
-    python analyses/calibration_study.py --work FOLDER [--minutes 10] [--wrong 30]
+    python analyses/calibration_study.py --work FOLDER [--fits 1000] [--jobs 2] [--wrong 30]
 
-The command's own study, all its cases, in rounds of ten fits a case until the processor time is
-used up; then as many fits of weak data by three wrong pipelines: posterior sds times 0.75, scale
-factors forgotten, products of inertia with the wrong sign. What is in the work folder is kept, so
-that the same command goes on. Writes analyses/results/calibration_study.{json,md}.
+The command's own study, all its cases; then fits of weak data by three wrong pipelines: posterior
+sds times 0.75, scale factors forgotten, products of inertia with the wrong sign. What is in the
+work folder is kept, so that the same command goes on. Writes
+analyses/results/calibration_study.{json,md}.
 `calibration.py` is the older study, of two cases and nine parameters.
 """
 
@@ -15,18 +15,16 @@ import argparse
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from time import process_time
+from time import monotonic
 from typing import Any, get_args
 
 from bayes_inertia.app.calibration_folder import calibration_json, run_calibration
 from bayes_inertia.files import write_atomically
 from bayes_inertia.maths.values import json_ready
 from bayes_inertia.studies.calibration import RANKED, Pipeline
-from bayes_inertia.studies.calibration_cases import calibration_cases
+from bayes_inertia.studies.engine import Execution
 
 RESULTS = Path(__file__).parent / "results" / "calibration_study.json"
-# Fits of a case and round.
-ROUND = 10
 # Wrong pipelines see the case in which the prior counts most.
 _WRONG_CASE = "two-slews"
 _SAYS = {
@@ -36,17 +34,11 @@ _SAYS = {
 }
 
 
-def right_pipeline(work: Path, seconds: float) -> dict[str, Any]:
-    """As many rounds of all cases as the processor time allows, at least one."""
-    each, began = 0, process_time()
-    while True:
-        each += ROUND
-        begun_round = process_time()
-        calibration = run_calibration(work / "right", fits=each * len(calibration_cases()))
-        spent = process_time() - began
-        print(f"{calibration.fits} fits, {spent:.0f} s", flush=True)
-        if spent + 0.5 * (process_time() - begun_round) > seconds:
-            return calibration_json(calibration) | {"processor_seconds": spent}
+def right_pipeline(work: Path, fits: int, jobs: int) -> dict[str, Any]:
+    """All cases by the package's own pipeline, and how long it took by the clock."""
+    began = monotonic()
+    calibration = run_calibration(work / "right", fits=fits, execution=Execution(jobs=jobs))
+    return calibration_json(calibration) | {"clock_seconds": monotonic() - began, "jobs": jobs}
 
 
 def wrong_pipelines(work: Path, fits: int) -> dict[str, Any]:
@@ -121,10 +113,11 @@ def main() -> None:
     """Run or go on, and write both files."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--work", type=Path, required=True, help="folder for the rows")
-    parser.add_argument("--minutes", type=float, default=10.0, help="processor time")
+    parser.add_argument("--fits", type=int, default=1000, help="fits of all cases together")
+    parser.add_argument("--jobs", type=int, default=2, help="worker processes")
     parser.add_argument("--wrong", type=int, default=30, help="fits of each wrong pipeline")
     options = parser.parse_args()
-    right = right_pipeline(options.work, 60.0 * options.minutes)
+    right = right_pipeline(options.work, options.fits, options.jobs)
     wrong = wrong_pipelines(options.work, options.wrong)
     content = json_ready({"right": right, "wrong": wrong})
     write_atomically(RESULTS, json.dumps(content, indent=1, allow_nan=False) + "\n")

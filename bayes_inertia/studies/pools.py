@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Future
 from contextlib import contextmanager
@@ -120,6 +121,8 @@ class JoblibWorkers:
     def submit(self, function: Callable[..., Any], *arguments: Any) -> Future:
         """As `Pool.submit`."""
         if self._executor is None:
+            # loky replaces a worker whose memory has grown; its calls are not lost.
+            warnings.filterwarnings("ignore", message="A worker stopped while some jobs")
             self._executor = ProcessPoolExecutor(
                 max_workers=self._jobs,
                 initializer=live_with,
