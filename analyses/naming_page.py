@@ -106,6 +106,7 @@ def _summary(rows: Sequence[dict]) -> list[str]:
             "... or the random effect of the library that enters there",
             share(_n(shapeless, lambda row: nameless(row) or _of_its_kind(row)), len(shapeless)),
         ),
+        *_as_quoted([row for row in outside if "quoted_z" in row]),
         (
             "clean campaigns in which anything is named",
             share(_n(clean, lambda row: row["verdict"] != "consistent"), len(clean)),
@@ -147,6 +148,18 @@ def _of_outside(title: str, rows: Sequence[dict]) -> list[tuple[str, str]]:
         (f"{title}: unknown", share(unknown, len(rows))),
         ("... or a set with a shape without a name", share(_n(rows, nameless), len(rows))),
         ("... nothing found", share(_n(rows, lambda r: r["verdict"] == "consistent"), len(rows))),
+    ]
+
+
+def _as_quoted(rows: Sequence[dict]) -> list[tuple[str, str]]:
+    """Coverage of what is quoted for J and K, whatever the verdict."""
+    if not rows:
+        return []
+    z = np.abs([row["quoted_z"] for row in rows])
+    held = f"{100.0 * np.mean(z < stats.norm.ppf(0.95)):.0f} % of {z.size}"
+    return [
+        ("... 90 % intervals of J and K, as quoted, that hold the truth", held),
+        ("... largest error of J and K, as quoted", f"{z.max():.1f} sd"),
     ]
 
 
