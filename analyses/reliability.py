@@ -135,7 +135,9 @@ def picture(before: Sequence[Bin], after: Sequence[Bin]) -> Figure:
     figure = Figure(figsize=(5.2, 4.8), layout="constrained")
     axes = figure.subplots()
     axes.plot([0, 1], [0, 1], color=style.MUTED, lw=1.0)
-    for bins, label, marker in ((before, "as stated", "o"), (after, "temperature fitted", "s")):
+    series = [(before, "as stated", "o"), (after, "temperature fitted", "s")]
+    # At a temperature of one both are the same.
+    for bins, label, marker in series if list(before) != list(after) else series[:1]:
         low, high = np.array([b.band for b in bins]).T
         share = np.array([b.share for b in bins])
         errors = np.clip([share - low, high - share], 0.0, None)
@@ -173,7 +175,10 @@ def main() -> None:
         raise SystemExit("no rows hold hypotheses: run diagnosis_study.py first")
     fitted, judged = campaigns[::2], campaigns[1::2]
     temperature = best_temperature(fitted)
+    if temperature < _TEMPERATURES[0] + 0.01:
+        temperature = _TEMPERATURES[0]
     before, after = reliability(judged), reliability(judged, temperature)
+    changed = before != after
     picture(before, after).savefig(FIGURES / "diagnosis_reliability.png", dpi=130)
     lines = [
         "# Are stated probabilities of answers reliable?",
@@ -190,10 +195,7 @@ def main() -> None:
         "",
         *table(before),
         "",
-        f"## At temperature {temperature:.2f}",
-        "",
-        *table(after),
-        "",
+        *([f"## At temperature {temperature:.2f}", "", *table(after), ""] if changed else []),
         "![Reliability](../../figures/diagnosis_reliability.png)",
     ]
     write_atomically(RESULTS / "reliability.md", "\n".join(lines) + "\n")
