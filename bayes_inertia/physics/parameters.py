@@ -244,8 +244,7 @@ class ParameterSpace:
 
     @cached_property
     def sd(self) -> np.ndarray:
-        """Prior standard deviations (size,), read-only."""
-        # That of a truncated prior takes long, and steps of every optimizer ask for it.
+        """Prior standard deviations (size,), worked out once: truncated priors take long."""
         sds = np.array([p.sd for p in self.priors])
         sds.setflags(write=False)
         return sds
@@ -316,14 +315,9 @@ class ParameterSpace:
         dict of str to (size,) array
             `logarithmic`, `mean`, `scale`, `lower` and `upper`.
         """
-        columns = {
-            "logarithmic": [p.logarithmic for p in self.priors],
-            "mean": [p.mean for p in self.priors],
-            "scale": [p.scale for p in self.priors],
-            "lower": [p.lower for p in self.priors],
-            "upper": [p.upper for p in self.priors],
-        }
-        return {k: on_device(np.array(v)) for k, v in columns.items()}
+        kinds = ("logarithmic", "mean", "scale", "lower", "upper")
+        columns = {kind: [getattr(prior, kind) for prior in self.priors] for kind in kinds}
+        return {kind: on_device(np.array(column)) for kind, column in columns.items()}
 
     def draw(self, rng: np.random.Generator, n: int) -> np.ndarray:
         """Independent draws of the one-dimensional priors.
