@@ -23,8 +23,6 @@ from bayes_inertia.inference.hyperparameters import Evidence, GivenSizes, given_
 _WALKERS, _STEPS, _WARM_UP = 64, 60, 20
 # Sizes that are evaluated at once.
 _BATCH = 16
-# Degrees of freedom of the proposals given sizes: tails somewhat heavier than normal.
-_DEGREES = 20.0
 # Sizes are proposed from what was explored, and at times more widely: no walker stays where the
 # exploration was thin.
 _WIDE_SHARE, _WIDE_DEGREES = 0.2, 5.0
@@ -74,28 +72,46 @@ class EvidenceMove(MHMove):
     ----------
     evidence : Evidence
         Around the maximum; all its parameters are free.
-    random : numpy.random.RandomState
-        Source of the exploration.
+    sizes : SizeProposal
+        Where sizes are proposed.
+    degrees : float
+        Of freedom of the proposals given sizes; fewer have heavier tails.
     """
 
-    def __init__(self, evidence: Evidence, random: np.random.RandomState):
-        self.evidence = evidence
-        self.sizes = SizeProposal(_explored(evidence, random))
+    def __init__(self, evidence: Evidence, sizes: SizeProposal, degrees: float = 20.0):
+        self.evidence, self.sizes, self.degrees = evidence, sizes, float(degrees)
         super().__init__(self._propose, ndim=len(evidence.point.theta))
 
-    def log_density(self, x: np.ndarray) -> np.ndarray:
+    def log_density(self, x: np.ndarray, degrees: float | None = None) -> np.ndarray:
         """Log density of the linearised model, up to a constant.
 
         Parameters
         ----------
         x : (n, d) array
             Points.
+        degrees : float, optional
+            Of freedom, given sizes; those of this move where none are given.
 
         Returns
         -------
         (n,) array
         """
-        return self._log_density(x, _given(self.evidence, self.evidence.standardised(x)))
+        given = _given(self.evidence, self.evidence.standardised(x))
+        return self._log_density(x, given, self.degrees if degrees is None else degrees)
+
+    def with_degrees(self, degrees: float) -> EvidenceMove:
+        """The same sizes and the same normal distribution given them, with other tails.
+
+        Parameters
+        ----------
+        degrees : float
+            Of freedom.
+
+        Returns
+        -------
+        EvidenceMove
+        """
+        return EvidenceMove(self.evidence, self.sizes, degrees)
 
     def draw(self, random: np.random.RandomState, n: int, *, stretch: float = 1.0) -> np.ndarray:
         """Draw from the linearised model.
@@ -147,20 +163,20 @@ class EvidenceMove(MHMove):
     ) -> np.ndarray:
         """Points (n, d) with these sizes."""
         z = random.standard_normal(given.mean.shape)
-        z = stretch * z * np.sqrt(_DEGREES / random.chisquare(_DEGREES, size=(len(z), 1)))
+        z = stretch * z * np.sqrt(self.degrees / random.chisquare(self.degrees, size=(len(z), 1)))
         off = np.linalg.solve(np.swapaxes(given.root, 1, 2), z[..., None])[..., 0]
         theta = self.evidence.theta(standardised)
         frozen = self.evidence.frozen
         theta[:, np.asarray(frozen.free)] = given.mean + off * np.asarray(frozen.scale)
         return theta
 
-    def _log_density(self, x: np.ndarray, given: GivenSizes) -> np.ndarray:
+    def _log_density(self, x: np.ndarray, given: GivenSizes, degrees: float) -> np.ndarray:
         """Of the sizes, by their evidence, and of the rest given them."""
         frozen = self.evidence.frozen
         off = (x[:, np.asarray(frozen.free)] - given.mean) / np.asarray(frozen.scale)
         z2 = np.sum(np.einsum("nji,nj->ni", given.root, off) ** 2, 1)
         log_det = np.sum(np.log(np.diagonal(given.root, axis1=1, axis2=2)), 1)
-        rest = log_det - 0.5 * (_DEGREES + off.shape[1]) * np.log1p(z2 / _DEGREES)
+        rest = log_det - 0.5 * (degrees + off.shape[1]) * np.log1p(z2 / degrees)
         sizes = x[:, np.asarray(frozen.learnt)][:, np.asarray(frozen.priors["logarithmic"])]
         return given.log_evidence - np.sum(np.log(sizes), 1) + rest
 
@@ -172,7 +188,10 @@ class EvidenceMove(MHMove):
         before = _given(self.evidence, standardised)
         standardised, given = self._moved(standardised, before, random, _SIZE_STEPS)
         proposed = self._drawn(standardised, given, random)
-        return proposed, self._log_density(coords, before) - self._log_density(proposed, given)
+        factors = self._log_density(coords, before, self.degrees) - self._log_density(
+            proposed, given, self.degrees
+        )
+        return proposed, factors
 
 
 def _where(taken: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
@@ -192,8 +211,20 @@ def _given(evidence: Evidence, standardised: np.ndarray) -> GivenSizes:
     return jax.tree.map(lambda *values: np.concatenate(values)[:n], *parts)
 
 
-def _explored(evidence: Evidence, random: np.random.RandomState) -> stats.gaussian_kde:
-    """The distribution of sizes by their evidence, smoothed."""
+def explored_sizes(evidence: Evidence, random: np.random.RandomState) -> SizeProposal:
+    """The distribution of sizes by their evidence, explored by a short ensemble.
+
+    Parameters
+    ----------
+    evidence : Evidence
+        Around the maximum; all its parameters are free.
+    random : numpy.random.RandomState
+        Source of the exploration.
+
+    Returns
+    -------
+    SizeProposal
+    """
     begin = evidence.standardised(evidence.point.theta)
     walkers = max(_WALKERS, 2 * len(begin))
     starts = begin + 0.3 * random.standard_normal((walkers, len(begin)))
@@ -207,4 +238,5 @@ def _explored(evidence: Evidence, random: np.random.RandomState) -> stats.gaussi
     sampler.random_state = random.get_state()
     sampler.run_mcmc(starts, _STEPS)
     random.set_state(sampler.random_state)
-    return stats.gaussian_kde(sampler.get_chain(discard=_WARM_UP, thin=2, flat=True).T)
+    explored = sampler.get_chain(discard=_WARM_UP, thin=2, flat=True)
+    return SizeProposal(stats.gaussian_kde(explored.T))

@@ -42,6 +42,7 @@ class IndependenceMove(MHMove):
         logarithmic: np.ndarray | None = None,
     ):
         mean = np.asarray(mean, float)
+        self._shape = (mean, np.asarray(covariance, float))
         self.logarithmic = (
             np.zeros(len(mean), bool) if logarithmic is None else np.asarray(logarithmic, bool)
         )
@@ -50,24 +51,39 @@ class IndependenceMove(MHMove):
         self.root = cholesky_factor(covariance * np.outer(slope, slope))
         super().__init__(self._propose, ndim=len(self.mean))
 
-    def log_density(self, x: np.ndarray) -> np.ndarray:
+    def log_density(self, x: np.ndarray, degrees: float | None = None) -> np.ndarray:
         """Log density of proposals, up to a constant.
 
         Parameters
         ----------
         x : (n, d) array
             Points.
+        degrees : float, optional
+            Of freedom; those of this move where none are given.
 
         Returns
         -------
         (n,) array
         """
+        degrees = self.degrees if degrees is None else degrees
         y = self._unfolded(x)
         z = linalg.solve_triangular(self.root, (y - self.mean).T, lower=True)
-        of_logarithms = (
-            -0.5 * (self.degrees + len(self.mean)) * np.log1p(np.sum(z**2, axis=0) / self.degrees)
-        )
+        of_logarithms = -0.5 * (degrees + len(self.mean)) * np.log1p(np.sum(z**2, axis=0) / degrees)
         return of_logarithms - np.sum(y[:, self.logarithmic], axis=1)
+
+    def with_degrees(self, degrees: float) -> IndependenceMove:
+        """The same centre and scale, with lighter or heavier tails.
+
+        Parameters
+        ----------
+        degrees : float
+            Of freedom.
+
+        Returns
+        -------
+        IndependenceMove
+        """
+        return IndependenceMove(*self._shape, degrees, self.logarithmic)
 
     def draw(self, random: np.random.RandomState, n: int, *, stretch: float = 1.0) -> np.ndarray:
         """Draw from the t distribution.

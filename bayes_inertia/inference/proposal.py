@@ -6,7 +6,7 @@ import emcee
 import numpy as np
 
 from bayes_inertia.errors import EstimateError
-from bayes_inertia.inference.evidence_move import EvidenceMove
+from bayes_inertia.inference.evidence_move import EvidenceMove, explored_sizes
 from bayes_inertia.inference.hyperparameters import evidence_at
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.marginal_posterior import LogDensity
@@ -16,6 +16,10 @@ Proposal = IndependenceMove | EvidenceMove
 
 # Below this expected acceptance the Laplace approximation is too poor to propose from.
 _POOR_ACCEPTANCE = 0.35
+# Degrees of freedom among which the tails of a proposal are chosen. The heaviest tails cost most
+# proposals where the posterior is nearly normal; none are lighter than the last, whose density
+# still falls off less steeply than a normal one.
+_TAILS = (8.0, 20.0, 60.0, 200.0)
 # Draws by which a proposal's acceptance is judged, and pilots at most until one is good enough.
 _JUDGED_DRAWS, _MOST_PILOTS = 256, 4
 _PILOT_STEPS, _PILOT_WARM_UP, _PILOT_WALKERS = 400, 200, 64
@@ -63,12 +67,12 @@ def find_proposal(
     if estimate.model.structure.hyperparameters:
         everything = np.arange(len(estimate.theta))
         evidence = evidence_at(estimate.model, estimate.point, estimate.white, everything)
-        move = EvidenceMove(evidence, random)
+        move = EvidenceMove(evidence, explored_sizes(evidence, random))
     spent = 0
     for _ in range(_MOST_PILOTS):
         draws = move.draw(random, _JUDGED_DRAWS)
         spent += len(draws)
-        acceptance = _expected_acceptance(log_density(draws) - move.log_density(draws))
+        move, acceptance = _with_best_tails(move, draws, log_density(draws))
         if acceptance > _POOR_ACCEPTANCE:
             return move, float(np.clip(acceptance, _LEAST_SHARE, _LARGEST_SHARE)), spent
         n = walkers_needed(_PILOT_WALKERS, len(estimate.theta))
@@ -85,13 +89,34 @@ def find_proposal(
     return move, _LEAST_SHARE, spent
 
 
-def _expected_acceptance(log_weights: np.ndarray) -> float:
-    """Acceptance an independence sampler would have, from importance weights of its proposals."""
-    weights = np.exp(log_weights - log_weights.max())
+def _with_best_tails(
+    move: Proposal, draws: np.ndarray, log_density: np.ndarray
+) -> tuple[Proposal, float]:
+    """The proposal with the tails that would be accepted most often, and how often.
+
+    `draws` (n, d) are the move's own, with the log density (n,) that is to be sampled.
+    """
+    own = move.log_density(draws)
+    acceptances = {
+        degrees: _expected_acceptance(log_density - own, move.log_density(draws, degrees) - own)
+        for degrees in _TAILS
+    }
+    best = max(acceptances, key=lambda degrees: acceptances[degrees])
+    return move.with_degrees(best), acceptances[best]
+
+
+def _expected_acceptance(log_weights: np.ndarray, log_ratios: np.ndarray) -> float:
+    """Acceptance an independence sampler would have whose proposals differ from those drawn.
+
+    `log_weights` (n,) are the log density to be sampled over that of the draws, `log_ratios` (n,)
+    that of the proposals over that of the draws.
+    """
     if not np.any(np.isfinite(log_weights)):
         return 0.0
-    pairs = np.minimum(weights[:, None], weights[None, :])
-    return float(pairs.sum() / (len(weights) * weights.sum()))
+    weights = np.exp(log_weights - log_weights.max())
+    ratios = np.exp(log_ratios - log_ratios.max())
+    pairs = weights[:, None] * ratios[None, :]
+    return float(np.minimum(pairs, pairs.T).sum() / (weights.sum() * ratios.sum()))
 
 
 def finite_starts(

@@ -66,7 +66,7 @@ class Settings:
     seed: int = 0
     ensembles: int = 4
     walkers: int = 64
-    steps: int = 44
+    steps: int = 36
     max_steps: int = 2304
     target_ess: float = 5_000.0
     threads: int = 2
@@ -97,7 +97,7 @@ def _check_setting(name: str, value: Any) -> None:
 
 # With effects without a fixed shape each evaluation is dear; 2,000 effective samples are enough for
 # limits of 95 %.
-STOCHASTIC_SETTINGS = Settings(walkers=32, steps=40, target_ess=2_000.0)
+STOCHASTIC_SETTINGS = Settings(walkers=32, steps=32, target_ess=2_000.0)
 
 
 def usual_settings(effects: Iterable[Effect], *, seed: int = 0) -> Settings:

@@ -10,7 +10,7 @@ import pytest
 from scipy import linalg, stats
 
 from bayes_inertia.inference.coefficients import prior_roots
-from bayes_inertia.inference.evidence_move import EvidenceMove
+from bayes_inertia.inference.evidence_move import EvidenceMove, explored_sizes
 from bayes_inertia.inference.hyperparameters import evidence_at
 from bayes_inertia.inference.laplace import marginal
 from bayes_inertia.inference.marginal_posterior import conditional_point, log_posterior
@@ -128,7 +128,7 @@ def acceptance(move, structure, frozen) -> float:
 def test_proposals_by_evidence_resemble_the_posterior(wandered):
     model, everything = wandered.model, np.arange(len(wandered.theta))
     evidence = evidence_at(model, wandered.point, wandered.white, everything)
-    ours = EvidenceMove(evidence, np.random.RandomState(9))
+    ours = EvidenceMove(evidence, explored_sizes(evidence, np.random.RandomState(9)))
     logarithmic = np.array([p.logarithmic for p in model.space.priors])
     # One ellipsoid around everything, the negative control, resembles it less.
     ellipsoid = IndependenceMove(wandered.theta, wandered.covariance, logarithmic=logarithmic)

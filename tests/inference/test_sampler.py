@@ -110,7 +110,7 @@ def test_a_second_campaign_of_one_shape_compiles_nothing(flying, small_at, monke
         ("walkers", 0, "2 or more"),
         ("steps", 0, "4 or more"),
         ("steps", True, "4 or more"),
-        ("max_steps", 43, "lower steps"),
+        ("max_steps", 35, "lower steps"),
         ("target_ess", 0.0, "above 0"),
         ("target_ess", float("nan"), "above 0"),
         ("threads", 0, "1 or more"),
