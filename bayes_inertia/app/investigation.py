@@ -8,6 +8,7 @@ that is asked of its answer.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 
@@ -16,8 +17,8 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.design.correction_slew import CorrectionForecast, correction_forecast
 from bayes_inertia.design.separating_slew import Separation, separating_slew
 from bayes_inertia.diagnosis.blind_spots import Undetected, undetected_effects
-from bayes_inertia.diagnosis.model_averaging import AlternativeParameters, alternative_parameters
-from bayes_inertia.diagnosis.remainder_averaging import remainder_alternatives
+from bayes_inertia.diagnosis.model_averaging import AlternativeParameters
+from bayes_inertia.diagnosis.quoted_parameters import alternatives_of
 from bayes_inertia.diagnosis.residual_scan import Disagreement, scan_residuals
 from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.rules import Rules
@@ -121,18 +122,21 @@ def investigate(
     changed = diagnosis.steps or any(factor > 1.0 for factor in diagnosis.noise.values())
     # A signal without a fixed shape cannot be foretold for another slew.
     corrected = diagnosis.steps and not unknown and not diagnosis.steps[-1].stochastic
-    return Investigation(
-        diagnosis=diagnosis,
-        disagreement_before=scan_residuals(base, seed=seed),
-        disagreement_after=scan_residuals(final, seed=seed, stated=False) if changed else None,
-        unexplained=unexplained_signal(base) if unknown else None,
-        correction=correction_forecast(base, final, seed=seed) if corrected else None,
-        separating_slews=separating_slews(diagnosis, library=library, seed=seed),
-        alternatives=alternative_parameters(diagnosis) or remainder_alternatives(diagnosis),
-        blind_spots=undetected_effects(diagnosis),
-        undetected=undetected_alternatives(diagnosis) if count_undetected else (),
-        readings_a_mean=1 if as_stated else readings_a_mean(campaign),
-    )
+    with ThreadPoolExecutor(1) as pool:
+        # Mostly compiling, which leaves the interpreter to what follows.
+        alternatives = pool.submit(alternatives_of, diagnosis)
+        return Investigation(
+            diagnosis=diagnosis,
+            disagreement_before=scan_residuals(base, seed=seed),
+            disagreement_after=scan_residuals(final, seed=seed, stated=False) if changed else None,
+            unexplained=unexplained_signal(base) if unknown else None,
+            correction=correction_forecast(base, final, seed=seed) if corrected else None,
+            separating_slews=separating_slews(diagnosis, library=library, seed=seed),
+            blind_spots=undetected_effects(diagnosis),
+            undetected=undetected_alternatives(diagnosis) if count_undetected else (),
+            readings_a_mean=1 if as_stated else readings_a_mean(campaign),
+            alternatives=alternatives.result(),
+        )
 
 
 def separating_slews(

@@ -79,9 +79,24 @@ def quoted_parameters(diagnosis: Diagnosis) -> QuotedParameters:
         quoted = quoted_parameters(diagnose(campaign))
         dict(zip(quoted.names, quoted.sd))
     """
-    alternatives = alternative_parameters(diagnosis) or remainder_alternatives(diagnosis)
-    first = _first_fit(diagnosis)
-    return averaged_parameters(first, alternatives)
+    return averaged_parameters(_first_fit(diagnosis), alternatives_of(diagnosis))
+
+
+def alternatives_of(diagnosis: Diagnosis) -> tuple[AlternativeParameters, ...]:
+    """J and K given what a diagnosis could not rule out.
+
+    Parameters
+    ----------
+    diagnosis : Diagnosis
+        What was found.
+
+    Returns
+    -------
+    tuple of AlternativeParameters
+        One for each other effect of an ambiguous set, or, where no candidate explains the data,
+        one with free shapes; empty where there is nothing to average over.
+    """
+    return alternative_parameters(diagnosis) or remainder_alternatives(diagnosis)
 
 
 def averaged_parameters(
