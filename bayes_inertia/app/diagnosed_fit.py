@@ -211,8 +211,7 @@ def fitted_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
         return REMAINDERS
     if diagnosis.why_unknown == "misfit":
         return tried_effects(diagnosis)
-    instances = {e.name: e for e in diagnosis.final.model.effects}
-    return tuple(instances[step.added] for step in diagnosis.steps)
+    return diagnosis.effects_added
 
 
 def fit_after_diagnosis(

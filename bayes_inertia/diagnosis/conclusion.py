@@ -29,6 +29,7 @@ from bayes_inertia.diagnosis.stochastic_contest import as_candidates
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.residual_tests import ChannelTest, channel_tests
 from bayes_inertia.inference.rounding import has_one_error, rounding_steps
+from bayes_inertia.physics.effect import Effect
 
 
 class Outcome(NamedTuple):
@@ -44,12 +45,15 @@ class Outcome(NamedTuple):
         What was added.
     final : Estimate
         The fit with everything added.
+    displaced : tuple of Effect
+        What had been added and gave way to an effect without a fixed shape.
     """
 
     first: ScoredRound
     levels: tuple[Level, ...]
     steps: tuple[Step, ...]
     final: Estimate
+    displaced: tuple[Effect, ...] = ()
 
 
 def conclude(
@@ -105,6 +109,7 @@ def conclude(
         why_unknown=why_unknown,
         nameless_lead=lead,
         nameless_source=rival.source,
+        displaced=outcome.displaced,
         hypotheses=hypotheses(levels, steps, lowest_p_value(tests), len(candidates), rules),
     )
 

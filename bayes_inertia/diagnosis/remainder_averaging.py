@@ -37,12 +37,12 @@ def tried_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
     Returns
     -------
     tuple of Effect
-        In the order in which they were added, without a flexible mode: its states cost most of a
-        fit, and what it stands for is not known.
+        In the order in which they were added, those included whose place one without a fixed shape
+        took; without a flexible mode: its states cost most of a fit, and what it stands for is not
+        known.
     """
-    instances = {e.name: e for e in diagnosis.final.model.effects}
-    added = (instances[step.added] for step in diagnosis.steps)
-    return tuple(e for e in added if not isinstance(e, StochasticEffect | FlexibleMode))
+    tried = (*diagnosis.effects_added, *diagnosis.displaced)
+    return tuple(e for e in tried if not isinstance(e, StochasticEffect | FlexibleMode))
 
 
 def remainder_alternatives(diagnosis: Diagnosis) -> tuple[AlternativeParameters, ...]:

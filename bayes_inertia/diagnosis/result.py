@@ -13,6 +13,7 @@ from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.residual_tests import ChannelTest
 from bayes_inertia.inference.treatment import DirtTreatment, records_of_dirt
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.physics.effect import Effect
 
 
 @dataclass(frozen=True)
@@ -179,6 +180,9 @@ class Diagnosis:
         What was done about dirt in the telemetry; its level is `noise`.
     hypotheses : tuple of Hypothesis
         Possible answers, most probable first; their probabilities add up to one.
+    displaced : tuple of Effect
+        Effects of fixed shape that the search added before one without a fixed shape took their
+        place. Where that one does not explain the data either, J and K are fitted with them.
     """
 
     verdict: str
@@ -199,6 +203,13 @@ class Diagnosis:
     nameless_source: str = ""
     treatment: DirtTreatment = field(default_factory=DirtTreatment)
     hypotheses: tuple[Hypothesis, ...] = ()
+    displaced: tuple[Effect, ...] = ()
+
+    @property
+    def effects_added(self) -> tuple[Effect, ...]:
+        """The effects of the steps, in their order, with the settings they were found with."""
+        instances = {effect.name: effect for effect in self.final.model.effects}
+        return tuple(instances[step.added] for step in self.steps)
 
     @property
     def beyond_prior(self) -> tuple[BeyondPrior, ...]:

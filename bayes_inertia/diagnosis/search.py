@@ -146,7 +146,7 @@ def _diagnosed(
     final = settled.final
     if settled.steps and settled.steps[-1].stochastic:
         begin, final = at_measured_level(begin, final)
-    outcome = Outcome(rounds[0], levels, settled.steps, final)
+    outcome = Outcome(rounds[0], levels, settled.steps, final, settled.displaced)
     diagnosis = conclude(outcome, dict(begin.noise), effects.skipped, rules)
     return replace(diagnosis, treatment=replace(begin.treatment, level=dict(begin.noise)))
 

@@ -23,6 +23,7 @@ from bayes_inertia.diagnosis.stochastic_candidates import (
 )
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import move_to, re_estimate
+from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
@@ -43,11 +44,14 @@ class Contest:
         The fit after them.
     weighed : tuple of tuples of StochasticCandidate
         At the fit before each step of the search and after the last.
+    displaced : tuple of Effect
+        What the search had added where the effect without a fixed shape stands now.
     """
 
     steps: tuple[Step, ...]
     final: Estimate
     weighed: tuple[tuple[StochasticCandidate, ...], ...]
+    displaced: tuple[Effect, ...] = ()
 
 
 def contest(
@@ -102,7 +106,9 @@ def contest(
                 instead.added, instead.after, instead.log_bayes_factor, _NOT_COMPARED
             )
             step = replace(step, alternatives=(beside, *step.alternatives)[:_MAX_ALTERNATIVES])
-        return Contest((*kept[:k], step), step.after, weighed)
+        instances = {effect.name: effect for effect in final.model.effects}
+        displaced = tuple(instances[s.added] for s in kept[k:])
+        return Contest((*kept[:k], step), step.after, weighed, displaced)
     near = best[k]
     if near and kept and k == len(kept) - 1 and lead > -rules.log_evidence_margin:
         beside = _alternative(levels[k], near, effects)
