@@ -66,7 +66,9 @@ def run_calibration(
     chosen = cases_named(cases)
     if fits < len(chosen):
         raise SettingsError(
-            f"{fits} fits for {len(chosen)} cases", where="fits", advice="ask for more"
+            f"{fits} fits for {len(chosen)} cases",
+            where="fits",
+            advice=f"ask for {len(chosen)} or more",
         )
     work = calibration_work(chosen, fits, seed, pipeline)
     options = {"seed": seed, "pipeline": pipeline}

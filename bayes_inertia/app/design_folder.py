@@ -18,6 +18,8 @@ from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.follow_on import following_plan
 from bayes_inertia.flight.plan_file import write_plan
+from bayes_inertia.inference.cleaning import clean_fit
+from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.named_effects import pinned_names
@@ -71,7 +73,7 @@ def run_design(campaign: Path, folder: Path, request: DesignRequest) -> Design:
     owner = ResultFolder(folder, "design", "design.json", FORMAT, digest, asdict(request), results)
     owner.holds_this_work()
     limits = request.limits(flown)
-    after = estimate(Model(flown), seed=request.seed) if request.after else None
+    after = _cleaned(flown, request.seed) if request.after else None
     mission = prior_mission(flown)
     design = design_plan(
         mission,
@@ -93,6 +95,11 @@ def run_design(campaign: Path, folder: Path, request: DesignRequest) -> Design:
     _write_flyable_plan(design, folder / "plan.toml")
     write_png(draw_comparison(contenders), folder / "design.png")
     return design
+
+
+def _cleaned(flown: Campaign, seed: int) -> Estimate:
+    """The fit of a campaign, dirt kept away as `fit` does."""
+    return clean_fit(estimate(Model(flown), seed=seed), seed=seed).estimate
 
 
 def _momentum_source(campaign: Campaign, request: DesignRequest) -> str:

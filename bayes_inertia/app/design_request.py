@@ -149,16 +149,17 @@ def _cone(text: str) -> KeepOut:
 
 
 def _cones_in(path: Path) -> list[KeepOut]:
+    advice = 'write [[keep_out]] with name = "Sun", direction_N = [x, y, z], half_angle_deg = 35'
     try:
         cones = []
         for table in tomllib.loads(path.read_text())["keep_out"]:
             x, y, z = (float(component) for component in table["direction_N"])
             cones.append(KeepOut(table["name"], (x, y, z), math.radians(table["half_angle_deg"])))
         return cones
-    except (KeyError, TypeError, ValueError, RecursionError) as error:
+    except KeyError as error:
+        missing = f"the key {error.args[0]} is missing"
+        raise CampaignError(missing, where=str(path), advice=advice) from error
+    except (TypeError, ValueError, RecursionError) as error:
         raise CampaignError(
-            f"no keep-out cones ({error!r})",
-            where=str(path),
-            advice='write [[keep_out]] with name = "Sun", direction_N = [x, y, z], '
-            "half_angle_deg = 35",
+            f"no keep-out cones: {error}", where=str(path), advice=advice
         ) from error

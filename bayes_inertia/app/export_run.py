@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +74,7 @@ def exported_result(run: Path, *, with_correction: bool) -> ExportedResult:
         trusted=summary["trusted"] and not reasons,
         reasons=tuple(dict.fromkeys(reasons)),
         parameters=parameters,
-        covariance=np.cov(posterior.averaged_samples, rowvar=False),
+        covariance=_quoted_covariance(posterior, parameters),
         includes_wheel_spin=locked,
         inertia_B=J,
         inertia_locked_B=J + spin_tensor(campaign.wheels),
@@ -106,6 +107,13 @@ def write_export(result: ExportedResult, form: ExportFormat, path: Path) -> Path
     """
     write_new_files(path.parent, {path.name: form.text(result).encode()}, holds="file")
     return path
+
+
+def _quoted_covariance(posterior: Posterior, parameters: Sequence[ExportedParameter]) -> np.ndarray:
+    """Covariance of the draws, widened to the sds that are quoted."""
+    covariance = np.cov(posterior.averaged_samples, rowvar=False)
+    widening = np.array([p.sd for p in parameters]) / np.sqrt(np.diag(covariance))
+    return covariance * np.outer(widening, widening)
 
 
 def _parameters(posterior: Posterior, summary: dict[str, Any]) -> tuple[ExportedParameter, ...]:

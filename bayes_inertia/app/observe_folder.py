@@ -10,6 +10,7 @@ from bayes_inertia.app.result_folder import ResultFolder
 from bayes_inertia.app.run_folder import FORMAT as RUN_FORMAT
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.inference import optimizer
+from bayes_inertia.inference.cleaning import clean_fit
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.observability.against_posterior import (
@@ -94,6 +95,8 @@ def run_observe(
     if (folder / "run.json").exists():
         ResultFolder(folder, "run", "run.json", RUN_FORMAT, digest, flat=True).holds_this_work()
     estimate = optimizer.estimate(Model(flown, instances, drive), seed=seed)
+    # As `fit` does: one outlier would make a slew count for little.
+    estimate = clean_fit(estimate, seed=seed).estimate
     other_drive = _in_other_drive(estimate, seed) if both_drives else None
     observability = observe(estimate, other_drive)
     comparison = _comparison(observability, folder, digest)

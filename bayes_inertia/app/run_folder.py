@@ -154,7 +154,10 @@ def read_run(folder: Path) -> Run:
         return run
     except SettingsError as error:
         raise CampaignError(str(error), where=str(path), advice=_NEW_RUN) from error
-    except (ValueError, KeyError, TypeError) as error:
+    except KeyError as error:
+        missing = f"the key {error.args[0]} is missing"
+        raise CampaignError(missing, where=str(path), advice=_NEW_RUN) from error
+    except (ValueError, TypeError) as error:
         raise CampaignError(
             f"not a run description ({error})", where=str(path), advice=_NEW_RUN
         ) from error

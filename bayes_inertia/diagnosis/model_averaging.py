@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from bayes_inertia.diagnosis.conclusion import final_tests, is_explained
 from bayes_inertia.diagnosis.nameless import NAMELESS
 from bayes_inertia.diagnosis.result import AlternativeEffect, Diagnosis, Step
 from bayes_inertia.inference.laplace import Estimate
@@ -26,6 +27,7 @@ from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effects import REMAINDERS
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import N_BASE
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
 @array_dataclass
@@ -117,7 +119,7 @@ def alternative_parameters(diagnosis: Diagnosis) -> tuple[AlternativeParameters,
             float(probability),
             tuple(member.estimate.model.space.names[:N_BASE]),
             member.estimate.theta[:N_BASE],
-            member.estimate.covariance[:N_BASE, :N_BASE],
+            member.estimate.quoted_covariance[:N_BASE, :N_BASE],
         )
         for member, probability in zip(members, odds / (1.0 + odds.sum()), strict=True)
     )
@@ -141,11 +143,17 @@ def _nameless_members(diagnosis: Diagnosis) -> list[_Member]:
 
 
 def _with_remainders(diagnosis: Diagnosis, named: str) -> Estimate:
-    """The final fit with a torque and a rate error of free shape in place of one effect."""
+    """The final fit with a torque and a rate error of free shape in place of one effect.
+
+    What they leave of a disturbance of wheels or tachometers counts as noise.
+    """
     final = diagnosis.final
     kept = (effect for effect in final.effects_fitted if effect.name != named)
     model = Model(final.model.campaign, (*kept, *REMAINDERS), final.model.structure.drive)
-    return with_noise(estimate(model, starts=1, discount=False), diagnosis.noise)
+    fitted = with_noise(estimate(model, starts=1, discount=False), diagnosis.noise)
+    if is_explained(final_tests(fitted), diagnosis.rules):
+        return fitted
+    return estimate(model, starts=1)
 
 
 def _exchanged(diagnosis: Diagnosis, step: Step, other: AlternativeEffect) -> Estimate:
@@ -153,26 +161,31 @@ def _exchanged(diagnosis: Diagnosis, step: Step, other: AlternativeEffect) -> Es
     if len(diagnosis.steps) == 1:
         start = with_noise(other.estimate, diagnosis.noise)
         return re_estimate(start, start.theta, start.free)
-    start = move_to(diagnosis.final, _model_with(diagnosis.final.model, other))
-    space = start.model.space
+    start = move_to(diagnosis.final, _model_with(diagnosis.final, step.added, other))
+    space, theta, free = start.model.space, start.theta.copy(), start.free
     values = dict(zip(other.estimate.model.space.names, other.estimate.theta, strict=True))
-    removed, added = space.slice_of(step.added), space.slice_of(other.effect)
-    theta = start.theta.copy()
-    theta[removed] = space.nulls[removed]
+    added = space.slice_of(other.effect)
     for i in (*range(N_BASE), *range(added.start, added.stop)):
         theta[i] = values[space.names[i]]
-    kept = start.free[(start.free < removed.start) | (start.free >= removed.stop)]
-    return re_estimate(start, theta, np.concatenate([kept, np.arange(added.start, added.stop)]))
+    if step.added in {effect.name for effect in start.model.effects}:
+        removed = space.slice_of(step.added)
+        theta[removed] = space.nulls[removed]
+        free = free[(free < removed.start) | (free >= removed.stop)]
+    return re_estimate(start, theta, np.concatenate([free, np.arange(added.start, added.stop)]))
 
 
-def _model_with(model: Model, other: AlternativeEffect) -> Model:
-    """A model that holds an alternative effect as it was fitted.
+def _model_with(final: Estimate, removed: str, other: AlternativeEffect) -> Model:
+    """A model that holds an alternative effect as it was fitted, and need not hold another.
 
-    A flexible mode has a model of its own, and a strong effect a wider prior.
+    A flexible mode has a model of its own, and a strong effect a wider prior. An effect without a
+    fixed shape has no null: it is there or not.
     """
+    model = final.model
     effects = {effect.name: effect for effect in model.effects}
     fitted = {effect.name: effect for effect in other.estimate.model.effects}[other.effect]
-    if effects.get(other.effect) == fitted:
+    if isinstance(fitted, StochasticEffect) or isinstance(effects[removed], StochasticEffect):
+        effects = {e.name: e for e in final.effects_fitted if e.name != removed}
+    elif effects.get(other.effect) == fitted:
         return model
     effects[other.effect] = fitted
     return Model(model.campaign, tuple(effects.values()), model.structure.drive)

@@ -53,7 +53,8 @@ class QuotedParameters:
 def quoted_parameters(diagnosis: Diagnosis) -> QuotedParameters:
     """J and K after a diagnosis, at the optimum (Laplace's approximation).
 
-    `diagnose_and_fit` samples the same.
+    `diagnose_and_fit` samples the posterior of the same fits, and its summary quotes the larger of
+    each sd and what the scatter between slews supports; that is the sd here too.
 
     Parameters
     ----------
@@ -144,16 +145,13 @@ def _first_fit(diagnosis: Diagnosis) -> AlternativeParameters:
         final = _refitted(final, tried_effects(diagnosis))
     elif diagnosis.why_unknown == "imitation":
         final = _refitted(final, REMAINDERS)
-    covariance = final.covariance
-    if diagnosis.verdict == "unknown" and final.robust_covariance is not None:
-        covariance = final.robust_covariance
     return AlternativeParameters(
         "",
         "",
         0.0,
         tuple(final.model.space.names[:N_BASE]),
         final.theta[:N_BASE],
-        covariance[:N_BASE, :N_BASE],
+        final.quoted_covariance[:N_BASE, :N_BASE],
     )
 
 

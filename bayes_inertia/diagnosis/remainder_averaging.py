@@ -62,8 +62,6 @@ def remainder_alternatives(diagnosis: Diagnosis) -> tuple[AlternativeParameters,
     if diagnosis.verdict != "unknown" or diagnosis.why_unknown != "misfit":
         return ()
     free = _with_remainders(diagnosis)
-    # A single slew has no robust covariance.
-    covariance = free.covariance if free.robust_covariance is None else free.robust_covariance
     return (
         AlternativeParameters(
             FREE_SHAPES,
@@ -71,7 +69,7 @@ def remainder_alternatives(diagnosis: Diagnosis) -> tuple[AlternativeParameters,
             _PROBABILITY,
             tuple(free.model.space.names[:N_BASE]),
             free.theta[:N_BASE],
-            covariance[:N_BASE, :N_BASE],
+            free.quoted_covariance[:N_BASE, :N_BASE],
         ),
     )
 

@@ -88,7 +88,7 @@ def _check(name: str, value: float) -> None:
             where=name,
             advice=f"give a share, such as {getattr(Rules, name)}",
         )
-    if name in _COUNT_FIELDS and (value != int(value) or value < (name == "max_refits")):
+    if name in _COUNT_FIELDS and not (isinstance(value, int) and value >= (name == "max_refits")):
         raise SettingsError(
             f"{value} is no such count",
             where=name,

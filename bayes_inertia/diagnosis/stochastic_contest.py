@@ -95,26 +95,32 @@ def contest(
     ]
     claims = [step.log_bayes_factor for step in kept]
     k, lead = best_level(claims, evidence, len(rounds[0].candidates) + len(effects))
+    close = k == len(kept) - 1 and abs(lead) < rules.log_evidence_margin
+    near = best[k]
     if lead > 0.0:
         at = weighed[k]
         if all(c.effect for c in at):
             at = stochastic_candidates(levels[k], effects)
         step = _named(levels[k], at, effects, rules)
-        if k == len(kept) - 1 and lead < rules.log_evidence_margin:
-            instead = kept[k]
-            beside = AlternativeEffect(
-                instead.added, instead.after, instead.log_bayes_factor, _NOT_COMPARED
-            )
-            step = replace(step, alternatives=(beside, *step.alternatives)[:_MAX_ALTERNATIVES])
+        if close:
+            step = _with_alternative(step, _as_alternative(kept[k]))
         instances = {effect.name: effect for effect in final.model.effects}
         displaced = tuple(instances[s.added] for s in kept[k:])
         return Contest((*kept[:k], step), step.after, weighed, displaced)
-    near = best[k]
-    if near and kept and k == len(kept) - 1 and lead > -rules.log_evidence_margin:
-        beside = _alternative(levels[k], near, effects)
-        last = replace(kept[-1], alternatives=(beside, *kept[-1].alternatives)[:_MAX_ALTERNATIVES])
+    if near and close:
+        last = _with_alternative(kept[-1], _alternative(levels[k], near, effects))
         kept = (*kept[:-1], last)
     return Contest(kept, final, weighed)
+
+
+def _with_alternative(step: Step, alternative: AlternativeEffect) -> Step:
+    """A step that what explains the data about as well stands beside."""
+    return replace(step, alternatives=(alternative, *step.alternatives)[:_MAX_ALTERNATIVES])
+
+
+def _as_alternative(step: Step) -> AlternativeEffect:
+    """What a step added, as what could be there instead."""
+    return AlternativeEffect(step.added, step.after, step.log_bayes_factor, _NOT_COMPARED)
 
 
 def best_level(
@@ -259,19 +265,5 @@ def with_stochastic(before: Estimate, effect: StochasticEffect, start: Sequence[
     part = model.space.slice_of(effect.name)
     theta = begin.theta.copy()
     theta[part] = start
-    local = _with_coefficients(before, model, effect)
-    begin = replace(begin, point=replace(begin.point, theta=theta, local=local))
+    begin = replace(begin, point=replace(begin.point, theta=theta))
     return re_estimate(begin, theta, np.concatenate([begin.free, np.arange(part.start, part.stop)]))
-
-
-def _with_coefficients(before: Estimate, model: Model, effect: StochasticEffect) -> np.ndarray:
-    """Nuisances (slews, n_local) with the effect's coefficients, zero, where they belong."""
-    first = model.structure.n_start
-    counts = zip(model.structure.effects, model.structure.coefficients, strict=True)
-    for other, count in counts:
-        if other.name == effect.name:
-            break
-        first += count
-    local = np.asarray(before.point.local)
-    added = effect.coefficient_count(model.campaign)
-    return np.insert(local, [first] * added, 0.0, axis=1)

@@ -61,7 +61,7 @@ class SlewEquations(NamedTuple):
         Of half of chi2.
     precision : (s,) array
         Of the prior of what slews share.
-    pull : (s,) array
+    shared_gradient : (s,) array
         Gradient of half the squares of that prior.
     shared_chi2 : () array
         Those squares.
@@ -73,7 +73,7 @@ class SlewEquations(NamedTuple):
     matrix: Array
     gradient: Array
     precision: Array
-    pull: Array
+    shared_gradient: Array
     shared_chi2: Array
     local: Array
 
@@ -191,7 +191,7 @@ def eliminated(change: Roots, equations: SlewEquations) -> EliminatedSlews:
     -------
     EliminatedSlews
     """
-    s, n_local = len(equations.pull), equations.local.shape[1]
+    s, n_local = len(equations.shared_gradient), equations.local.shape[1]
     n_start = n_local - sum(block.shape[1] * block.shape[2] for block in change)
     # Coefficients are counted from zero from here on.
     back = jnp.zeros_like(equations.gradient)
@@ -208,8 +208,8 @@ def eliminated(change: Roots, equations: SlewEquations) -> EliminatedSlews:
     step, across = solved[..., 0], solved[..., 1:]
     left = matrix[:, :s, :s] - jnp.einsum("ski,skj->sij", across, across)
     shared_root = jnp.linalg.cholesky(jnp.diag(equations.precision) + left.sum(0))
-    pull = jnp.sum(slope[:, :s] - jnp.einsum("ski,sk->si", across, step), 0)
-    shared_step = solve_triangular(shared_root, equations.pull + pull, lower=True)
+    of_slews = jnp.sum(slope[:, :s] - jnp.einsum("ski,sk->si", across, step), 0)
+    shared_step = solve_triangular(shared_root, equations.shared_gradient + of_slews, lower=True)
     return EliminatedSlews(constant, started, root, step, across, shared_root, shared_step)
 
 

@@ -233,7 +233,7 @@ def explored_sizes(evidence: Evidence, random: np.random.RandomState) -> SizePro
         len(begin),
         lambda standardised: _given(evidence, standardised).log_evidence,
         vectorize=True,
-        moves=[(emcee.moves.DEMove(), 0.8), (emcee.moves.DESnookerMove(), 0.2)],
+        moves=emcee.moves.DEMove(),
     )
     sampler.random_state = random.get_state()
     sampler.run_mcmc(starts, _STEPS)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from math import pi
 from typing import Any
 
@@ -35,19 +34,21 @@ _REMAINDER_NOTE = (
 
 
 # What a wrong unit or convention makes of a scale factor or of J: the factor on it.
-_FACTORS_ON_K: Mapping[str, float] = {
-    "rates in deg/s read as rad/s": pi / 180.0,
-    "rates in rad/s read as deg/s": 180.0 / pi,
-    "rates in rpm read as rad/s": pi / 30.0,
-    "rates in mrad/s read as rad/s": 1e-3,
-    "times in another unit than stated": 1e3,
-    "rates of the opposite sign": -1.0,
-}
-_FACTORS_ON_J: Mapping[str, float] = {
-    "wheel torque and momentum in mN m and mN m s read as N m and N m s": 1e3,
-    "wheel torque and momentum a thousand times too small": 1e-3,
-    "J in kg cm^2 or g m^2 stated as kg m^2": 1e-3,
-}
+_FACTORS_ON_K: tuple[tuple[str, float], ...] = (
+    ("rates in deg/s read as rad/s", pi / 180.0),
+    ("rates in rad/s read as deg/s", 180.0 / pi),
+    ("rates in rpm read as rad/s", pi / 30.0),
+    ("rates in mrad/s read as rad/s", 1e-3),
+    ("times in another unit than stated", 1e3),
+    ("times in another unit than stated", 1e-3),
+    ("rates of the opposite sign", -1.0),
+)
+_FACTORS_ON_J: tuple[tuple[str, float], ...] = (
+    ("wheel torque and momentum in mN m and mN m s read as N m and N m s", 1e3),
+    ("wheel torque and momentum a thousand times too small", 1e-3),
+    ("J in g m^2 stated as kg m^2", 1e-3),
+    ("J in kg cm^2 stated as kg m^2", 1e-4),
+)
 _NEAR_A_FACTOR = 0.2
 
 
@@ -167,8 +168,8 @@ def _cause_of_contradiction(estimate: Estimate) -> str:
     space, theta = estimate.model.space, estimate.theta
     scale = theta[6:N_BASE] / space.mean[6:N_BASE]
     size = float(np.sum(theta[:3]) / np.sum(space.mean[:3]))
-    causes = [c for c, f in _FACTORS_ON_K.items() if np.all(np.abs(scale / f - 1) < _NEAR_A_FACTOR)]
-    causes += [c for c, f in _FACTORS_ON_J.items() if abs(size / f - 1) < _NEAR_A_FACTOR]
+    causes = [c for c, f in _FACTORS_ON_K if np.all(np.abs(scale / f - 1) < _NEAR_A_FACTOR)]
+    causes += [c for c, f in _FACTORS_ON_J if abs(size / f - 1) < _NEAR_A_FACTOR]
     if causes:
         return f"This is what {' or '.join(causes)} would do: check the units in campaign.toml"
     return (

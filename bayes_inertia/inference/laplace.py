@@ -165,6 +165,12 @@ class Estimate:
         lift = np.where(sd > 0.0, np.maximum(1.0, self.sd / np.where(sd > 0.0, sd, 1.0)), 1.0)
         return sandwich * np.outer(lift, lift)
 
+    @property
+    def quoted_covariance(self) -> np.ndarray:
+        """Covariance (d, d) to quote: the robust one, of a single slew the model's."""
+        robust = self.robust_covariance
+        return self.covariance if robust is None else robust
+
     def without_slew(self, slew: int) -> np.ndarray:
         """The maximum when one slew is left out, to first order.
 

@@ -62,7 +62,7 @@ class NoiseMarginal(NamedTuple):
     products: tuple[Array, ...]
 
 
-class Settled(NamedTuple):
+class NuisanceOptimum(NamedTuple):
     """The nuisances integrated out at one theta.
 
     Parameters
@@ -173,9 +173,9 @@ class _Channel(NamedTuple):
         return (self.residual + jnp.einsum("snk,sk->sn", self.columns, step)) / self.scale
 
 
-def settled(
+def nuisance_optimum(
     structure: Structure, rules: NoiseRules, frozen: NoiseMarginal, theta: Array
-) -> Settled:
+) -> NuisanceOptimum:
     """Bring the nuisances to their best values at one theta.
 
     Parameters
@@ -187,7 +187,7 @@ def settled(
 
     Returns
     -------
-    Settled
+    NuisanceOptimum
     """
     base = frozen.base
     point = point_on_ridge(base, theta)
@@ -209,12 +209,12 @@ def settled(
     step = _step(point, bias, local)
     loss = _sum(c.loss(step) for c in channels) + 0.5 * (jnp.sum(bias**2) + jnp.sum(local**2))
     if not any(heavy):
-        return Settled(Point(theta, bias, local), loss, first, first.log_determinant)
+        return NuisanceOptimum(Point(theta, bias, local), loss, first, first.log_determinant)
     last = factored(_sum(c.matrix(step) for c in channels), shared)
     # Far out the observed curvature need not be positive.
     definite = jnp.isfinite(last.log_determinant)
     factor = jax.tree.map(partial(jnp.where, definite), last, first)
-    return Settled(Point(theta, bias, local), loss, factor, factor.log_determinant)
+    return NuisanceOptimum(Point(theta, bias, local), loss, factor, factor.log_determinant)
 
 
 def _sum(parts: Any) -> Any:
@@ -247,7 +247,7 @@ def log_posterior_with_noise(
     density = log_prior(frozen.base.prior, theta)
     allowed = inertia_tensor.is_physical(theta[:6]) & jnp.isfinite(density)
     safe = jnp.where(allowed, theta, frozen.base.optimum.theta)
-    at = settled(structure, rules, frozen, safe)
+    at = nuisance_optimum(structure, rules, frozen, safe)
     value = density - at.loss - 0.5 * at.log_determinant
     return jnp.where(allowed & jnp.isfinite(value), value, -jnp.inf)
 
@@ -256,7 +256,7 @@ def log_posterior_with_noise(
 def _conditional(
     structure: Structure, rules: NoiseRules, frozen: NoiseMarginal, theta: Array, noise: Array
 ) -> Point:
-    at = settled(structure, rules, frozen, theta)
+    at = nuisance_optimum(structure, rules, frozen, theta)
     shared = len(at.point.bias)
     own = noise[shared:].reshape(at.point.local.shape)
     bias, local = drawn(at.factor, noise[:shared], own)

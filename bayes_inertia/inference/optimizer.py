@@ -174,7 +174,7 @@ def without_effect(previous: Estimate, name: str) -> Estimate:
 
 
 def move_to(previous: Estimate, model: Model) -> Estimate:
-    """The same point in a model with more effects, each held at its null.
+    """The same point in a model with other effects, those that are new held at their null.
 
     Parameters
     ----------
@@ -198,11 +198,27 @@ def move_to(previous: Estimate, model: Model) -> Estimate:
     return replace(
         previous,
         model=model,
-        point=replace(previous.point, theta=theta),
+        point=replace(previous.point, theta=theta, local=_nuisances_in(previous, model)),
         stated=stated,
         white=discounted(stated, previous.discount),
         information=previous.information._replace(free=free),
     )
+
+
+def _nuisances_in(previous: Estimate, model: Model) -> np.ndarray:
+    """Nuisances (slews, n_local) of a model with other effects: new coefficients are zero."""
+    old, new = previous.model.structure, model.structure
+    local = np.asarray(previous.point.local)
+    ends = old.n_start + np.cumsum(old.coefficients, dtype=int)
+    known = {
+        effect.name: local[:, end - count : end]
+        for effect, count, end in zip(old.effects, old.coefficients, ends, strict=False)
+    }
+    parts = [
+        known.get(effect.name, np.zeros((len(local), count)))
+        for effect, count in zip(new.effects, new.coefficients, strict=False)
+    ]
+    return np.concatenate([local[:, : old.n_start], *parts], axis=1)
 
 
 def with_noise(previous: Estimate, factors: dict[str, float]) -> Estimate:

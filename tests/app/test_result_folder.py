@@ -6,6 +6,7 @@ import json
 import os
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -178,6 +179,9 @@ def quick(monkeypatch):
             module, "compare_plans", lambda *_, **__: (contender("a"), contender("b"))
         )
     monkeypatch.setattr(observe_folder.optimizer, "estimate", lambda *_, **__: None)
+    monkeypatch.setattr(
+        observe_folder, "clean_fit", lambda estimate, **_: SimpleNamespace(estimate=estimate)
+    )
     monkeypatch.setattr(observe_folder, "observe", lambda *_: None)
     monkeypatch.setattr(observe_folder, "observability_json", lambda _: {"drive": "commanded"})
     figure = Figure()

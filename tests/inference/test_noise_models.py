@@ -23,7 +23,11 @@ from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.marginal_posterior import log_posterior
 from bayes_inertia.inference.modelled_outliers import with_modelled_outliers
 from bayes_inertia.inference.noise_draws import losses
-from bayes_inertia.inference.noise_marginal import log_density_with_noise, noise_marginal, settled
+from bayes_inertia.inference.noise_marginal import (
+    log_density_with_noise,
+    noise_marginal,
+    nuisance_optimum,
+)
 from bayes_inertia.inference.noise_parameters import channel_rules
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.student_t import (
@@ -133,7 +137,7 @@ def exact_marginals(estimate, thetas, rng, n=4000):
     model, rules, frozen = estimate.model, channel_rules(estimate.model), noise_marginal(estimate)
     shared, size = 3, 3 + estimate.point.local.size
     dof = 30.0
-    settled_at = jax.jit(lambda theta: settled(model.structure, rules, frozen, theta))
+    settled_at = jax.jit(lambda theta: nuisance_optimum(model.structure, rules, frozen, theta))
 
     def joint(theta, at, z):
         bias, local = drawn(at.factor, z[:shared], z[shared:].reshape(at.point.local.shape))

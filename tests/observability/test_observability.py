@@ -13,6 +13,7 @@ import pytest
 from scipy import stats
 
 from bayes_inertia.app.cli import main
+from bayes_inertia.app.observe_folder import run_observe
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference import optimizer
@@ -350,6 +351,21 @@ def test_truncation_by_physics_is_named(observability):
 
 
 # --- the command ------------------------------------------------
+@pytest.mark.slow
+def test_one_outlier_does_not_make_a_slew_count_for_little(flown, observability, tmp_path):
+    """As `fit`, the command leaves it out; the plain estimate, the control, does not."""
+    first, *others = flown.campaign.slews
+    rate = first.rate.copy()
+    rate[len(rate) // 2, 1] += 100.0 * flown.campaign.rate_sensor.sigma[1]
+    dirty = replace(flown.campaign, slews=(replace(first, rate=rate), *others))
+    write_campaign(dirty, tmp_path / "campaign")
+    seen = run_observe(tmp_path / "campaign", tmp_path / "run", both_drives=False)
+    clean = np.array([p.sd for p in observability.parameters])
+    assert np.all(np.array([p.sd for p in seen.observability.parameters]) < 1.05 * clean)
+    plain = observe(optimizer.estimate(Model(dirty)))
+    assert np.any(np.array([p.sd for p in plain.parameters]) > 1.05 * clean)
+
+
 def test_observe_writes_its_file_once_for_one_campaign(flown, observability, tmp_path, capsys):
     write_campaign(flown.campaign, tmp_path / "campaign")
     out = tmp_path / "run"

@@ -141,6 +141,9 @@ def test_a_json_document_holds_all_digits(result):
     assert content["J_kgm2"] == result.inertia_B.tolist()
     assert content["parameters"]["Jxx"]["new"] == result.parameter("Jxx").new
     assert content["correction_slew_rad"]["before"][0] == result.correction.before[0]
+    # The covariance is that of the sds that are quoted beside it.
+    sds = [parameter.sd for parameter in result.parameters]
+    np.testing.assert_allclose(np.sqrt(np.diag(content["covariance"])), sds, rtol=1e-12)
 
 
 def test_a_matlab_script_holds_all_digits(result):

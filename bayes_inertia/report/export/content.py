@@ -89,7 +89,7 @@ class ExportedResult:
     parameters : tuple of ExportedParameter
         J, K, then those of effects.
     covariance : (d, d) array
-        Of the draws, in the parameters' units.
+        Of the draws, widened to the sds that the parameters have, in their units.
     includes_wheel_spin : bool
         Whether the parameters Jxx ... Jyz are elements of J_locked.
     inertia_B : (3, 3) array
