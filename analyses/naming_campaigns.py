@@ -74,6 +74,19 @@ class RandomSignal(Disturbance):
         return self.size * np.where(late[:, None], after, before)
 
 
+@dataclass(frozen=True)
+class WanderingNoise(Disturbance):
+    """Several random signals of the sensors at once."""
+
+    parts: tuple[RandomSignal, ...] = ()
+
+    def rate_error(self, t, rng):
+        return np.sum([part.rate_error(t, rng) for part in self.parts], axis=0)
+
+    def tracker_error(self, late, rng):
+        return np.sum([part.tracker_error(late, rng) for part in self.parts], axis=0)
+
+
 def size_of(kind: str, strength: int) -> float:
     """The size of an effect [its unit]: 0 weak, 1 strong."""
     (effect,) = by_name([kind])
@@ -109,4 +122,31 @@ def random_campaign(
             for s in slews
         ]
     campaign = replace(campaign, slews=tuple(slews))
+    return flight, campaign if tachometers else without_tachometers(campaign)
+
+
+def stated_campaign(seed: np.random.SeedSequence, tachometers: bool) -> tuple[Flight, Campaign]:
+    """A flight whose noise wanders in every way and by as much as its campaign states."""
+    flown, noise, path = seed.spawn(3)
+    flight, rng = draw(flown, (), {}, True), np.random.default_rng(path)
+    walk, wandering, tracker = (
+        RandomSignal(size_of(kind, 1), kind, process)
+        for kind, process in (
+            ("rate_random_walk", wiener(rng)),
+            ("rate_bias_instability", gauss_markov(rng)),
+            ("star_tracker_low_frequency", None),
+        )
+    )
+    signals = WanderingNoise(0.0, (walk, wandering, tracker))
+    campaign = replayed(flight, signals, np.random.default_rng(noise))
+    campaign = replace(
+        campaign,
+        rate_sensor=replace(
+            campaign.rate_sensor,
+            rate_random_walk=walk.size,
+            bias_instability=wandering.size,
+            bias_instability_time=_TIME,
+        ),
+        star_tracker=replace(campaign.star_tracker, low_frequency_sigma=tracker.size),
+    )
     return flight, campaign if tachometers else without_tachometers(campaign)

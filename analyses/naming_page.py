@@ -36,7 +36,7 @@ def write_page(folder: Path) -> None:
     lines = ["# What has no fixed shape: how often it is named", "", _ABOUT, ""]
     for tachometers, title in ((True, "With tachometers"), (False, "Without tachometers")):
         some = [row for row in rows if row["tachometers"] is tachometers]
-        hidden = [row for row in some if row["kind"] != "clean"]
+        hidden = [row for row in some if row["kind"] not in ("clean", "stated")]
         lines += [f"## {title}", "", *_summary(some), *(_by_label(hidden) if hidden else [])]
     write_atomically(folder / "naming.md", "\n".join(lines))
 
@@ -71,7 +71,6 @@ def _summary(rows: Sequence[dict]) -> list[str]:
     outside = [row for row in rows if row["kind"] == "outside"]
     shaped = [row for row in outside if row["label"] not in SHAPELESS]
     shapeless = [row for row in outside if row["label"] in SHAPELESS]
-    clean = [row for row in rows if row["kind"] == "clean"]
     table: list[tuple[str, str]] = []
     for strength, name in enumerate(_SIZE_NAMES):
         some = [row for row in hidden if row["strength"] == strength]
@@ -107,13 +106,10 @@ def _summary(rows: Sequence[dict]) -> list[str]:
             share(_n(shapeless, lambda row: nameless(row) or _of_its_kind(row)), len(shapeless)),
         ),
         *_as_quoted([row for row in outside if "quoted_z" in row]),
-        (
-            "clean campaigns in which anything is named",
-            share(_n(clean, lambda row: row["verdict"] != "consistent"), len(clean)),
-        ),
-        (
-            "... a random effect",
-            share(_n(clean, lambda row: any(name in SIZES for name in row["named"])), len(clean)),
+        *_of_clean("clean campaigns", [row for row in rows if row["kind"] == "clean"]),
+        *_of_clean(
+            "campaigns whose noise wanders as stated (random walk, bias instability, star tracker)",
+            [row for row in rows if row["kind"] == "stated"],
         ),
     ]
     named = [row for row in hidden if in_a_set(row)]
@@ -148,6 +144,15 @@ def _of_outside(title: str, rows: Sequence[dict]) -> list[tuple[str, str]]:
         (f"{title}: unknown", share(unknown, len(rows))),
         ("... or a set with a shape without a name", share(_n(rows, nameless), len(rows))),
         ("... nothing found", share(_n(rows, lambda r: r["verdict"] == "consistent"), len(rows))),
+    ]
+
+
+def _of_clean(title: str, rows: Sequence[dict]) -> list[tuple[str, str]]:
+    named = _n(rows, lambda row: row["verdict"] != "consistent")
+    random = _n(rows, lambda row: any(name in SIZES for name in row["named"]))
+    return [
+        (f"{title} in which anything is named", share(named, len(rows))),
+        ("... a random effect", share(random, len(rows))),
     ]
 
 

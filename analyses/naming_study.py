@@ -5,8 +5,9 @@
 
 Campaigns of another simulator (`independent.py`), each with its own J, K, bias, slews and noise.
 `random`: every effect without a fixed shape, weak and strong. `outside`: disturbances from outside
-the library. `clean`: nothing hidden. `--work` keeps the rows of a killed study. Writes
-`analyses/results/naming_KIND_TACHO.jsonl` and, with --page, `naming.md`.
+the library. `clean`: nothing hidden; `stated`: noise that wanders as the campaign says. `--work`
+keeps the rows of a killed study. Writes `analyses/results/naming_KIND_TACHO.jsonl` and, with
+--page, `naming.md`.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ import numpy as np
 from diagnosis_campaigns import draw, without_tachometers
 from diagnosis_study import quoted_z, truth_of
 from independent import replayed
-from naming_campaigns import OF_TACHOMETERS, SIZES, random_campaign
+from naming_campaigns import OF_TACHOMETERS, SIZES, random_campaign, stated_campaign
 from naming_page import write_page
 from outside_kinds import KINDS, outside
 
@@ -51,6 +52,8 @@ class NamedOrNot:
             missing = outside(label, np.random.default_rng(path))
             campaign = replayed(flight, missing, np.random.default_rng(noise))
             campaign = campaign if self.tachometers else without_tachometers(campaign)
+        elif self.kind == "stated":
+            flight, campaign = stated_campaign(seed, self.tachometers)
         else:
             flight, campaign = random_campaign(label, int(strength), seed, self.tachometers)
         row = {"kind": self.kind, "label": label, "strength": int(strength), "index": int(index)}
@@ -86,8 +89,8 @@ def _summary(diagnosis: Diagnosis, truth: np.ndarray) -> dict:
 
 def labels(kind: str, tachometers: bool) -> list[tuple[str, int]]:
     """(label, strength) of the campaigns of a kind."""
-    if kind == "clean":
-        return [("clean", 0)]
+    if kind in ("clean", "stated"):
+        return [(kind, 0)]
     if kind == "outside":
         return [(name, 0) for name in KINDS]
     names = [name for name in SIZES if tachometers or name not in OF_TACHOMETERS]
@@ -97,7 +100,7 @@ def labels(kind: str, tachometers: bool) -> list[tuple[str, int]]:
 def main() -> None:
     """Simulate and diagnose."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--kind", choices=["random", "outside", "clean"])
+    parser.add_argument("--kind", choices=["random", "outside", "clean", "stated"])
     parser.add_argument("--each", type=int, default=1, help="campaigns of each label and size")
     parser.add_argument("--without-tachometers", action="store_true")
     parser.add_argument("--work", type=Path, default=Path("naming_run"))

@@ -101,6 +101,14 @@ def diagnose(
         If the base model cannot be fitted.
     EffectError
         If two candidates have one name.
+
+    Examples
+    --------
+    It takes half a minute, so this is no doctest::
+
+        diagnosis = diagnose(read_campaign("my_campaign"))
+        diagnosis.verdict, diagnosis.named
+        # ('named', ('wheel_command_lag',))
     """
     if not as_stated:
         campaign = without_surplus_rows(campaign)

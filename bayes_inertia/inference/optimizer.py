@@ -85,6 +85,14 @@ def estimate(
     ------
     EstimateError
         If no start gave a finite posterior.
+
+    Examples
+    --------
+    It compiles for some seconds, so this is no doctest::
+
+        fitted = estimate(Model(read_campaign("my_campaign")))
+        dict(zip(fitted.model.space.names, fitted.sd))
+        # {'Jxx': 0.00022, ...}
     """
     forget_surplus()
     free = np.arange(model.space.size) if free is None else np.asarray(free)
