@@ -83,8 +83,8 @@ class DiagnosedFit:
 
     @property
     def trusted(self) -> bool:
-        """Whether every gate of the fit is passed and nothing without a name is missing."""
-        return self.posterior.trusted and self.diagnosis.verdict != "unknown"
+        """Whether every gate is passed: where the verdict is "unknown", one of them fails."""
+        return self.posterior.trusted
 
 
 def diagnose_and_fit(

@@ -9,7 +9,6 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from bayes_inertia.app.stored_diagnosis import blaming_diagnosis, read_diagnosis
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.design.correction_slew import correction_with_update
@@ -67,12 +66,11 @@ def exported_result(run: Path, *, with_correction: bool) -> ExportedResult:
         locked = bool(summary.get("includes_wheel_spin", campaign.inertia.includes_wheel_spin))
         means = jnp.array([p.new for p in parameters[:6]])
         J = without_spin(np.array(inertia_tensor.tensor(means)), locked, campaign.wheels)
-    reasons = [*summary["reasons"], *_reasons_of_diagnosis(run)]
     return ExportedResult(
         campaign=str(summary["campaign"] or campaign.name),
         source=_source(summary),
-        trusted=summary["trusted"] and not reasons,
-        reasons=tuple(dict.fromkeys(reasons)),
+        trusted=summary["trusted"],
+        reasons=tuple(summary["reasons"]),
         parameters=parameters,
         covariance=_quoted_covariance(posterior, parameters),
         includes_wheel_spin=locked,
@@ -151,15 +149,6 @@ def _correction(
     if forecast is None:
         return None
     return ExportedCorrection(forecast.axis, forecast.before, forecast.after, _CORRECTION_SAYS)
-
-
-def _reasons_of_diagnosis(run: Path) -> list[str]:
-    content = read_diagnosis(run)
-    if content is None:
-        return []
-    with blaming_diagnosis(run, content):
-        unknown = content["verdict"] == "unknown"
-    return ["an effect without a name is missing (diagnosis: unknown)"] if unknown else []
 
 
 def _notes(summary: dict[str, Any]) -> tuple[str, ...]:

@@ -5,11 +5,10 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import replace
-from importlib import import_module
 from pathlib import Path
-from threading import Thread
 from time import perf_counter
 
+from bayes_inertia.app.background_imports import import_in_background
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.flexible_mode_search import restarted_with_mode
 from bayes_inertia.inference import optimizer
@@ -88,9 +87,8 @@ def fit(
         # 0.00021
     """
     began = perf_counter()
-    # ArviZ takes long to import; it can do so while the compiler, which needs no interpreter lock,
-    # works. Its plots are not needed.
-    Thread(target=import_module, args=("arviz_stats",), daemon=True).start()
+    # ArviZ takes long to import. Its plots are not needed.
+    import_in_background(["arviz_stats"])
     settings = settings or usual_settings(effects)
     if seed is not None:
         settings = replace(settings, seed=seed)

@@ -149,6 +149,13 @@ def fit_many(
         If `out` holds something else.
     StudyError
         If the workers are lost.
+
+    Examples
+    --------
+    It takes ten seconds a campaign, so this is no doctest::
+
+        result = fit_many("fleet", "fleet_fits", jobs=2)
+        [(row["campaign"], row["trusted"]) for row in result.rows]
     """
     folder, out = Path(campaigns).resolve(), Path(out)
     names = pinned_names(effects)

@@ -113,6 +113,13 @@ def investigate(
     ------
     CampaignError, EffectError, EstimateError
         As `diagnose`.
+
+    Examples
+    --------
+    It takes a minute, so this is no doctest::
+
+        investigation = investigate(read_campaign("my_campaign"))
+        investigation.diagnosis.verdict, [u.effect for u in investigation.blind_spots]
     """
     diagnosis = diagnose(
         campaign, library=library, drive=drive, rules=rules, seed=seed, as_stated=as_stated

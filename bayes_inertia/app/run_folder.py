@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from bayes_inertia.app.background_imports import import_in_background
 from bayes_inertia.app.diagnosed_fit import fit_after_diagnosis
 from bayes_inertia.app.diagnosis_json import next_fit_from, to_json
 from bayes_inertia.app.fit_campaign import fit
@@ -41,6 +42,9 @@ from bayes_inertia.version import __version__
 FORMAT = "bayes-inertia-run/1"
 _NEW_RUN = "start a new run in another folder"
 _RESULT_FILES = ("posterior.nc", "summary.json", "diagnosis.json", "report.html", "chains")
+# xarray asks dask's workers before it writes, where they are installed.
+_WANTED_LATER = ("arviz_stats", "h5netcdf", "distributed")
+_WANTED_BY_REPORT = ("bayes_inertia.report.fit_sections",)
 
 
 @dataclass(frozen=True)
@@ -263,6 +267,7 @@ def _finish(folder: Path, run: Run, report: bool, progress: Progress | None) -> 
             where=str(folder / "campaign"),
             advice="start a new run",
         )
+    import_in_background([*_WANTED_LATER, *(_WANTED_BY_REPORT if report else ())])
     posterior = _posterior(folder, run, progress)
     posterior.save(folder / "posterior.nc")
     write_json(folder / "summary.json", run_summary(posterior, folder))

@@ -61,6 +61,16 @@ def write_campaign(campaign: Campaign, folder: str | Path) -> Path:
         If a file of another content is in the way, or the system refuses; if a rate axis or a
         wheel has no number in a slew, or a vector of the environment lacks one (which cannot be
         read back).
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> with TemporaryDirectory() as parent:
+    ...     folder = write_campaign(small_campaign(), Path(parent) / "small")
+    ...     sorted(path.name for path in folder.iterdir())[:2]
+    ['campaign.toml', 'slew_01.csv']
     """
     content = {name: text.encode("utf-8") for name, text in _render(campaign).items()}
     return write_new_files(folder, content, holds="campaign")

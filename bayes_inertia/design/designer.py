@@ -219,6 +219,14 @@ def next_slew(
     ------
     DesignError
         If no slew keeps the limits, or the goal is `separate`.
+
+    Examples
+    --------
+    It searches for seconds to minutes, so this is no doctest::
+
+        estimate = optimizer.estimate(Model(read_campaign("my_campaign")))
+        design = next_slew(estimate, Limits(rate=0.02, total_time=120.0), "cross_terms")
+        design.plan.slews
     """
     campaign = estimate.model.campaign
     if parse_goal(goal).kind == "separate":

@@ -112,6 +112,13 @@ def separating_slew(
         If an effect has no parameters in this campaign, or states of its own.
     CampaignError
         If the wheels do not span three axes, or no feasible slew was found (it names the limit).
+
+    Examples
+    --------
+    It searches for seconds to minutes, so this is no doctest::
+
+        a, b = effects_named(["wheel_command_lag", "wheel_torque_gain"])
+        separation = separating_slew(estimate, a, b)
     """
     campaign = estimate.model.campaign
     require_three_axes(campaign.wheel_axes_B, CampaignError)

@@ -18,7 +18,6 @@ from bayes_inertia.maths.linear_algebra import VISIBLE
 from bayes_inertia.physics.effects import FlexibleMode
 
 _NEEDLESS_P_VALUE = 0.01  # of the fitted amplitudes, above which an effect is needless
-_MAX_ALTERNATIVES = 2
 
 
 def drop_needless(
@@ -101,6 +100,6 @@ def _without_step(
         beside = AlternativeEffect(
             dropped.added, dropped.after, dropped.log_bayes_factor, correlation
         )
-        alternatives = (beside, *successor.alternatives)[:_MAX_ALTERNATIVES]
+        alternatives = (beside, *successor.alternatives)[: rules.max_alternatives]
         kept[i] = replace(successor, alternatives=alternatives)
     return kept

@@ -29,7 +29,6 @@ _FIRST_ORDER_ERROR = 2.0
 # Tolerance of the objective for refits that are only compared. What is left of it is a hundredth at
 # most, while evidence is weighed in units.
 _COMPARISON_TOLERANCE = 1e-5
-_MAX_ALTERNATIVES = 2
 _REFITS_AT_ONCE = 2
 _MAX_AMPLITUDE = 10.0  # [prior sd] of an effect at the start of its refit
 
@@ -257,7 +256,7 @@ def _imitations(
         if c.log_bayes_factor > least
         and tests.correlation_between(best.effect, c.effect) > rules.imitation_correlation
     ]
-    return imitations[:_MAX_ALTERNATIVES]
+    return imitations[: rules.max_alternatives]
 
 
 def _alternatives(
@@ -272,4 +271,4 @@ def _alternatives(
             alternatives.append(
                 AlternativeEffect(other.effect, other.estimate, other.log_bayes_factor, correlation)
             )
-    return tuple(alternatives[:_MAX_ALTERNATIVES])
+    return tuple(alternatives[: rules.max_alternatives])

@@ -8,7 +8,7 @@ from bayes_inertia.errors import SettingsError
 
 _PROBABILITY_FIELDS = ("false_alarm_probability", "misfit_p_value")
 _SHARE_FIELDS = ("refit_share", "imitation_correlation")
-_COUNT_FIELDS = ("max_refits", "max_effects")
+_COUNT_FIELDS = ("max_refits", "max_effects", "max_alternatives")
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,8 @@ class Rules:
         of the best one's.
     max_effects : int
         Effects that can be named, at most.
+    max_alternatives : int
+        Effects that one step of the search keeps beside the one it adds, at most.
     log_evidence_margin : float
         Log evidence by which the best effect must beat another that could imitate it, and by
         which a disturbance without a name must beat the effects named.
@@ -62,6 +64,7 @@ class Rules:
     max_refits: int = 6
     refit_share: float = 0.3
     max_effects: int = 4
+    max_alternatives: int = 2
     log_evidence_margin: float = 3.0
     imitation_correlation: float = 0.6
     misfit_p_value: float = 1e-4
@@ -92,7 +95,7 @@ def _check(name: str, value: float) -> None:
         raise SettingsError(
             f"{value} is no such count",
             where=name,
-            advice="give a whole number: 1 or more refits, 0 or more effects",
+            advice="give a whole number: 1 or more refits, 0 or more effects and alternatives",
         )
     if name == "prior_sd_at_most" and not value > 0.0:
         raise SettingsError(

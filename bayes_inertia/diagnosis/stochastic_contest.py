@@ -27,7 +27,6 @@ from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
-_MAX_ALTERNATIVES = 2
 # Of signals rather than of named effects there is no correlation.
 _NOT_COMPARED = float("nan")
 
@@ -103,19 +102,19 @@ def contest(
             at = stochastic_candidates(levels[k], effects)
         step = _named(levels[k], at, effects, rules)
         if close:
-            step = _with_alternative(step, _as_alternative(kept[k]))
+            step = _with_alternative(step, _as_alternative(kept[k]), rules)
         instances = {effect.name: effect for effect in final.model.effects}
         displaced = tuple(instances[s.added] for s in kept[k:])
         return Contest((*kept[:k], step), step.after, weighed, displaced)
     if near and close:
-        last = _with_alternative(kept[-1], _alternative(levels[k], near, effects))
+        last = _with_alternative(kept[-1], _alternative(levels[k], near, effects), rules)
         kept = (*kept[:-1], last)
     return Contest(kept, final, weighed)
 
 
-def _with_alternative(step: Step, alternative: AlternativeEffect) -> Step:
+def _with_alternative(step: Step, alternative: AlternativeEffect, rules: Rules) -> Step:
     """A step that what explains the data about as well stands beside."""
-    return replace(step, alternatives=(alternative, *step.alternatives)[:_MAX_ALTERNATIVES])
+    return replace(step, alternatives=(alternative, *step.alternatives)[: rules.max_alternatives])
 
 
 def _as_alternative(step: Step) -> AlternativeEffect:
@@ -225,7 +224,7 @@ def _named(
         before,
         with_stochastic(before, _instances(effects)[first.effect], first.start),
         first.log_bayes_factor,
-        tuple(_alternative(before, c, effects) for c in rivals[:_MAX_ALTERNATIVES]),
+        tuple(_alternative(before, c, effects) for c in rivals[: rules.max_alternatives]),
         stochastic=True,
         nameless=_nameless(weighed),
     )

@@ -85,6 +85,13 @@ def import_logs(
         cannot be read, or if a noise is stated nowhere; the error then quotes the noise at rest.
     OutputError
         If the folder holds another campaign, or cannot be written.
+
+    Examples
+    --------
+    The files are yours, so this is no doctest::
+
+        imported = import_logs(["tm.csv"], "mapping.toml", "my_campaign")
+        imported.campaign.name, len(imported.campaign.slews)
     """
     label, data = str(mapping), read_bytes(Path(mapping))
     parsed = parse_mapping(text_of(data, label), label)

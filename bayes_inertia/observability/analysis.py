@@ -62,6 +62,15 @@ def observe(estimate: Estimate, other_drive: Estimate | None = None) -> Observab
     ------
     EstimateError
         If the second estimate is of other parameters or of the same drive.
+
+    Examples
+    --------
+    >>> from bayes_inertia.inference import optimizer
+    >>> from bayes_inertia.physics.forward_model import Model
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> seen = observe(optimizer.estimate(Model(small_campaign())))
+    >>> [row.name for row in seen.parameters][:3]
+    ['Jxx', 'Jyy', 'Jzz']
     """
     model = estimate.model
     if other_drive is not None and (

@@ -122,5 +122,11 @@ def write_report(
     ------
     OutputError
         If the file cannot be written.
+
+    Examples
+    --------
+    It needs a finished fit, so this is no doctest::
+
+        write_report(Posterior.load("my_run/posterior.nc"), "my_run/report.html")
     """
     return write_atomically(path, render(posterior, sections))

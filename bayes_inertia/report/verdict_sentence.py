@@ -49,7 +49,7 @@ def verdict_sentence(summary: Mapping[str, Any], diagnosis: Mapping[str, Any] | 
     if "converged" in failed:
         return _on_unconverged(summary, "explained" in failed)
     accuracy = _accuracy(summary)
-    if "diagnosed" in failed or (diagnosis or {}).get("verdict") == "unknown":
+    if "diagnosed" in failed:
         return _on_unknown(summary, accuracy)
     others = [gate for name, gate in failed.items() if name != "explained"]
     if others:

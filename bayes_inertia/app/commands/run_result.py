@@ -45,16 +45,15 @@ def finish_and_show(folder: Path, report: bool, as_json: bool = False) -> None:
     with progress_bar() as progress:
         posterior = run_folder.finish(folder, report=report, progress=progress)
     content, summary = read_diagnosis(folder), run_summary(posterior, folder)
-    trusted = posterior.trusted and (content is None or content["verdict"] != "unknown")
     if as_json:
-        print_json(run_result_json(folder, summary, content, trusted))
+        print_json(run_result_json(folder, summary, content, posterior.trusted))
     else:
-        show_verdict(summary["verdict_sentence"], trusted)
+        show_verdict(summary["verdict_sentence"], posterior.trusted)
         if content is not None:
             with blaming_diagnosis(folder, content):
                 show_diagnosis(content)
         show_summary(summary, folder, report)
-    if not trusted:
+    if not posterior.trusted:
         raise typer.Exit(3)
 
 
