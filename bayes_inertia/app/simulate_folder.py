@@ -17,7 +17,7 @@ from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.plan_file import read_plan
 from bayes_inertia.flight.plan_flight import Flight
 from bayes_inertia.flight.simulated_campaigns import draw_spacecraft, simulate
-from bayes_inertia.physics.stated_noise import stated_noise
+from bayes_inertia.physics.stated_noise import stated_terms
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def _has_wheels(campaign: Campaign, folder: Path) -> None:
 
 def _left_out(campaign: Campaign) -> tuple[str, ...]:
     """What telemetry of the campaign has that simulated telemetry has not."""
-    wandering = [effect.name for effect in stated_noise(campaign, ())]
+    wandering = stated_terms(campaign)
     if not wandering:
         return ()
     return (

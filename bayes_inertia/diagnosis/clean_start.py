@@ -212,10 +212,11 @@ def _log_evidence(estimate: Estimate) -> float:
     white = estimate.white
     matrices = (np.diagonal(w, axis1=-2, axis2=-1) for w in (white.rate, white.attitude))
     norms = [float(np.log(x[x > 0.0]).sum()) for x in (*matrices, np.asarray(white.momentum))]
-    if white.memory is None:
-        return sum(norms) - estimate.objective
-    cost = 0.5 * _NUMBERS_OF_COLOUR * np.log(_READINGS_A_NUMBER)
-    return sum(norms) + float(np.log(white.memory.scale).sum()) - cost - estimate.objective
+    if white.memory is not None:
+        norms.append(float(np.log(white.memory.scale).sum()))
+    if estimate.model.campaign.rate_sensor.correlated_noise is not None:
+        norms.append(-0.5 * _NUMBERS_OF_COLOUR * float(np.log(_READINGS_A_NUMBER)))
+    return sum(norms) - estimate.objective
 
 
 def measured_again(start: CleanStart, final: Estimate) -> CleanStart | None:

@@ -15,7 +15,8 @@ from bayes_inertia.inference.coefficients import CoefficientPart, prior_roots
 from bayes_inertia.inference.likelihood import Information, Residuals, residuals
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.marginal_posterior import Marginal
-from bayes_inertia.inference.noise_model import Whitening
+from bayes_inertia.inference.noise_filter import rate_noise_memory
+from bayes_inertia.inference.noise_model import Whitening, rate_noise_covariance
 from bayes_inertia.inference.objective import block_index, prior_rows
 from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.inference.residual_tests import ChannelTest, channel_tests
@@ -278,7 +279,9 @@ def residual_series(model: Model, point: Point, white: Whitening) -> dict[str, l
 
 
 def plain_series(estimate: Estimate) -> dict[str, list[np.ndarray]]:
-    """Residuals in the sigmas of the estimate's campaign, those of correlated noise as they are.
+    """Residuals in the sigmas of the estimate's campaign, measured correlation left in them.
+
+    Wandering of the gyro's bias that the campaign states is taken out.
 
     Parameters
     ----------
@@ -289,8 +292,10 @@ def plain_series(estimate: Estimate) -> dict[str, list[np.ndarray]]:
     dict of list of (rows, components) arrays
         By channel and slew; NaN where nothing was measured.
     """
-    white = estimate.stated._replace(memory=None)
-    return residual_series(estimate.model, estimate.point, white)
+    model = estimate.model
+    covariance = rate_noise_covariance(model, estimate.theta)
+    white = estimate.stated._replace(memory=rate_noise_memory(model, covariance, measured=False))
+    return residual_series(model, estimate.point, white)
 
 
 def marginal(estimate: Estimate) -> Marginal:

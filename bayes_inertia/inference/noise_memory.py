@@ -1,10 +1,10 @@
 """Correlated noise of the rate sensor, as what each reading's noise keeps of those before it.
 
-White noise and a Gauss-Markov process are told apart by a Kalman filter of one state an axis. Its
-gains follow from the times and from which readings are missing alone, so that its innovations are a
-linear map of the residuals: white, of unit variance, and everything that follows from residuals and
-their derivatives stays as it is (Anderson and Moore 1979, section 9.2). Exact for any share, any
-correlation time and any gap.
+Noise that remembers is a sum of first-order processes beside white noise. A Kalman filter with one
+state for each process and axis tells them apart. Its gains follow from the times and from which
+readings are missing alone, so that its innovations are a linear map of the residuals: white, of
+unit variance, and everything that follows from residuals and their derivatives stays as it is
+(Anderson and Moore 1979, section 9.2). Exact for any size, any correlation time and any gap.
 """
 
 from __future__ import annotations
@@ -16,20 +16,16 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayes_inertia.campaign.hardware import CorrelatedNoise
-from bayes_inertia.inference.channel_rows import row_times
-from bayes_inertia.physics.forward_model import Model
-
 
 class Memory(NamedTuple):
     """The filter that whitens correlated noise.
 
     Parameters
     ----------
-    decay : (slews, n, 3) array
-        What is left of the correlated part at the next row.
-    gain : (slews, n, 3) array
-        Share of an innovation that belongs to the correlated part; 0 where nothing was measured.
+    decay : (slews, n, 3, processes) array
+        What is left of each process at the next row.
+    gain : (slews, n, 3, processes) array
+        Share of an innovation that belongs to a process; 0 where nothing was measured.
     scale : (slews, n, 3) array
         One over the standard deviation of the innovations; 1 where nothing was measured.
     """
@@ -56,20 +52,23 @@ def innovations(rate: Array, memory: Memory) -> Array:
 
     Examples
     --------
-    >>> decay, gain = jnp.full((2, 3), 0.6), jnp.ones((2, 3))
+    >>> decay, gain = jnp.full((2, 3, 1), 0.6), jnp.ones((2, 3, 1))
     >>> innovations(jnp.ones((2, 3)), Memory(decay, gain, jnp.full((2, 3), 1.25)))[:, 0].tolist()
     [1.25, 0.5]
     """
-    keep = memory.decay * (1.0 - memory.gain)
-    add = memory.decay * memory.gain * rate
 
-    def step(expected: Array, row: tuple[Array, Array]) -> tuple[Array, Array]:
-        return row[0] * expected + row[1], expected
+    def step(expected: Array, row: tuple[Array, Array, Array]) -> tuple[Array, Array]:
+        reading, decay, gain = row
+        new = reading - expected.sum(-1)
+        return decay * (expected + gain * new[..., None]), new
 
-    rows = (jnp.moveaxis(jnp.broadcast_to(keep, add.shape), -2, 0), jnp.moveaxis(add, -2, 0))
-    _, expected = jax.lax.scan(step, jnp.zeros_like(add[..., 0, :]), rows)
-    expected = jnp.moveaxis(expected, 0, -2)
-    return memory.scale * (rate - jnp.where(memory.gain > 0.0, expected, 0.0))
+    shape = rate.shape[:-2]
+    decay = jnp.moveaxis(jnp.broadcast_to(memory.decay, (*shape, *memory.decay.shape[-3:])), -3, 0)
+    gain = jnp.moveaxis(jnp.broadcast_to(memory.gain, (*shape, *memory.gain.shape[-3:])), -3, 0)
+    rows = (jnp.moveaxis(rate, -2, 0), decay, gain)
+    _, new = jax.lax.scan(step, jnp.zeros_like(decay[0]), rows)
+    measured = memory.gain.sum(-1) > 0.0
+    return memory.scale * jnp.where(measured, jnp.moveaxis(new, 0, -2), rate)
 
 
 def correlated_noise(white_noise: np.ndarray, memory: Memory) -> np.ndarray:
@@ -84,49 +83,13 @@ def correlated_noise(white_noise: np.ndarray, memory: Memory) -> np.ndarray:
     Returns
     -------
     (..., slews, n, 3) array
-        Correlated noise of unit variance.
+        Correlated noise, in units of the white noise's sigma.
     """
     decay, gain, scale = (np.asarray(x) for x in memory)
-    new = white_noise / scale
-    noise, expected = new.copy(), np.zeros_like(new[..., 0, :])
+    noise = white_noise / scale
+    expected = np.zeros((*noise.shape[:-2], 3, decay.shape[-1]))
     for row in range(noise.shape[-2]):
-        noise[..., row, :] += expected
-        expected = decay[:, row] * (expected + gain[:, row] * new[..., row, :])
+        new = noise[..., row, :].copy()
+        noise[..., row, :] += expected.sum(-1)
+        expected = decay[:, row] * (expected + gain[:, row] * new[..., None])
     return noise
-
-
-def rate_noise_memory(model: Model) -> Memory | None:
-    """What the noise of each rate reading keeps of those before.
-
-    Parameters
-    ----------
-    model : Model
-        Its campaign says how the noise is correlated.
-
-    Returns
-    -------
-    Memory or None
-        None where the noise is white.
-    """
-    noise = model.campaign.rate_sensor.correlated_noise
-    if noise is None:
-        return None
-    times = row_times(model)
-    steps = np.diff(times, axis=1, append=times[:, -1:])
-    return _filter(steps, np.asarray(model.data.arrays.telemetry.rate_valid), noise)
-
-
-def _filter(steps: np.ndarray, valid: np.ndarray, noise: CorrelatedNoise) -> Memory:
-    """The filter for steps of time (slews, n) [s] and what was measured (slews, n, 3)."""
-    share = np.array(noise.share)
-    decay = np.exp(-steps[..., None] / np.array(noise.time))
-    gain, scale = np.zeros(valid.shape), np.ones(valid.shape)
-    variance = np.broadcast_to(share, (len(valid), 3)).copy()
-    for row in range(valid.shape[1]):
-        of_reading = variance + 1.0 - share
-        known = valid[:, row]
-        gain[:, row] = np.where(known, variance / of_reading, 0.0)
-        scale[:, row] = np.where(known, 1.0 / np.sqrt(np.maximum(of_reading, 1e-12)), 1.0)
-        left = (1.0 - gain[:, row]) * variance
-        variance = decay[:, row] ** 2 * left + share * (1.0 - decay[:, row] ** 2)
-    return Memory(jnp.asarray(decay), jnp.asarray(gain), jnp.asarray(scale))

@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from jax import Array
 
-from bayes_inertia.inference.noise_memory import Memory, rate_noise_memory
+from bayes_inertia.inference.noise_filter import rate_noise_memory
+from bayes_inertia.inference.noise_memory import Memory
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.physics.forward_model import Model
@@ -64,7 +65,7 @@ def whitening(model: Model, theta: np.ndarray) -> Whitening:
         on_device(_whiten_rows(covariance, np.asarray(telemetry.rate_valid))),
         on_device(attitude),
         on_device(momentum),
-        rate_noise_memory(model),
+        rate_noise_memory(model, covariance),
     )
 
 

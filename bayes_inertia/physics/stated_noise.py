@@ -1,8 +1,12 @@
-"""Noise that wanders and whose size the campaign states: effects with nothing to estimate."""
+"""Noise that wanders and whose size the campaign states.
+
+What the gyro's bias does is filtered out of the readings (`inference.noise_filter`). The star
+tracker's low-frequency error is an effect with nothing to estimate.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.physics.effect import Effect
@@ -12,22 +16,22 @@ from bayes_inertia.physics.effects.star_tracker_low_frequency import StarTracker
 
 
 def stated_noise(campaign: Campaign, effects: Sequence[Effect]) -> tuple[Effect, ...]:
-    """The wandering noise that a campaign states, but for what is estimated anyway.
+    """The effects that a model takes by itself, at the size that the campaign states.
 
-    A model takes these by itself; they are integrated out at their stated size. An effect of the
-    same name among `effects` stands in their place: its size is estimated, around the stated one.
+    They are integrated out. An effect of the same name among `effects` stands in their place: its
+    size is estimated, around the stated one.
 
     Parameters
     ----------
     campaign : Campaign
-        Its rate sensor and star tracker say what wanders, and how much.
+        Its star tracker says what wanders, and how much.
     effects : sequence of Effect
         What was asked for.
 
     Returns
     -------
     tuple of Effect
-        Empty where all stated noise is white.
+        Empty where the noise of the star tracker is white.
 
     Examples
     --------
@@ -35,16 +39,36 @@ def stated_noise(campaign: Campaign, effects: Sequence[Effect]) -> tuple[Effect,
     >>> stated_noise(small_campaign(), ())
     ()
     """
-    names = [effect.name for effect in effects]
-    return tuple(effect for effect in _stated(campaign) if effect.name not in names)
+    tracker = campaign.star_tracker
+    if tracker is None or not tracker.low_frequency_sigma:
+        return ()
+    stated = StarTrackerLowFrequency(tracker.low_frequency_sigma, known=True)
+    return () if stated.name in [effect.name for effect in effects] else (stated,)
 
 
-def _stated(campaign: Campaign) -> Iterator[Effect]:
+def stated_terms(campaign: Campaign) -> tuple[str, ...]:
+    """What a campaign states of noise that wanders.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Of which the rate sensor and the star tracker are looked at.
+
+    Returns
+    -------
+    tuple of str
+        Names of the effects that would estimate it; empty where all stated noise is white.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> stated_terms(small_campaign())
+    ()
+    """
     sensor, tracker = campaign.rate_sensor, campaign.star_tracker
-    if sensor.rate_random_walk:
-        yield RateRandomWalk(sensor.rate_random_walk, known=True)
-    if sensor.bias_instability:
-        sd, time = sensor.bias_instability, sensor.bias_instability_time
-        yield RateBiasInstability(sd, time, known=True)
-    if tracker is not None and tracker.low_frequency_sigma:
-        yield StarTrackerLowFrequency(tracker.low_frequency_sigma, known=True)
+    stated = {
+        RateRandomWalk.name: sensor.rate_random_walk,
+        RateBiasInstability.name: sensor.bias_instability,
+        StarTrackerLowFrequency.name: tracker.low_frequency_sigma if tracker else None,
+    }
+    return tuple(name for name, size in stated.items() if size)

@@ -18,7 +18,6 @@ from bayes_inertia.inference.cleaning import clean_fit
 from bayes_inertia.inference.fix_outliers import outlying_fixes
 from bayes_inertia.inference.gates import prior_gate
 from bayes_inertia.inference.noise_colour import colour_of, is_alike_everywhere
-from bayes_inertia.inference.noise_memory import correlated_noise, innovations, rate_noise_memory
 from bayes_inertia.inference.outliers import away_from_switches, outlying_readings
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.treatment import DirtTreatment, treated, treatment_from
@@ -291,32 +290,6 @@ def test_two_wrong_fixes_of_three_are_left_alone():
 def coloured(campaign, share, time):
     sensor = replace(campaign.rate_sensor, correlated_noise=CorrelatedNoise(share, time))
     return replace(campaign, rate_sensor=sensor)
-
-
-@pytest.mark.parametrize(("share", "time"), [(1.0, 2.0), (0.4, 2.0), (0.7, 60.0)])
-def test_innovations_give_the_likelihood_of_correlated_noise(flown, share, time):
-    """r^T C^-1 r and log |C| of the full covariance, missing readings included."""
-
-    def change(i, slew):
-        rate = np.array(slew.rate)
-        rate[[20, 21, 50]] = np.nan
-        return replace(slew, rate=rate)
-
-    campaign = coloured(changed(flown.campaign, change), share, time)
-    model = Model(campaign)
-    memory = rate_noise_memory(model)
-    valid = np.asarray(model.data.arrays.telemetry.rate_valid)
-    z = np.random.default_rng(7).normal(size=valid.shape) * valid
-    new = np.asarray(innovations(z, memory))
-    rows = np.flatnonzero(valid[0, :, 1])
-    at = campaign.slews[0].time[rows]
-    covariance = share * np.exp(-np.abs(at[:, None] - at) / time) + (1.0 - share) * np.eye(len(at))
-    x = z[0, rows, 1]
-    assert np.sum(new[0, :, 1] ** 2) == pytest.approx(x @ np.linalg.solve(covariance, x), rel=1e-9)
-    norm = np.linalg.slogdet(covariance)[1]
-    assert -2.0 * np.log(memory.scale[0, :, 1]).sum() == pytest.approx(norm, rel=1e-9, abs=1e-9)
-    noise = correlated_noise(new, memory)
-    assert np.allclose(noise[valid], z[valid], atol=1e-9)
 
 
 def test_readings_of_correlated_noise_tell_less(flown, clean_at):

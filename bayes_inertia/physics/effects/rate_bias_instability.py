@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.physics.effects.scales import sd_and_time
@@ -35,8 +34,6 @@ class RateBiasInstability(StochasticEffect):
         one reading, and a fifth of a slew.
     factor_sd : float, optional
         Sd of the logarithm of the sd. The time is known to a factor of 2 (sd 0.7).
-    known : bool, optional
-        Whether sd and time are what the campaign states, and nothing is estimated.
     knots : int, optional
         On each axis, evenly over the slew.
 
@@ -58,12 +55,9 @@ class RateBiasInstability(StochasticEffect):
     median_sd: float | None = None
     median_time: float | None = None
     factor_sd: float = 1.5
-    known: bool = False
     knots: int = 17
 
     def parameters(self, campaign):
-        if self.known:
-            return ()
         sensor = campaign.rate_sensor
         sd = self.median_sd or sensor.bias_instability or float(np.max(sensor.sigma))
         time = self.median_time or sensor.bias_instability_time
@@ -74,8 +68,6 @@ class RateBiasInstability(StochasticEffect):
 
     def coefficient_root(self, p, slew, count):
         spacing = slew_duration(slew) / (self.knots - 1)
-        if self.known:
-            p = {"sd": jnp.asarray(self.median_sd), "time": jnp.asarray(self.median_time)}
         root = ornstein_uhlenbeck_root(p["sd"], p["time"], spacing, self.knots)
         return on_each_axis(root, 3)
 

@@ -35,8 +35,6 @@ class RateRandomWalk(StochasticEffect):
         walk that reaches the noise of one reading within a slew.
     factor_sd : float, optional
         Sd of the logarithm of the density: 1.5 allows a factor of 20 either way.
-    known : bool, optional
-        Whether the density is what the campaign states, and nothing is estimated.
     functions : int, optional
         Sines of the walk on each axis. What they leave out, 2 / (pi^2 functions) of its variance,
         is fast and remains in the residuals.
@@ -59,12 +57,9 @@ class RateRandomWalk(StochasticEffect):
     signal_components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     median: float | None = None
     factor_sd: float = 1.5
-    known: bool = False
     functions: int = 16
 
     def parameters(self, campaign):
-        if self.known:
-            return ()
         median = self.median or campaign.rate_sensor.rate_random_walk
         if median is None:
             sigma = float(np.max(campaign.rate_sensor.sigma))
@@ -81,8 +76,7 @@ class RateRandomWalk(StochasticEffect):
         spread = jnp.concatenate(
             [jnp.sqrt(away)[None], jnp.full(self.functions, jnp.sqrt(duration))]
         )
-        density = jnp.asarray(self.median) if self.known else p["density"]
-        return independent(density * jnp.tile(spread, 3), count)
+        return independent(p["density"] * jnp.tile(spread, 3), count)
 
     def signal(self, p, slew, t):
         fraction = slew_fraction(slew, t)

@@ -1,0 +1,128 @@
+"""The filter for noise of the rates that is correlated: what it consists of, and its gains.
+
+Up to three first-order processes beside white noise: correlated noise that was measured in the
+residuals, and what the campaign states of the gyro's bias, a random walk (RRW) and a Gauss-Markov
+process that stands for its instability (BI). Farrenkopf 1978; IEEE Std 952-1997, annexes B and C.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from bayes_inertia.inference.channel_rows import row_times
+from bayes_inertia.inference.noise_memory import Memory
+from bayes_inertia.physics.effects import RateBiasInstability, RateRandomWalk
+from bayes_inertia.physics.forward_model import Model
+
+
+class _Process(NamedTuple):
+    """A first-order process on each axis, in units of one reading's variance.
+
+    Parameters
+    ----------
+    start : (slews, 3) array
+        Variance at a slew's first row.
+    decay : (slews, n, 3) array
+        What is left at the next row.
+    fresh : (slews, n, 3) array
+        Variance that is new by then.
+    """
+
+    start: np.ndarray
+    decay: np.ndarray
+    fresh: np.ndarray
+
+
+def rate_noise_memory(
+    model: Model, covariance: np.ndarray, *, measured: bool = True
+) -> Memory | None:
+    """What the noise of each rate reading keeps of those before.
+
+    Parameters
+    ----------
+    model : Model
+        Its campaign says how the noise is correlated. What its effects estimate is none of it.
+    covariance : (3, 3) array
+        Of one reading's noise, its bias' wandering left out [rad^2/s^2].
+    measured : bool
+        Whether correlated noise that was measured counts, beside what is stated.
+
+    Returns
+    -------
+    Memory or None
+        None where the noise is white.
+    """
+    # Whitened readings have one over these as sigmas.
+    variance = 1.0 / np.diagonal(np.linalg.inv(covariance))
+    noise = model.campaign.rate_sensor.correlated_noise if measured else None
+    processes = _stated_processes(model, variance)
+    white = np.ones(3)
+    if noise is not None:
+        white = 1.0 - np.array(noise.share)
+        processes.append(_gauss_markov(model, np.array(noise.share), np.array(noise.time)))
+    if not processes:
+        return None
+    return _filter(processes, white, np.asarray(model.data.arrays.telemetry.rate_valid))
+
+
+def _stated_processes(model: Model, variance: np.ndarray) -> list[_Process]:
+    """The wandering of the bias that the campaign states, but for what an effect estimates."""
+    sensor = model.campaign.rate_sensor
+    estimated = {effect.name for effect in model.structure.effects}
+    processes = []
+    if sensor.rate_random_walk is not None and RateRandomWalk.name not in estimated:
+        processes.append(_random_walk(model, sensor.rate_random_walk**2 / variance))
+    if sensor.bias_instability is not None and RateBiasInstability.name not in estimated:
+        time = np.full(3, sensor.bias_instability_time)
+        processes.append(_gauss_markov(model, sensor.bias_instability**2 / variance, time))
+    return processes
+
+
+def _steps(model: Model) -> np.ndarray:
+    """Time (slews, n) from each row to the next [s], zero after the last."""
+    times = row_times(model)
+    return np.diff(times, axis=1, append=times[:, -1:])
+
+
+def _gauss_markov(model: Model, variance: np.ndarray, time: np.ndarray) -> _Process:
+    """A stationary process of these variances and correlation times (3,) [s]."""
+    decay = np.exp(-_steps(model)[..., None] / time)
+    start = np.broadcast_to(variance, (len(decay), 3))
+    return _Process(start, decay, variance * (1.0 - decay**2))
+
+
+def _random_walk(model: Model, growth: np.ndarray) -> _Process:
+    """A Wiener process whose variance grows by `growth` (3,) a second.
+
+    A slew begins with what the walk makes of the way from the middle of the campaign, as in the
+    effect `rate_random_walk`.
+    """
+    steps, times = _steps(model), row_times(model)
+    context = model.data.arrays.slews.context
+    away = np.abs(np.asarray(context.start) + times[:, 0] - np.asarray(context.middle))
+    first = away + times[:, -1] - times[:, 0]
+    fresh = steps[..., None] * growth
+    return _Process(first[:, None] * growth, np.ones_like(fresh), fresh)
+
+
+def _filter(processes: list[_Process], white: np.ndarray, valid: np.ndarray) -> Memory:
+    """The filter for processes beside white noise (3,); `valid` (slews, n, 3): was measured."""
+    decay = np.stack([process.decay for process in processes], -1)
+    fresh = np.stack([process.fresh for process in processes], -1)
+    start = np.stack([process.start for process in processes], -1)
+    same = np.eye(len(processes))
+    gain, scale = np.zeros_like(decay), np.ones(valid.shape)
+    covariance = start[..., None] * same
+    for row in range(valid.shape[1]):
+        with_reading = covariance.sum(-1)
+        of_reading = np.maximum(with_reading.sum(-1) + white, 1e-12)
+        known = valid[:, row]
+        gain[:, row] = np.where(known[..., None], with_reading / of_reading[..., None], 0.0)
+        scale[:, row] = np.where(known, 1.0 / np.sqrt(of_reading), 1.0)
+        left = covariance - gain[:, row][..., None] * with_reading[..., None, :]
+        kept = decay[:, row]
+        covariance = kept[..., None] * kept[..., None, :] * left + fresh[:, row][..., None] * same
+    return Memory(jnp.asarray(decay), jnp.asarray(gain), jnp.asarray(scale))
