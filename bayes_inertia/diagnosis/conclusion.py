@@ -180,12 +180,13 @@ def final_tests(estimate: Estimate) -> dict[str, ChannelTest]:
         {channel: ChannelTest}, and `total`.
     """
     scale = {c: np.sqrt(estimate.discount[0, i]) for i, c in enumerate(CHANNELS)}
-    series = {c: [scale[c] * x for x in slews] for c, slews in estimate.residual_series.items()}
-    info = estimate.information
-    dof = info.n_data.sum(0) - estimate.effective_parameters
+    tested, info = estimate.tested_residuals, estimate.information
+    series = {c: [scale[c] * x for x in slews] for c, slews in tested.series.items()}
+    chi2 = tested.chi2 * [scale[c] ** 2 for c in CHANNELS]
+    dof = info.n_data.sum(0) - tested.parameters
     steps = rounding_steps(estimate.model.campaign)
     rounded = [c for c, of_components in steps.items() if has_one_error(scale[c] * of_components)]
-    return channel_tests(series, info.chi2.sum(0), dof, rounded)
+    return channel_tests(series, chi2, dof, rounded)
 
 
 def is_explained(tests: dict[str, ChannelTest], rules: Rules) -> bool:

@@ -9,19 +9,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bayes_inertia.campaign.channel_names import CHANNELS
-from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.coefficients import CoefficientPart, prior_roots
-from bayes_inertia.inference.likelihood import Information, Residuals, residuals
+from bayes_inertia.inference.hat_matrix import hat_traces
+from bayes_inertia.inference.likelihood import Information, Residuals
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.marginal_posterior import Marginal
 from bayes_inertia.inference.noise_filter import rate_noise_memory
 from bayes_inertia.inference.noise_model import Whitening, rate_noise_covariance
-from bayes_inertia.inference.objective import block_index, prior_rows
+from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.inference.point import N_BIAS, Point
+from bayes_inertia.inference.residual_series import residual_series
 from bayes_inertia.inference.residual_tests import ChannelTest, channel_tests
 from bayes_inertia.inference.rounding import has_one_error, rounding_steps
 from bayes_inertia.inference.slew_shares import SlewShares
+from bayes_inertia.inference.tested_residuals import TestedResiduals, tested_residuals
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root, solve
@@ -131,12 +132,17 @@ class Estimate:
         return hat_traces(self.information, self.point.n_local, self.joint_covariance)
 
     @cached_property
+    def tested_residuals(self) -> TestedResiduals:
+        """Residuals that are white where the model is right, in STATED sigmas."""
+        return tested_residuals(self)
+
+    @cached_property
     def tests(self) -> dict[str, ChannelTest]:
         """Reduced chi^2 against the STATED noise and whiteness, by channel and in total."""
-        chi2 = (self.information.chi2 / self.discount).sum(0)
-        dof = self.information.n_data.sum(0) - self.effective_parameters
+        tested = self.tested_residuals
+        dof = self.information.n_data.sum(0) - tested.parameters
         rounded = [c for c, s in rounding_steps(self.model.campaign).items() if has_one_error(s)]
-        return channel_tests(self.residual_series, chi2, dof, rounded)
+        return channel_tests(tested.series, tested.chi2, dof, rounded)
 
     @cached_property
     def robust_sd(self) -> np.ndarray | None:
@@ -218,64 +224,6 @@ class Estimate:
         return LinearisedFit(
             self.model, self.point, self.white, self.information, self.hessian, self.discount
         )
-
-
-def hat_traces(
-    information: Information,
-    n_local: int,
-    covariance: np.ndarray,
-    counted: np.ndarray | None = None,
-) -> np.ndarray:
-    """Trace of the hat matrix over each channel's rows.
-
-    Parameters
-    ----------
-    information : Information
-        Normal equations of the fit.
-    n_local : int
-        Nuisances of one slew.
-    covariance : (unknowns, unknowns) array
-        Of (theta[free], bias, all local nuisances).
-    counted : (f,) array of bool, optional
-        Which of theta[free] count; all by default.
-
-    Returns
-    -------
-    (3,) array
-        By channel, how many parameters it pays for.
-    """
-    total = np.zeros(len(CHANNELS))
-    for s, block in enumerate(information.matrix):
-        index = block_index(len(information.free) + N_BIAS, n_local, s)
-        if counted is not None:
-            keep = np.concatenate([counted, np.ones(len(index) - len(counted), bool)])
-            index, block = index[keep], block[:, keep][:, :, keep]
-        total += np.einsum("cpq,qp->c", block, covariance[np.ix_(index, index)])
-    return total
-
-
-def residual_series(model: Model, point: Point, white: Whitening) -> dict[str, list[np.ndarray]]:
-    """Residuals as series over time.
-
-    Parameters
-    ----------
-    model : Model
-    point : Point
-        Where.
-    white : Whitening
-        The noise in whose sigmas they are counted.
-
-    Returns
-    -------
-    dict of list of (rows, components) arrays
-        By channel and slew; NaN where nothing was measured.
-    """
-    flat = residuals(model.structure, point, model.data, white)
-    series = {}
-    for channel, values, valid in zip(CHANNELS, flat, measured(model), strict=True):
-        shaped = np.where(valid, np.asarray(values).reshape(valid.shape), np.nan)
-        series[channel] = list(shaped)
-    return series
 
 
 def plain_series(estimate: Estimate) -> dict[str, list[np.ndarray]]:

@@ -13,7 +13,8 @@ import numpy as np
 
 from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.inference.descent import minimum_from
-from bayes_inertia.inference.laplace import Estimate, hat_traces, residual_series
+from bayes_inertia.inference.hat_matrix import hat_traces
+from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.likelihood import Information
 from bayes_inertia.inference.noise_information import NoiseTask, information, objective
 from bayes_inertia.inference.noise_model import discounted, whitening
@@ -21,6 +22,7 @@ from bayes_inertia.inference.noise_parameters import channel_rules, noise_values
 from bayes_inertia.inference.noise_tests import noise_tests
 from bayes_inertia.inference.objective import normal_equations
 from bayes_inertia.inference.point import Point
+from bayes_inertia.inference.residual_series import residual_series
 from bayes_inertia.inference.residual_tests import ChannelTest
 from bayes_inertia.inference.student_t import WeightedSquares
 from bayes_inertia.maths.linear_algebra import inverse
@@ -63,7 +65,7 @@ class NoiseEstimate(Estimate):
         return noise_tests(
             self.model,
             self.theta,
-            self.residual_series,
+            self.tested_residuals.series,
             self.information.n_data.sum(0),
             self.effective_parameters,
         )

@@ -1,12 +1,14 @@
-"""The filter for noise of the rates that is correlated: what it consists of, and its gains.
+"""The filter for correlated noise of readings: what the noise consists of, and the gains.
 
-Up to three first-order processes beside white noise: correlated noise that was measured in the
-residuals, and what the campaign states of the gyro's bias, a random walk (RRW) and a Gauss-Markov
-process that stands for its instability (BI). Farrenkopf 1978; IEEE Std 952-1997, annexes B and C.
+First-order processes beside white noise: correlated noise that was measured in the residuals of the
+rates; what the campaign states of the gyro's bias, a random walk (RRW) and a Gauss-Markov process
+that stands for its instability (BI); what an effect was estimated to add. Farrenkopf 1978; IEEE Std
+952-1997, annexes B and C.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -14,20 +16,21 @@ import numpy as np
 
 from bayes_inertia.inference.channel_rows import row_times
 from bayes_inertia.inference.noise_memory import Memory
-from bayes_inertia.physics.effects import RateBiasInstability, RateRandomWalk
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.reading_noise import ReadingNoise
+from bayes_inertia.physics.stated_noise import stated_reading_noise
 
 
 class _Process(NamedTuple):
-    """A first-order process on each axis, in units of one reading's variance.
+    """A first-order process in each of c components, in units of one reading's variance.
 
     Parameters
     ----------
-    start : (slews, 3) array
+    start : (slews, c) array
         Variance at a slew's first row.
-    decay : (slews, n, 3) array
+    decay : (slews, n, c) array
         What is left at the next row.
-    fresh : (slews, n, 3) array
+    fresh : (slews, n, c) array
         Variance that is new by then.
     """
 
@@ -37,7 +40,11 @@ class _Process(NamedTuple):
 
 
 def rate_noise_memory(
-    model: Model, covariance: np.ndarray, *, measured: bool = True
+    model: Model,
+    covariance: np.ndarray,
+    more: Sequence[ReadingNoise] = (),
+    *,
+    measured: bool = True,
 ) -> Memory | None:
     """What the noise of each rate reading keeps of those before.
 
@@ -47,6 +54,8 @@ def rate_noise_memory(
         Its campaign says how the noise is correlated. What its effects estimate is none of it.
     covariance : (3, 3) array
         Of one reading's noise, its bias' wandering left out [rad^2/s^2].
+    more : sequence of ReadingNoise
+        What effects add to the rates.
     measured : bool
         Whether correlated noise that was measured counts, beside what is stated.
 
@@ -58,7 +67,8 @@ def rate_noise_memory(
     # Whitened readings have one over these as sigmas.
     variance = 1.0 / np.diagonal(np.linalg.inv(covariance))
     noise = model.campaign.rate_sensor.correlated_noise if measured else None
-    processes = _stated_processes(model, variance)
+    stated = stated_reading_noise(model.campaign, model.structure.effects)
+    processes = [_process(model, each, variance) for each in (*stated, *more)]
     white = np.ones(3)
     if noise is not None:
         white = 1.0 - np.array(noise.share)
@@ -68,17 +78,34 @@ def rate_noise_memory(
     return _filter(processes, white, np.asarray(model.data.arrays.telemetry.rate_valid))
 
 
-def _stated_processes(model: Model, variance: np.ndarray) -> list[_Process]:
-    """The wandering of the bias that the campaign states, but for what an effect estimates."""
-    sensor = model.campaign.rate_sensor
-    estimated = {effect.name for effect in model.structure.effects}
-    processes = []
-    if sensor.rate_random_walk is not None and RateRandomWalk.name not in estimated:
-        processes.append(_random_walk(model, sensor.rate_random_walk**2 / variance))
-    if sensor.bias_instability is not None and RateBiasInstability.name not in estimated:
-        time = np.full(3, sensor.bias_instability_time)
-        processes.append(_gauss_markov(model, sensor.bias_instability**2 / variance, time))
-    return processes
+def momentum_noise_memory(model: Model, noise: Sequence[ReadingNoise]) -> Memory | None:
+    """What the noise of each tachometer reading keeps of those before.
+
+    Parameters
+    ----------
+    model : Model
+    noise : sequence of ReadingNoise
+        What effects add to the readings.
+
+    Returns
+    -------
+    Memory or None
+        None where the noise is white.
+    """
+    if not noise:
+        return None
+    variance = np.square([wheel.momentum_sigma or np.inf for wheel in model.campaign.wheels])
+    processes = [_process(model, each, variance) for each in noise]
+    valid = np.asarray(model.data.arrays.telemetry.momentum_valid)
+    return _filter(processes, np.ones(len(variance)), valid)
+
+
+def _process(model: Model, noise: ReadingNoise, variance: np.ndarray) -> _Process:
+    """The process in units of one reading's variance (c,)."""
+    power = float(noise.size) ** 2 / variance
+    if np.isinf(noise.time):
+        return _random_walk(model, power, from_middle=noise.from_middle)
+    return _gauss_markov(model, power, np.full(len(variance), float(noise.time)))
 
 
 def _steps(model: Model) -> np.ndarray:
@@ -88,28 +115,29 @@ def _steps(model: Model) -> np.ndarray:
 
 
 def _gauss_markov(model: Model, variance: np.ndarray, time: np.ndarray) -> _Process:
-    """A stationary process of these variances and correlation times (3,) [s]."""
+    """A stationary process of these variances and correlation times (c,) [s]."""
     decay = np.exp(-_steps(model)[..., None] / time)
-    start = np.broadcast_to(variance, (len(decay), 3))
+    start = np.broadcast_to(variance, (len(decay), len(variance)))
     return _Process(start, decay, variance * (1.0 - decay**2))
 
 
-def _random_walk(model: Model, growth: np.ndarray) -> _Process:
-    """A Wiener process whose variance grows by `growth` (3,) a second.
+def _random_walk(model: Model, growth: np.ndarray, *, from_middle: bool) -> _Process:
+    """A Wiener process whose variance grows by `growth` (c,) a second.
 
-    A slew begins with what the walk makes of the way from the middle of the campaign, as in the
-    effect `rate_random_walk`.
+    From the middle of the campaign on a slew begins as in the effect `rate_random_walk`.
     """
     steps, times = _steps(model), row_times(model)
-    context = model.data.arrays.slews.context
-    away = np.abs(np.asarray(context.start) + times[:, 0] - np.asarray(context.middle))
-    first = away + times[:, -1] - times[:, 0]
+    first = np.zeros(len(times))
+    if from_middle:
+        context = model.data.arrays.slews.context
+        away = np.abs(np.asarray(context.start) + times[:, 0] - np.asarray(context.middle))
+        first = away + times[:, -1] - times[:, 0]
     fresh = steps[..., None] * growth
     return _Process(first[:, None] * growth, np.ones_like(fresh), fresh)
 
 
 def _filter(processes: list[_Process], white: np.ndarray, valid: np.ndarray) -> Memory:
-    """The filter for processes beside white noise (3,); `valid` (slews, n, 3): was measured."""
+    """The filter for processes beside white noise (c,); `valid` (slews, n, c): was measured."""
     decay = np.stack([process.decay for process in processes], -1)
     fresh = np.stack([process.fresh for process in processes], -1)
     start = np.stack([process.start for process in processes], -1)

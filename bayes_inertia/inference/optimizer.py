@@ -29,11 +29,12 @@ from bayes_inertia.inference.hyperparameters import (
     information_with_learnt,
     without_hyperparameters,
 )
-from bayes_inertia.inference.laplace import Estimate, Starts, residual_series
+from bayes_inertia.inference.laplace import Estimate, Starts
 from bayes_inertia.inference.noise_estimate import with_noise_model
 from bayes_inertia.inference.noise_model import Whitening, discounted, n_data, whitening
 from bayes_inertia.inference.objective import normal_equations
 from bayes_inertia.inference.point import Point
+from bayes_inertia.inference.residual_series import residual_series
 from bayes_inertia.inference.residual_tests import dispersion
 from bayes_inertia.inference.start_guess import guess_nuisances
 from bayes_inertia.maths.blas_threads import on_one_blas_thread

@@ -13,6 +13,7 @@ from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects.rate_bias_instability import RateBiasInstability
 from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
 from bayes_inertia.physics.effects.star_tracker_low_frequency import StarTrackerLowFrequency
+from bayes_inertia.physics.reading_noise import ReadingNoise
 
 
 def stated_noise(campaign: Campaign, effects: Sequence[Effect]) -> tuple[Effect, ...]:
@@ -44,6 +45,37 @@ def stated_noise(campaign: Campaign, effects: Sequence[Effect]) -> tuple[Effect,
         return ()
     stated = StarTrackerLowFrequency(tracker.low_frequency_sigma, known=True)
     return () if stated.name in [effect.name for effect in effects] else (stated,)
+
+
+def stated_reading_noise(campaign: Campaign, effects: Sequence[Effect]) -> tuple[ReadingNoise, ...]:
+    """How the bias of the gyro wanders by what the campaign states.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Its rate sensor says by how much.
+    effects : sequence of Effect
+        What a model estimates; a term of an effect's name is left to it.
+
+    Returns
+    -------
+    tuple of ReadingNoise
+        Empty where the bias is constant.
+
+    Examples
+    --------
+    >>> from bayes_inertia.physics.small_campaign import small_campaign
+    >>> stated_reading_noise(small_campaign(), ())
+    ()
+    """
+    sensor, estimated = campaign.rate_sensor, {effect.name for effect in effects}
+    stated = []
+    if sensor.rate_random_walk is not None and RateRandomWalk.name not in estimated:
+        stated.append(ReadingNoise("rate", sensor.rate_random_walk, from_middle=True))
+    if sensor.bias_instability is not None and RateBiasInstability.name not in estimated:
+        time = sensor.bias_instability_time or float("inf")
+        stated.append(ReadingNoise("rate", sensor.bias_instability, time))
+    return tuple(stated)
 
 
 def stated_terms(campaign: Campaign) -> tuple[str, ...]:

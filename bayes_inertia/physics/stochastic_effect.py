@@ -17,6 +17,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.reading_noise import ReadingNoise
 from bayes_inertia.physics.slew_context import SlewContext
 
 if TYPE_CHECKING:
@@ -103,5 +104,23 @@ class StochasticEffect(Effect):
         (..., components) array or None
             In `signal_unit`, one column for each of `signal_components`, linear in the
             coefficients; None where there is nothing to draw.
+        """
+        return None
+
+    def reading_noise(self, p: Mapping[str, Array]) -> ReadingNoise | None:
+        """The same process as noise of readings, if that is all it is.
+
+        A reduced basis leaves out what is fast. Where residuals are tested the process is filtered
+        out of them exactly, with nothing left out.
+
+        Parameters
+        ----------
+        p : mapping of str to Array
+            The effect's parameters: sds, times.
+
+        Returns
+        -------
+        ReadingNoise or None
+            None where the process moves the body, or is no first-order process.
         """
         return None

@@ -16,6 +16,7 @@ from bayes_inertia.physics.random_basis import (
     slew_duration,
     slew_fraction,
 )
+from bayes_inertia.physics.reading_noise import ReadingNoise
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
@@ -74,6 +75,9 @@ class RateBiasInstability(StochasticEffect):
     def signal(self, p, slew, t):
         hats = hat_functions(slew_fraction(slew, t), self.knots)
         return on_axes(hats, p["coefficients"], 3)
+
+    def reading_noise(self, p):
+        return ReadingNoise("rate", p["sd"], p["time"])
 
     def looks_between_rows(self, campaign):
         return False

@@ -16,6 +16,7 @@ from bayes_inertia.physics.random_basis import (
     slew_fraction,
     wiener_functions,
 )
+from bayes_inertia.physics.reading_noise import ReadingNoise
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
@@ -83,6 +84,9 @@ class RateRandomWalk(StochasticEffect):
         walk = wiener_functions(fraction, self.functions)
         offset = jnp.ones((*fraction.shape, 1))
         return on_axes(jnp.concatenate([offset, walk], -1), p["coefficients"], 3)
+
+    def reading_noise(self, p):
+        return ReadingNoise("rate", p["density"], from_middle=True)
 
     def looks_between_rows(self, campaign):
         return False

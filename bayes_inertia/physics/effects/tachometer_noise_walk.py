@@ -16,6 +16,7 @@ from bayes_inertia.physics.random_basis import (
     slew_fraction,
     wiener_functions,
 )
+from bayes_inertia.physics.reading_noise import ReadingNoise
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
@@ -61,6 +62,9 @@ class TachometerNoiseWalk(StochasticEffect):
 
     def coefficient_root(self, p, slew, count):
         return independent(p["density"] * jnp.sqrt(slew_duration(slew)), count)
+
+    def reading_noise(self, p):
+        return ReadingNoise("momentum", p["density"]) if p else None
 
     def looks_between_rows(self, campaign):
         return False

@@ -1,0 +1,118 @@
+"""The residuals whose size and whiteness are tested.
+
+A fit takes away what it can explain. A few J, K and start states take little from many readings,
+and the number of parameters that each channel pays for makes up for it. Free shapes over time take
+much, and what they leave is not white: the fast part that a reduced basis lacks remains, the slow
+one is overfitted. Where such a shape is a first-order process of the readings it is not taken away
+but filtered out, like any other correlated noise (Mehra 1970, "On the identification of variances
+and adaptive Kalman filtering": innovations are white if the model is right).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import jax.numpy as jnp
+import numpy as np
+
+from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.inference.hat_matrix import hat_traces
+from bayes_inertia.inference.noise_filter import momentum_noise_memory, rate_noise_memory
+from bayes_inertia.inference.noise_memory import innovations
+from bayes_inertia.inference.noise_model import rate_noise_covariance
+from bayes_inertia.inference.residual_series import residual_series
+from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.reading_noise import ReadingNoise
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
+
+if TYPE_CHECKING:
+    from bayes_inertia.inference.laplace import Estimate
+
+
+@array_dataclass
+class TestedResiduals:
+    """Residuals that are white and of unit variance where the model is right.
+
+    Parameters
+    ----------
+    series : dict of list of (rows, components) arrays
+        By channel and slew, in stated sigmas; NaN where nothing was measured.
+    chi2 : (3,) array
+        Sums of squares by channel.
+    parameters : (3,) array
+        How many parameters each channel pays for.
+    """
+
+    series: dict[str, list[np.ndarray]]
+    chi2: np.ndarray
+    parameters: np.ndarray
+
+
+def tested_residuals(estimate: Estimate) -> TestedResiduals:
+    """What to test of an estimate's residuals.
+
+    Parameters
+    ----------
+    estimate : Estimate
+
+    Returns
+    -------
+    TestedResiduals
+    """
+    noise, filtered = _reading_noise(estimate)
+    if not noise:
+        chi2 = (estimate.information.chi2 / estimate.discount).sum(0)
+        return TestedResiduals(estimate.residual_series, chi2, estimate.effective_parameters)
+    series = _filtered_series(estimate, noise, filtered)
+    chi2 = [sum(float(np.nansum(np.square(x))) for x in series[c]) for c in CHANNELS]
+    parameters = hat_traces(
+        estimate.information,
+        estimate.point.n_local,
+        estimate.joint_covariance,
+        nuisances=~filtered,
+    )
+    return TestedResiduals(series, np.array(chi2), parameters)
+
+
+def _reading_noise(estimate: Estimate) -> tuple[list[ReadingNoise], np.ndarray]:
+    """First-order processes that effects add to readings; which nuisances (n_local,) stand for
+    them.
+    """
+    structure = estimate.model.structure
+    noise, filtered = [], np.zeros(estimate.point.n_local, bool)
+    start = structure.n_start
+    active = structure.active_effects(jnp.asarray(estimate.theta))
+    for (effect, p), count in zip(active, structure.coefficients, strict=False):
+        of_effect = effect.reading_noise(p) if isinstance(effect, StochasticEffect) else None
+        if count and of_effect is not None and _is_read(estimate.model, of_effect):
+            noise.append(of_effect)
+            filtered[start : start + count] = True
+        start += count
+    return noise, filtered
+
+
+def _is_read(model: Model, noise: ReadingNoise) -> bool:
+    """Whether readings with this noise are compared, and the noise is there at all."""
+    compared = noise.channel == "rate" or model.structure.drive == "commanded"
+    return compared and float(noise.size) > 0.0
+
+
+def _filtered_series(
+    estimate: Estimate, noise: list[ReadingNoise], filtered: np.ndarray
+) -> dict[str, list[np.ndarray]]:
+    """Residuals without the coefficients of these processes, the processes filtered out."""
+    model = estimate.model
+    local = np.where(filtered, 0.0, estimate.point.local)
+    of_rate = [each for each in noise if each.channel == "rate"]
+    memory = rate_noise_memory(model, rate_noise_covariance(model, estimate.theta), of_rate)
+    white = estimate.stated._replace(memory=memory)
+    series = residual_series(model, replace(estimate.point, local=local), white)
+    walk = momentum_noise_memory(model, [each for each in noise if each.channel == "momentum"])
+    if walk is not None:
+        known = np.nan_to_num(np.stack(series["momentum"]))
+        new = np.asarray(innovations(jnp.asarray(known), walk))
+        missing = np.isnan(np.stack(series["momentum"]))
+        series["momentum"] = list(np.where(missing, np.nan, new))
+    return series

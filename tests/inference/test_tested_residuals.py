@@ -1,0 +1,97 @@
+"""Residuals are tested without the overfit of free shapes: white where the model is right."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayes_inertia.inference import optimizer
+from bayes_inertia.inference.residual_tests import whiteness
+from bayes_inertia.physics.effects import RateBiasInstability, TachometerNoiseWalk
+from bayes_inertia.physics.forward_model import Model
+
+BIAS, TIME = 2.5e-5, 20.0
+
+
+def wandering_bias(campaign, rng):
+    """The campaign with a Gauss-Markov bias of the rate sensor."""
+    slews = []
+    for slew in campaign.slews:
+        kept = np.exp(-float(slew.time[1] - slew.time[0]) / TIME)
+        bias = BIAS * rng.normal(size=slew.rate.shape)
+        for row in range(1, len(bias)):
+            bias[row] = kept * bias[row - 1] + np.sqrt(1.0 - kept**2) * bias[row]
+        slews.append(replace(slew, rate=slew.rate + bias))
+    return replace(campaign, slews=tuple(slews))
+
+
+def walking_tachometers(campaign, rng):
+    """The campaign with tachometers whose errors are random walks of a few sigmas a slew."""
+    sigma, slews = campaign.wheels[0].momentum_sigma, []
+    for slew in campaign.slews:
+        step = rng.normal(size=slew.wheel_momentum.shape) / np.sqrt(len(slew.time))
+        error = 3.0 * sigma * step.cumsum(0)
+        slews.append(replace(slew, wheel_momentum=slew.wheel_momentum + error))
+    return replace(campaign, slews=tuple(slews))
+
+
+def fitted(campaign, *effects):
+    return optimizer.estimate(Model(campaign, effects), discount=False)
+
+
+@pytest.fixture(scope="module")
+def with_bias(flown):
+    return wandering_bias(flown.campaign, np.random.default_rng(5))
+
+
+def test_a_wandering_bias_that_is_estimated_leaves_white_residuals(with_bias):
+    estimate = fitted(with_bias, RateBiasInstability())
+    test = estimate.tests["rate"]
+    assert not test.rejected
+    assert test.reduced_chi2 == pytest.approx(1.0, abs=0.1)
+    assert fitted(with_bias).tests["rate"].p_white < 1e-12
+
+
+def test_what_a_reduced_basis_leaves_is_not_white_by_itself(with_bias):
+    """The control: residuals of a fit with many knots, tested as they are."""
+    estimate = fitted(with_bias, RateBiasInstability(knots=49))
+    assert whiteness(estimate.residual_series["rate"]) < 1e-3
+    assert estimate.tests["rate"].p_white > 1e-3
+
+
+def test_tachometers_that_walk_leave_white_residuals_too(flown):
+    campaign = walking_tachometers(flown.campaign, np.random.default_rng(6))
+    assert fitted(campaign).tests["momentum"].rejected
+    estimate = fitted(campaign, TachometerNoiseWalk())
+    assert not estimate.tests["momentum"].rejected
+
+
+def test_other_misfit_is_seen_beside_a_free_shape(with_bias):
+    """A ringing that no Gauss-Markov process makes is still rejected."""
+    slews = [
+        replace(s, rate=s.rate + 2e-5 * np.sin(4.0 * s.time)[:, None]) for s in with_bias.slews
+    ]
+    campaign = replace(with_bias, slews=tuple(slews))
+    assert fitted(campaign, RateBiasInstability()).tests["rate"].rejected
+
+
+def test_parameters_of_shapes_that_are_filtered_out_are_not_paid_for(with_bias):
+    estimate = fitted(with_bias, RateBiasInstability())
+    paid = estimate.tested_residuals.parameters
+    plain = fitted(with_bias).effective_parameters
+    assert estimate.effective_parameters[0] > plain[0] + 20.0
+    # J, K, the bias, and a start state in each slew, little more than without the shape.
+    assert 0.0 < paid.sum() < plain.sum() + 3.0
+
+
+def test_without_free_shapes_residuals_are_tested_as_they_are(flown):
+    estimate = fitted(flown.campaign)
+    for tested, left in zip(
+        estimate.tested_residuals.series["rate"], estimate.residual_series["rate"], strict=True
+    ):
+        np.testing.assert_array_equal(tested, left)
+    np.testing.assert_array_equal(
+        estimate.tested_residuals.parameters, estimate.effective_parameters
+    )
