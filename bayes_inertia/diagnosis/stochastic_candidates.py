@@ -38,6 +38,7 @@ from bayes_inertia.physics.random_basis import (
     slew_duration,
     slew_fraction,
 )
+from bayes_inertia.physics.stated_noise import stated_terms
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 # Where in a slew's signal chain an effect enters, in the words of `unexplained`.
@@ -181,7 +182,7 @@ def usable(
     >>> [effect.name for effect in usable(STOCHASTIC_CANDIDATES[:1], Model(small_campaign()), 99)]
     ['rate_random_walk']
     """
-    fitted = {effect.name for effect in model.structure.effects}
+    fitted = {effect.name for effect in model.structure.effects} | {*stated_terms(model.campaign)}
     campaign, kept = model.campaign, []
     for effect in effects:
         count = effect.coefficient_count(campaign)

@@ -22,7 +22,7 @@ from bayes_inertia.inference.residual_series import residual_series
 from bayes_inertia.inference.residual_tests import ChannelTest, channel_tests
 from bayes_inertia.inference.rounding import has_one_error, rounding_steps
 from bayes_inertia.inference.slew_shares import SlewShares
-from bayes_inertia.inference.tested_residuals import TestedResiduals, tested_residuals
+from bayes_inertia.inference.tested_residuals import TestedResiduals, filtered_residuals
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.linear_algebra import inverse, inverse_root, solve
@@ -134,7 +134,13 @@ class Estimate:
     @cached_property
     def tested_residuals(self) -> TestedResiduals:
         """Residuals that are white where the model is right, in STATED sigmas."""
-        return tested_residuals(self)
+        filtered = filtered_residuals(
+            self.model, self.point, self.stated, self.information, self.joint_covariance
+        )
+        if filtered is not None:
+            return filtered
+        chi2 = (self.information.chi2 / self.discount).sum(0)
+        return TestedResiduals(self.residual_series, chi2, self.effective_parameters)
 
     @cached_property
     def tests(self) -> dict[str, ChannelTest]:

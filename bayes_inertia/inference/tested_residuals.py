@@ -11,24 +11,22 @@ and adaptive Kalman filtering": innovations are white if the model is right).
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.inference.hat_matrix import hat_traces
+from bayes_inertia.inference.likelihood import Information
 from bayes_inertia.inference.noise_filter import momentum_noise_memory, rate_noise_memory
 from bayes_inertia.inference.noise_memory import innovations
-from bayes_inertia.inference.noise_model import rate_noise_covariance
+from bayes_inertia.inference.noise_model import Whitening, rate_noise_covariance
+from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_series import residual_series
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.reading_noise import ReadingNoise
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
-
-if TYPE_CHECKING:
-    from bayes_inertia.inference.laplace import Estimate
 
 
 @array_dataclass
@@ -50,43 +48,53 @@ class TestedResiduals:
     parameters: np.ndarray
 
 
-def tested_residuals(estimate: Estimate) -> TestedResiduals:
-    """What to test of an estimate's residuals.
+def filtered_residuals(
+    model: Model,
+    point: Point,
+    stated: Whitening,
+    information: Information,
+    covariance: np.ndarray,
+) -> TestedResiduals | None:
+    """What to test of an estimate in which effects add first-order processes to readings.
 
     Parameters
     ----------
-    estimate : Estimate
+    model : Model
+        What was fitted.
+    point : Point
+        The maximum.
+    stated : Whitening
+        The noise in whose sigmas residuals are counted.
+    information : Information
+        Normal equations there.
+    covariance : (unknowns, unknowns) array
+        Of (theta[free], bias, all local nuisances).
 
     Returns
     -------
-    TestedResiduals
+    TestedResiduals or None
+        None where there is no such effect: residuals are tested as they are.
     """
-    noise, filtered = _reading_noise(estimate)
+    noise, filtered = _reading_noise(model, point)
     if not noise:
-        chi2 = (estimate.information.chi2 / estimate.discount).sum(0)
-        return TestedResiduals(estimate.residual_series, chi2, estimate.effective_parameters)
-    series = _filtered_series(estimate, noise, filtered)
+        return None
+    series = _filtered_series(model, point, stated, noise, filtered)
     chi2 = [sum(float(np.nansum(np.square(x))) for x in series[c]) for c in CHANNELS]
-    parameters = hat_traces(
-        estimate.information,
-        estimate.point.n_local,
-        estimate.joint_covariance,
-        nuisances=~filtered,
-    )
+    parameters = hat_traces(information, point.n_local, covariance, nuisances=~filtered)
     return TestedResiduals(series, np.array(chi2), parameters)
 
 
-def _reading_noise(estimate: Estimate) -> tuple[list[ReadingNoise], np.ndarray]:
+def _reading_noise(model: Model, point: Point) -> tuple[list[ReadingNoise], np.ndarray]:
     """First-order processes that effects add to readings; which nuisances (n_local,) stand for
     them.
     """
-    structure = estimate.model.structure
-    noise, filtered = [], np.zeros(estimate.point.n_local, bool)
+    structure = model.structure
+    noise, filtered = [], np.zeros(point.n_local, bool)
     start = structure.n_start
-    active = structure.active_effects(jnp.asarray(estimate.theta))
+    active = structure.active_effects(jnp.asarray(point.theta))
     for (effect, p), count in zip(active, structure.coefficients, strict=False):
         of_effect = effect.reading_noise(p) if isinstance(effect, StochasticEffect) else None
-        if count and of_effect is not None and _is_read(estimate.model, of_effect):
+        if count and of_effect is not None and _is_read(model, of_effect):
             noise.append(of_effect)
             filtered[start : start + count] = True
         start += count
@@ -100,15 +108,18 @@ def _is_read(model: Model, noise: ReadingNoise) -> bool:
 
 
 def _filtered_series(
-    estimate: Estimate, noise: list[ReadingNoise], filtered: np.ndarray
+    model: Model,
+    point: Point,
+    stated: Whitening,
+    noise: list[ReadingNoise],
+    filtered: np.ndarray,
 ) -> dict[str, list[np.ndarray]]:
     """Residuals without the coefficients of these processes, the processes filtered out."""
-    model = estimate.model
-    local = np.where(filtered, 0.0, estimate.point.local)
+    local = np.where(filtered, 0.0, point.local)
     of_rate = [each for each in noise if each.channel == "rate"]
-    memory = rate_noise_memory(model, rate_noise_covariance(model, estimate.theta), of_rate)
-    white = estimate.stated._replace(memory=memory)
-    series = residual_series(model, replace(estimate.point, local=local), white)
+    memory = rate_noise_memory(model, rate_noise_covariance(model, point.theta), of_rate)
+    white = stated._replace(memory=memory)
+    series = residual_series(model, replace(point, local=local), white)
     walk = momentum_noise_memory(model, [each for each in noise if each.channel == "momentum"])
     if walk is not None:
         known = np.nan_to_num(np.stack(series["momentum"]))
