@@ -42,7 +42,7 @@ from bayes_inertia.physics.prediction import Data
 
 Progress = Callable[[str, int, int], None]
 
-_LEAST_WARM_UP_STEPS = 12
+_LEAST_WARM_UP_STEPS = 8
 _LEAST_STEPS_BETWEEN_SAVES = 8
 # This many times more draws than seem enough are taken.
 _STEPS_MARGIN = 1.1
