@@ -55,7 +55,7 @@ class Campaign:
 def hidden_in(row: Mapping[str, Any]) -> set[str]:
     """Names of what acts in the campaign of a row, of either study."""
     names = row["hidden"] if "hidden" in row else [row["label"]]
-    return {_SAME.get(name, name) for name in names if name != "clean"}
+    return {_SAME.get(name, name) for name in names if name not in ("clean", "stated")}
 
 
 def campaign_of(row: Mapping[str, Any]) -> Campaign:
