@@ -8,6 +8,10 @@ VENV := .venv
 BIN := $(VENV)/bin
 DEMO ?= demo_run
 
+# Installed modules are compiled at once, on all cores: pip would do it on one, and where Python may
+# not write them (PYTHONDONTWRITEBYTECODE) every start of the command would take 4 s longer.
+compile_modules = @$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib bayes_inertia || true
+
 # The tests of one environment share compiled code: two workers, fast tests and slow ones.
 test test-all docs: export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/$(VENV)/jax_cache
 test test-all docs: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.3
@@ -42,14 +46,17 @@ $(VENV)/ready: pyproject.toml constraints.txt
 	@test -n "$(PYTHON)" || { echo "no Python 3.12 or newer found: install one, or call make PYTHON=/path/to/python"; exit 1; }
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --no-compile --quiet --disable-pip-version-check -c constraints.txt -e .
+	$(compile_modules)
 	@touch $@
 
 $(VENV)/ready-test: $(VENV)/ready
 	$(BIN)/python -m pip install --no-compile --quiet --disable-pip-version-check -c constraints.txt -e '.[test]'
+	$(compile_modules)
 	@touch $@
 
 $(VENV)/ready-docs: $(VENV)/ready
 	$(BIN)/python -m pip install --no-compile --quiet --disable-pip-version-check -c constraints.txt -e '.[docs]'
+	$(compile_modules)
 	@touch $@
 
 clean:
