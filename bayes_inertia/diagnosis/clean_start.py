@@ -16,7 +16,10 @@ import numpy as np
 
 from bayes_inertia.diagnosis.candidates import score_candidates
 from bayes_inertia.diagnosis.precompilation import precompile
-from bayes_inertia.diagnosis.stochastic_candidates import stochastic_candidates
+from bayes_inertia.diagnosis.stochastic_candidates import (
+    StochasticCandidate,
+    stochastic_candidates,
+)
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import (
     CleanFit,
@@ -169,10 +172,14 @@ def _noise_or_physics(start: CleanStart, stochastic: Sequence[StochasticEffect])
     coloured = _coloured(start, colour)
     gain = _log_evidence(coloured.base) - _log_evidence(start.base)
     weighed = stochastic_candidates(start.base, stochastic, nameless=False)
-    random = [c.log_bayes_factor for c in weighed]
-    if max(random, default=0.0) > max(best, gain):
+    if _most(weighed) > max(best, gain):
         return replace(start, coloured=False)
     return coloured if gain > max(best, 0.0) else start
+
+
+def _most(weighed: Sequence[StochasticCandidate]) -> float:
+    """The largest log evidence among effects without a fixed shape; at least zero."""
+    return max([0.0, *(c.log_bayes_factor for c in weighed if c.effect)])
 
 
 def _coloured(start: CleanStart, colour: Colour) -> CleanStart:
@@ -219,7 +226,9 @@ def _log_evidence(estimate: Estimate) -> float:
     return sum(norms) - estimate.objective
 
 
-def measured_again(start: CleanStart, final: Estimate) -> CleanStart | None:
+def measured_again(
+    start: CleanStart, final: Estimate, weighed: Sequence[StochasticCandidate] = ()
+) -> CleanStart | None:
     """What dirt is once effects are named: they are not in the way any more.
 
     Parameters
@@ -228,6 +237,8 @@ def measured_again(start: CleanStart, final: Estimate) -> CleanStart | None:
         Where the search began.
     final : Estimate
         Where it ended: the fit with everything named.
+    weighed : sequence of StochasticCandidate
+        What has no fixed shape, at that fit: correlated noise must explain more than it does.
 
     Returns
     -------
@@ -237,7 +248,7 @@ def measured_again(start: CleanStart, final: Estimate) -> CleanStart | None:
     """
     if start.as_stated:
         return None if final is start.estimate else _with_level(start, final)
-    colour = _colour_after(start, final)
+    colour = _colour_after(start, final, weighed)
     if colour is not start.treatment.colour:
         if colour is None:
             return _restarted(start, replace(start.treatment, colour=None))
@@ -252,7 +263,9 @@ def measured_again(start: CleanStart, final: Estimate) -> CleanStart | None:
     return replace(start, estimate=estimate, noise=noise, treatment=treatment)
 
 
-def _colour_after(start: CleanStart, final: Estimate) -> Colour | None:
+def _colour_after(
+    start: CleanStart, final: Estimate, weighed: Sequence[StochasticCandidate]
+) -> Colour | None:
     """Correlated noise in what effects leave; the very object where it is as before."""
     before = start.treatment.colour
     if (
@@ -266,7 +279,8 @@ def _colour_after(start: CleanStart, final: Estimate) -> Colour | None:
         if colour is None:
             return None
         coloured, _ = _with_treatment(start, final, replace(start.treatment, colour=colour))
-        return colour if _log_evidence(coloured) > _log_evidence(final) else None
+        gain = _log_evidence(coloured) - _log_evidence(final)
+        return colour if gain > _most(weighed) else None
     slews = final.model.campaign.slews
     colour = colour_of(slews, _in_stated_sigmas(start, final), slow=True)
     return before if colour is not None and _is_alike(colour, before) else colour

@@ -50,7 +50,7 @@ from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
-_MAX_NOISE_ROUNDS = 2
+_MAX_NOISE_ROUNDS = 3
 # As how many tests all effects without a fixed shape count together. Their p-values are bounds by
 # Markov's inequality, p = 1/B: in clean campaigns the largest Bayes factor B of all is above 1/p in
 # less than a share p of them (analyses/results/random_null.md).
@@ -137,7 +137,7 @@ def _diagnosed(
     rng = np.random.default_rng([seed, 3])
     rounds: list[ScoredRound] = []
     steps: list[Step] = []
-    for _ in range(_MAX_NOISE_ROUNDS):
+    for rounds_left in reversed(range(_MAX_NOISE_ROUNDS)):
         if begin.estimate is begin.base:
             rounds, steps = [], []
         steps, scored, final = _forward_search(
@@ -145,8 +145,9 @@ def _diagnosed(
         )
         rounds += scored
         # An effect's own jumps can look like noise: measure the noise again, without them.
-        again = measured_again(begin, final)
-        if again is None:
+        again = measured_again(begin, final, scored[-1].stochastic)
+        # Steps and fit are of one noise: without time for another search its shape stays.
+        if again is None or (again.estimate is again.base and not rounds_left):
             break
         begin, final = again, again.estimate
     settled = contest(steps, final, rounds, stochastic, rules)

@@ -104,7 +104,7 @@ def _process(model: Model, noise: ReadingNoise, variance: np.ndarray) -> _Proces
     """The process in units of one reading's variance (c,)."""
     power = float(noise.size) ** 2 / variance
     if np.isinf(noise.time):
-        return _random_walk(model, power, from_middle=noise.from_middle)
+        return _random_walk(model, power)
     return _gauss_markov(model, power, np.full(len(variance), float(noise.time)))
 
 
@@ -121,17 +121,15 @@ def _gauss_markov(model: Model, variance: np.ndarray, time: np.ndarray) -> _Proc
     return _Process(start, decay, variance * (1.0 - decay**2))
 
 
-def _random_walk(model: Model, growth: np.ndarray, *, from_middle: bool) -> _Process:
+def _random_walk(model: Model, growth: np.ndarray) -> _Process:
     """A Wiener process whose variance grows by `growth` (c,) a second.
 
-    From the middle of the campaign on a slew begins as in the effect `rate_random_walk`.
+    It is zero in the middle of the campaign, as in `random_walk_spread`.
     """
     steps, times = _steps(model), row_times(model)
-    first = np.zeros(len(times))
-    if from_middle:
-        context = model.data.arrays.slews.context
-        away = np.abs(np.asarray(context.start) + times[:, 0] - np.asarray(context.middle))
-        first = away + times[:, -1] - times[:, 0]
+    context = model.data.arrays.slews.context
+    away = np.abs(np.asarray(context.start) + times[:, 0] - np.asarray(context.middle))
+    first = away + times[:, -1] - times[:, 0]
     fresh = steps[..., None] * growth
     return _Process(first[:, None] * growth, np.ones_like(fresh), fresh)
 

@@ -79,6 +79,54 @@ def wiener_functions(fraction: Array, count: int) -> Array:
     return jnp.sqrt(2.0) * jnp.sin(fraction[..., None] * frequency) / frequency
 
 
+def random_walk_functions(fraction: Array, count: int) -> Array:
+    """Functions of a random walk that goes on between slews: an offset, then Wiener's functions.
+
+    Parameters
+    ----------
+    fraction : (n,) array
+        Where in the slew, 0 to 1.
+    count : int
+        How many functions beside the offset.
+
+    Returns
+    -------
+    (n, count + 1) array
+        For coefficients with the sds of `random_walk_spread`.
+
+    Examples
+    --------
+    >>> random_walk_functions(jnp.array([0.0]), 2).tolist()
+    [[1.0, 0.0, 0.0]]
+    """
+    offset = jnp.ones((*fraction.shape, 1))
+    return jnp.concatenate([offset, wiener_functions(fraction, count)], -1)
+
+
+def random_walk_spread(slew: SlewContext, count: int) -> Array:
+    """Sds of the coefficients of a random walk that is zero in the middle of its campaign.
+
+    The offset of a slew is as large as the walk from the middle to the slew makes it. The offsets
+    of two slews are taken as independent.
+
+    Parameters
+    ----------
+    slew : SlewContext
+        The slew.
+    count : int
+        How many functions beside the offset.
+
+    Returns
+    -------
+    (count + 1,) array
+        For a density of one: sqrt(s).
+    """
+    duration = slew_duration(slew)
+    # Never zero: where the campaign is one slew its offset is as large as the walk.
+    away = jnp.abs(slew.start + slew.time[0] - slew.middle) + duration
+    return jnp.concatenate([jnp.sqrt(away)[None], jnp.full(count, jnp.sqrt(duration))])
+
+
 def hat_functions(fraction: Array, knots: int) -> Array:
     """Weights of evenly spaced knots in straight lines between them.
 

@@ -17,10 +17,8 @@ class ReadingNoise(NamedTuple):
     size : float or () array
         Sd of the Gauss-Markov process; of a random walk the density, its sd after one second. SI.
     time : float or () array, optional
-        Correlation time [s]; infinite: a random walk.
-    from_middle : bool, optional
-        Whether a random walk is zero in the middle of the campaign, so that a slew begins with what
-        it became since (or before); otherwise each slew begins at zero.
+        Correlation time [s]; infinite: a random walk. It is zero in the middle of the campaign: a
+        slew begins with what it became since (or before).
 
     Examples
     --------
@@ -31,4 +29,3 @@ class ReadingNoise(NamedTuple):
     channel: str
     size: float | Array
     time: float | Array = float("inf")
-    from_middle: bool = False

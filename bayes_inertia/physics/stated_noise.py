@@ -71,7 +71,7 @@ def stated_reading_noise(campaign: Campaign, effects: Sequence[Effect]) -> tuple
     sensor, estimated = campaign.rate_sensor, {effect.name for effect in effects}
     stated = []
     if sensor.rate_random_walk is not None and RateRandomWalk.name not in estimated:
-        stated.append(ReadingNoise("rate", sensor.rate_random_walk, from_middle=True))
+        stated.append(ReadingNoise("rate", sensor.rate_random_walk))
     if sensor.bias_instability is not None and RateBiasInstability.name not in estimated:
         time = sensor.bias_instability_time or float("inf")
         stated.append(ReadingNoise("rate", sensor.bias_instability, time))

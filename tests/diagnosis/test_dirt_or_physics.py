@@ -127,3 +127,24 @@ def test_a_torque_beside_outliers_is_named_and_the_outliers_listed(flight):
 def test_nothing_is_measured_again_where_nothing_was_named(clean):
     start = begun(clean)
     assert measured_again(start, start.estimate) is None
+
+
+def walking(campaign, density, seed):
+    """The campaign with a rate bias that walks, in each slew and between them."""
+    rng = np.random.default_rng(seed)
+    time = np.concatenate([s.start + s.time for s in campaign.slews])
+    step = np.sqrt(np.diff(time, prepend=time[0]))[:, None] * rng.normal(size=(len(time), 3))
+    walk = density * step.cumsum(0)
+    walk -= walk[len(walk) // 2]
+    parts = iter(np.split(walk, np.cumsum([len(s.time) for s in campaign.slews])[:-1]))
+    return changed(campaign, lambda slew: replace(slew, rate=slew.rate + next(parts)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_strong_walk_of_the_bias_is_named_alone(clean, seed):
+    """Names and noise are of one search: none of an earlier one stands beside the walk."""
+    sigma = clean.rate_sensor.sigma[0]
+    diagnosis = diagnose(walking(clean, 0.4 * sigma, seed), library=RIGID)
+    assert (diagnosis.verdict, diagnosis.named) == ("named", ("rate_random_walk",))
+    assert [e.name for e in diagnosis.final.effects_fitted] == ["rate_random_walk"]

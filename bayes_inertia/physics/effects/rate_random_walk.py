@@ -12,9 +12,9 @@ from bayes_inertia.physics.parameters import LogNormal, scalar
 from bayes_inertia.physics.random_basis import (
     independent,
     on_axes,
-    slew_duration,
+    random_walk_functions,
+    random_walk_spread,
     slew_fraction,
-    wiener_functions,
 )
 from bayes_inertia.physics.reading_noise import ReadingNoise
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
@@ -71,22 +71,15 @@ class RateRandomWalk(StochasticEffect):
         return 3 * (self.functions + 1)
 
     def coefficient_root(self, p, slew, count):
-        duration = slew_duration(slew)
-        # Never zero: where the campaign is one slew its offset is as large as the walk.
-        away = jnp.abs(slew.start + slew.time[0] - slew.middle) + duration
-        spread = jnp.concatenate(
-            [jnp.sqrt(away)[None], jnp.full(self.functions, jnp.sqrt(duration))]
-        )
+        spread = random_walk_spread(slew, self.functions)
         return independent(p["density"] * jnp.tile(spread, 3), count)
 
     def signal(self, p, slew, t):
         fraction = slew_fraction(slew, t)
-        walk = wiener_functions(fraction, self.functions)
-        offset = jnp.ones((*fraction.shape, 1))
-        return on_axes(jnp.concatenate([offset, walk], -1), p["coefficients"], 3)
+        return on_axes(random_walk_functions(fraction, self.functions), p["coefficients"], 3)
 
     def reading_noise(self, p):
-        return ReadingNoise("rate", p["density"], from_middle=True)
+        return ReadingNoise("rate", p["density"])
 
     def looks_between_rows(self, campaign):
         return False

@@ -12,9 +12,9 @@ from bayes_inertia.physics.parameters import LogNormal, scalar
 from bayes_inertia.physics.random_basis import (
     independent,
     on_axes,
-    slew_duration,
+    random_walk_functions,
+    random_walk_spread,
     slew_fraction,
-    wiener_functions,
 )
 from bayes_inertia.physics.reading_noise import ReadingNoise
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
@@ -22,11 +22,12 @@ from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 @dataclass(frozen=True)
 class TachometerNoiseWalk(StochasticEffect):
-    """The error of each tachometer is a Wiener process that begins each slew at zero.
+    """The error of each tachometer is a Wiener process, which goes on between slews.
 
-    What is wrong when a slew begins belongs to the start momentum, which is free in every slew.
-    Over a time T the error changes by tachometer_noise_walk.density sqrt(T) (one sd). In the
-    measured drive tachometers are the input and this effect does nothing.
+    Over a time T the error changes by tachometer_noise_walk.density sqrt(T) (one sd). In each slew
+    it has an offset, as large as the walk from the middle of the campaign to the slew makes it, and
+    walks on from there. In the measured drive tachometers are the input and this effect does
+    nothing.
 
     Parameters
     ----------
@@ -42,7 +43,7 @@ class TachometerNoiseWalk(StochasticEffect):
     --------
     >>> from bayes_inertia.physics.small_campaign import small_campaign
     >>> TachometerNoiseWalk().coefficient_count(small_campaign())
-    48
+    51
     """
 
     name: ClassVar[str] = "tachometer_noise_walk"
@@ -58,10 +59,11 @@ class TachometerNoiseWalk(StochasticEffect):
         return (scalar("density", unit="N m s^0.5", prior=LogNormal(median, self.factor_sd)),)
 
     def coefficient_count(self, campaign):
-        return len(campaign.wheels) * self.functions if self.parameters(campaign) else 0
+        return len(campaign.wheels) * (self.functions + 1) if self.parameters(campaign) else 0
 
     def coefficient_root(self, p, slew, count):
-        return independent(p["density"] * jnp.sqrt(slew_duration(slew)), count)
+        spread = random_walk_spread(slew, self.functions)
+        return independent(p["density"] * jnp.tile(spread, count // len(spread)), count)
 
     def reading_noise(self, p):
         return ReadingNoise("momentum", p["density"]) if p else None
@@ -72,5 +74,5 @@ class TachometerNoiseWalk(StochasticEffect):
     def momentum_output(self, p, slew, trajectory, momentum):
         if not p["coefficients"].shape[0]:
             return momentum
-        walk = wiener_functions(slew_fraction(slew, slew.time), self.functions)
+        walk = random_walk_functions(slew_fraction(slew, slew.time), self.functions)
         return momentum + on_axes(walk, p["coefficients"], momentum.shape[1])
