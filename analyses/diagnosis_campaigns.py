@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -98,18 +99,26 @@ def plain_fit(campaign: Campaign) -> Estimate:
     return optimizer.estimate(Model(campaign), discount=False)
 
 
+def _as_flown(campaign: Campaign) -> Campaign:
+    return campaign
+
+
 def amplitude_for(
     effect: Effect,
     values: dict,
     wanted: float,
     seed: np.random.SeedSequence,
     tachometers: bool,
+    noise: Callable[[Campaign], Campaign] = _as_flown,
 ) -> float:
-    """Multiple of `values` at which the projected signal has the wanted non-centrality."""
-    campaign = draw(seed, (), {}, tachometers).campaign
+    """Multiple of `values` at which the projected signal has the wanted non-centrality.
+
+    `noise` adds more noise to a flight's telemetry.
+    """
+    campaign = noise(draw(seed, (), {}, tachometers).campaign)
     plain = plain_fit(campaign)
     if effect.name == "flexible_mode":
-        return mode_amplitude(effect, values, wanted, seed, plain, tachometers)
+        return mode_amplitude(effect, values, wanted, seed, plain, tachometers, noise)
     with_effect = optimizer.move_to(plain, Model(campaign, (effect,)))
     information = score_tests(with_effect, (effect.name,)).matrix
     step = unit_step(effect, values, campaign)
@@ -130,6 +139,7 @@ def mode_amplitude(
     seed: np.random.SeedSequence,
     plain: Estimate,
     tachometers: bool,
+    noise: Callable[[Campaign], Campaign] = _as_flown,
 ) -> float:
     """As `amplitude_for`, for a flexible mode: by simulation.
 
@@ -138,7 +148,7 @@ def mode_amplitude(
     size = 0.5
     for _ in range(3):
         values_at_size = {effect.name: scaled(values, size)}
-        campaign = draw(seed, (effect,), values_at_size, tachometers).campaign
+        campaign = noise(draw(seed, (effect,), values_at_size, tachometers).campaign)
         size *= (wanted / max(projected_difference(campaign, plain), 1e-12)) ** 0.25
         size = float(np.clip(size, 1e-9, 4.0))
     return size

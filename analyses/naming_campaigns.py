@@ -6,25 +6,28 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from diagnosis_campaigns import draw, template_campaign, without_tachometers
+from diagnosis_campaigns import draw, plain_fit, template_campaign, without_tachometers
+from diagnosis_study import NAMES, RULES
 from independent import Disturbance, replayed
+from random_power import eigenvalues, ideal_size
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.diagnosis.stochastic_candidates import STOCHASTIC_CANDIDATES
 from bayes_inertia.flight.plan_flight import Flight
 from bayes_inertia.physics.effects import by_name
 
 _GRID = np.arange(0.0, 20_000.0, 0.5)  # on which random signals are drawn [s]
 _TIME = 20.0  # correlation time of what has one [s]
-# Sizes in medians of the effects' priors, weak and strong: log evidence of tens and of hundreds.
-SIZES: Mapping[str, tuple[float, float]] = {
-    "rate_random_walk": (0.15, 0.6),
-    "rate_bias_instability": (0.3, 0.8),
-    "rate_bias_slew_drift": (1.0, 4.0),
-    "star_tracker_low_frequency": (5.0, 12.0),
-    "torque_noise": (0.15, 0.6),
-    "wheel_torque_noise": (0.03, 0.15),
-    "tachometer_noise_walk": (0.3, 1.0),
+POWER = 0.99  # of the ideal test
+# Of the ideal test: one candidate's share of the false alarms, as for effects of fixed shape.
+LEVEL = RULES.false_alarm_probability / len(NAMES)
+# Sizes in medians of the effects' priors at which noise wanders as stated: easily found.
+STATED: Mapping[str, float] = {
+    "rate_random_walk": 0.6,
+    "rate_bias_instability": 0.8,
+    "star_tracker_low_frequency": 12.0,
 }
+RANDOM = tuple(effect.name for effect in STOCHASTIC_CANDIDATES)
 OF_TACHOMETERS = ("wheel_torque_noise", "tachometer_noise_walk")
 
 
@@ -87,21 +90,32 @@ class WanderingNoise(Disturbance):
         return np.sum([part.tracker_error(late, rng) for part in self.parts], axis=0)
 
 
-def size_of(kind: str, strength: int) -> float:
-    """The size of an effect [its unit]: 0 weak, 1 strong."""
+def median_size(kind: str) -> float:
+    """The median of the prior of an effect's size [its unit]."""
     (effect,) = by_name([kind])
-    median = float(np.exp(effect.parameters(template_campaign())[0].priors[0].mean))
-    return SIZES[kind][strength] * median
+    return float(np.exp(effect.parameters(template_campaign())[0].priors[0].mean))
+
+
+def size_found(kind: str, campaign: Campaign) -> float:
+    """The size of an effect that an ideal test finds in 99 % of such campaigns [its unit]."""
+    (effect,) = by_name([kind])
+    powers = eigenvalues(plain_fit(campaign), effect, _TIME)
+    return ideal_size(powers, POWER, LEVEL) * median_size(kind)
 
 
 def random_campaign(
-    kind: str, strength: int, seed: np.random.SeedSequence, tachometers: bool
-) -> tuple[Flight, Campaign]:
-    """A flight and its telemetry with one random effect, or none if the kind is "clean"."""
+    kind: str, times: float, seed: np.random.SeedSequence, tachometers: bool
+) -> tuple[Flight, Campaign, float]:
+    """A flight, its telemetry with one random effect, and the effect's size [its unit].
+
+    The size is so many times that which an ideal test finds in this flight. The kind "clean" has
+    none.
+    """
     flown, noise, path = seed.spawn(3)
     flight, rng = draw(flown, (), {}, True), np.random.default_rng(path)
     process = wiener(rng) if kind.endswith("walk") else gauss_markov(rng)
-    size = size_of(kind, strength) if kind in SIZES else 0.0
+    of_test = flight.campaign if tachometers else without_tachometers(flight.campaign)
+    size = times * size_found(kind, of_test) if kind in RANDOM else 0.0
     signal = RandomSignal(size, kind, process)
     known = flight.campaign.slews
     pushed = flight
@@ -122,31 +136,43 @@ def random_campaign(
             for s in slews
         ]
     campaign = replace(campaign, slews=tuple(slews))
-    return flight, campaign if tachometers else without_tachometers(campaign)
+    return flight, campaign if tachometers else without_tachometers(campaign), size
+
+
+def wandering_noise(rng: np.random.Generator) -> WanderingNoise:
+    """Random signals of rate sensor and star tracker, of the sizes of `STATED`."""
+    processes = {
+        "rate_random_walk": wiener(rng),
+        "rate_bias_instability": gauss_markov(rng),
+        "star_tracker_low_frequency": None,
+    }
+    parts = (
+        RandomSignal(STATED[kind] * median_size(kind), kind, process)
+        for kind, process in processes.items()
+    )
+    return WanderingNoise(0.0, tuple(parts))
+
+
+def with_stated(campaign: Campaign, signals: WanderingNoise) -> Campaign:
+    """The campaign that states such noise."""
+    size = {part.kind: part.size for part in signals.parts}
+    return replace(
+        campaign,
+        rate_sensor=replace(
+            campaign.rate_sensor,
+            rate_random_walk=size["rate_random_walk"],
+            bias_instability=size["rate_bias_instability"],
+            bias_instability_time=_TIME,
+        ),
+        star_tracker=replace(
+            campaign.star_tracker, low_frequency_sigma=size["star_tracker_low_frequency"]
+        ),
+    )
 
 
 def stated_campaign(seed: np.random.SeedSequence, tachometers: bool) -> tuple[Flight, Campaign]:
     """A flight whose noise wanders in every way and by as much as its campaign states."""
     flown, noise, path = seed.spawn(3)
-    flight, rng = draw(flown, (), {}, True), np.random.default_rng(path)
-    walk, wandering, tracker = (
-        RandomSignal(size_of(kind, 1), kind, process)
-        for kind, process in (
-            ("rate_random_walk", wiener(rng)),
-            ("rate_bias_instability", gauss_markov(rng)),
-            ("star_tracker_low_frequency", None),
-        )
-    )
-    signals = WanderingNoise(0.0, (walk, wandering, tracker))
-    campaign = replayed(flight, signals, np.random.default_rng(noise))
-    campaign = replace(
-        campaign,
-        rate_sensor=replace(
-            campaign.rate_sensor,
-            rate_random_walk=walk.size,
-            bias_instability=wandering.size,
-            bias_instability_time=_TIME,
-        ),
-        star_tracker=replace(campaign.star_tracker, low_frequency_sigma=tracker.size),
-    )
+    flight, signals = draw(flown, (), {}, True), wandering_noise(np.random.default_rng(path))
+    campaign = with_stated(replayed(flight, signals, np.random.default_rng(noise)), signals)
     return flight, campaign if tachometers else without_tachometers(campaign)

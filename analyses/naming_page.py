@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from naming_campaigns import SIZES
+from naming_campaigns import RANDOM
 from outside_kinds import SHAPELESS
 from page_table import table_lines
 from scipy import stats
 
 from bayes_inertia.files import write_atomically
 
-_SIZE_NAMES = ("weak", "strong")
 _ABOUT = """Made by `python analyses/naming_study.py`. Every campaign is of another simulator
-(`independent.py`) and has its own J, K, bias, slews, wheel momenta and noise. Intervals are
-binomial, 95 % (Clopper and Pearson). Few campaigns: read the intervals."""
+(`independent.py`) and has its own J, K, bias, slews, wheel momenta and noise. Random effects are
+as large as an ideal test finds in 99 % of such campaigns (`random_power.py`), or so many times as
+large. The ideal test knows the effect, its size and its correlation time. Intervals are binomial,
+95 % (Clopper and Pearson)."""
 
 
 def write_page(folder: Path) -> None:
@@ -72,32 +74,12 @@ def _summary(rows: Sequence[dict]) -> list[str]:
     shaped = [row for row in outside if row["label"] not in SHAPELESS]
     shapeless = [row for row in outside if row["label"] in SHAPELESS]
     table: list[tuple[str, str]] = []
-    for strength, name in enumerate(_SIZE_NAMES):
-        some = [row for row in hidden if row["strength"] == strength]
-        table += [
-            (f"random effects, {name}: named or in the set", share(_n(some, in_a_set), len(some))),
-            (
-                "... named alone",
-                share(
-                    _n(
-                        some,
-                        lambda row: (
-                            row.get("named") == [row["label"]] and not row["ambiguous_with"]
-                        ),
-                    ),
-                    len(some),
-                ),
-            ),
-            (
-                "... unknown",
-                share(_n(some, lambda row: row.get("verdict") == "unknown"), len(some)),
-            ),
-            (
-                "... nothing found",
-                share(_n(some, lambda row: row.get("verdict") == "consistent"), len(some)),
-            ),
-            ("... a wrong name without the truth", share(_n(some, _wrong), len(some))),
-        ]
+    for times in sorted({row["times"] for row in hidden}):
+        table += _of_size(times, [row for row in hidden if row["times"] == times])
+    beside = [row for row in rows if row["kind"] == "beside"]
+    table += _counted(
+        "effects of a fixed shape beside noise that wanders as stated and outliers", beside
+    )
     table += [
         *_of_outside("outside the library, with a shape", shaped),
         *_of_outside("outside the library, without a fixed shape", shapeless),
@@ -138,6 +120,28 @@ def _summary(rows: Sequence[dict]) -> list[str]:
     return [*table_lines(("", "measured"), counted), ""]
 
 
+def _of_size(times: float, rows: Sequence[dict]) -> list[tuple[str, str]]:
+    """Rows of random effects of one size."""
+    size = "ideal power 0.99" if times == 1.0 else f"{times:g} times that size"
+    return _counted(f"random effects, {size}", rows)
+
+
+def _counted(title: str, rows: Sequence[dict]) -> list[tuple[str, str]]:
+    """What diagnoses of campaigns with one hidden effect say."""
+    counted = (
+        (f"{title}: named or in the set", in_a_set),
+        (
+            "... named alone",
+            lambda row: row["named"] == [row["label"]] and not row["ambiguous_with"],
+        ),
+        ("... unknown", lambda row: row["verdict"] == "unknown"),
+        ("... nothing found", lambda row: row["verdict"] == "consistent"),
+        ("... a wrong name without the truth", _wrong),
+        ("... a wrong name beside the truth", _wrong_beside),
+    )
+    return [(what_for, share(_n(rows, what), len(rows))) for what_for, what in counted]
+
+
 def _of_outside(title: str, rows: Sequence[dict]) -> list[tuple[str, str]]:
     unknown = _n(rows, lambda row: row["verdict"] == "unknown")
     return [
@@ -149,7 +153,7 @@ def _of_outside(title: str, rows: Sequence[dict]) -> list[tuple[str, str]]:
 
 def _of_clean(title: str, rows: Sequence[dict]) -> list[tuple[str, str]]:
     named = _n(rows, lambda row: row["verdict"] != "consistent")
-    random = _n(rows, lambda row: any(name in SIZES for name in row["named"]))
+    random = _n(rows, lambda row: any(name in RANDOM for name in row["named"]))
     return [
         (f"{title} in which anything is named", share(named, len(rows))),
         ("... a random effect", share(random, len(rows))),
@@ -182,12 +186,19 @@ def _wrong(row: dict) -> bool:
     return row["verdict"] in ("named", "ambiguous") and not in_a_set(row)
 
 
+def _wrong_beside(row: dict) -> bool:
+    """Whether the truth is named and something else is too, as sure."""
+    sure = [name for name in row["named"] if not any(name in s for s in row["ambiguous_with"])]
+    return in_a_set(row) and any(name != row["label"] for name in sure)
+
+
 def _by_label(rows: Sequence[dict]) -> list[str]:
     table = []
     for row in rows:
-        size = _SIZE_NAMES[row["strength"]] if row["kind"] == "random" else ""
+        size = f"{row['times']:g}" if row["kind"] == "random" else ""
         sets = "; ".join(" or ".join(names) for names in row.get("ambiguous_with", []))
         said = sets or ", ".join(row.get("named", [])) or row.get("source", "")
         table.append((row["label"], size, row.get("verdict", "error"), said))
-    columns = ("hidden", "size", "verdict", "named, or where the nameless shape sits")
-    return [*table_lines(columns, sorted(table)), ""]
+    columns = ("hidden", "times", "verdict", "named, or where the nameless shape sits", "campaigns")
+    counted = [(*row, str(count)) for row, count in sorted(Counter(table).items())]
+    return [*table_lines(columns, counted), ""]

@@ -1,13 +1,14 @@
 """How well the diagnosis names what has no fixed shape.
 
-    python analyses/naming_study.py --kind random --each 2 [--without-tachometers] [--jobs 1]
+    python analyses/naming_study.py --kind random --each 20 [--times 3] [--without-tachometers]
     python analyses/naming_study.py --page
 
 Campaigns of another simulator (`independent.py`), each with its own J, K, bias, slews and noise.
-`random`: every effect without a fixed shape, weak and strong. `outside`: disturbances from outside
-the library. `clean`: nothing hidden; `stated`: noise that wanders as the campaign says. `--work`
-keeps the rows of a killed study. Writes `analyses/results/naming_KIND_TACHO.jsonl` and, with
---page, `naming.md`.
+`random`: every effect without a fixed shape, as large as an ideal test finds in 99 % of such
+campaigns, or so many times as large. `outside`: disturbances from outside the library. `clean`:
+nothing hidden; `stated`: noise that wanders as the campaign says. `beside`: an effect of a fixed
+shape in such noise, with outliers, flown by the package's own simulator. `--work` keeps the rows
+of a killed study. Writes `analyses/results/naming_KIND_TACHO.jsonl` and, with --page, `naming.md`.
 """
 
 from __future__ import annotations
@@ -20,9 +21,10 @@ from time import process_time
 
 import numpy as np
 from diagnosis_campaigns import draw, without_tachometers
-from diagnosis_study import quoted_z, truth_of
+from diagnosis_study import NAMES, quoted_z, truth_of
 from independent import replayed
-from naming_campaigns import OF_TACHOMETERS, SIZES, random_campaign, stated_campaign
+from naming_beside import beside_campaign
+from naming_campaigns import OF_TACHOMETERS, RANDOM, random_campaign, stated_campaign
 from naming_page import write_page
 from outside_kinds import KINDS, outside
 
@@ -38,14 +40,19 @@ RESULTS = Path(__file__).parent / "results"
 
 @dataclass(frozen=True)
 class NamedOrNot:
-    """The task: one campaign simulated and diagnosed. Ids are "label/strength/index"."""
+    """The task: one campaign simulated and diagnosed. Ids are "label/index".
+
+    `times`: the size of a random effect over that which an ideal test finds.
+    """
 
     kind: str
     tachometers: bool
+    times: float = 1.0
 
     def __call__(self, task_id: str, seed: np.random.SeedSequence) -> Row:
         """Its row."""
-        label, strength, index = task_id.split("/")
+        label, index = task_id.split("/")
+        size = 0.0
         if self.kind == "outside":
             flown, noise, path = seed.spawn(3)
             flight = draw(flown, (), {}, True)
@@ -54,9 +61,12 @@ class NamedOrNot:
             campaign = campaign if self.tachometers else without_tachometers(campaign)
         elif self.kind == "stated":
             flight, campaign = stated_campaign(seed, self.tachometers)
+        elif self.kind == "beside":
+            flight, campaign, size = beside_campaign(label, seed, self.tachometers)
         else:
-            flight, campaign = random_campaign(label, int(strength), seed, self.tachometers)
-        row = {"kind": self.kind, "label": label, "strength": int(strength), "index": int(index)}
+            flight, campaign, size = random_campaign(label, self.times, seed, self.tachometers)
+        row = {"kind": self.kind, "label": label, "index": int(index)}
+        row |= {"times": self.times, "size": size}
         began = process_time()
         try:
             answer = _summary(diagnose(campaign, seed=int(index)), truth_of(flight))
@@ -87,21 +97,23 @@ def _summary(diagnosis: Diagnosis, truth: np.ndarray) -> dict:
     }
 
 
-def labels(kind: str, tachometers: bool) -> list[tuple[str, int]]:
-    """(label, strength) of the campaigns of a kind."""
+def labels(kind: str, tachometers: bool) -> tuple[str, ...]:
+    """Labels of the campaigns of a kind."""
     if kind in ("clean", "stated"):
-        return [(kind, 0)]
+        return (kind,)
     if kind == "outside":
-        return [(name, 0) for name in KINDS]
-    names = [name for name in SIZES if tachometers or name not in OF_TACHOMETERS]
-    return [(name, strength) for strength in (0, 1) for name in names]
+        return tuple(KINDS)
+    if kind == "beside":
+        return NAMES
+    return tuple(name for name in RANDOM if tachometers or name not in OF_TACHOMETERS)
 
 
 def main() -> None:
     """Simulate and diagnose."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--kind", choices=["random", "outside", "clean", "stated"])
-    parser.add_argument("--each", type=int, default=1, help="campaigns of each label and size")
+    parser.add_argument("--kind", choices=["random", "outside", "clean", "stated", "beside"])
+    parser.add_argument("--each", type=int, default=1, help="campaigns of each label")
+    parser.add_argument("--times", type=float, default=1.0, help="size over that of the ideal test")
     parser.add_argument("--without-tachometers", action="store_true")
     parser.add_argument("--work", type=Path, default=Path("naming_run"))
     parser.add_argument("--jobs", type=int, default=1)
@@ -109,13 +121,14 @@ def main() -> None:
     options = parser.parse_args()
     if options.kind:
         tachometers = not options.without_tachometers
-        name = f"naming_{options.kind}_{'tacho' if tachometers else 'notacho'}"
+        factor = "" if options.times == 1.0 else f"_x{options.times:g}"
+        name = f"naming_{options.kind}{factor}_{'tacho' if tachometers else 'notacho'}"
         ids = tuple(
-            f"{label}/{strength}/{i}"
+            f"{label}/{i}"
             for i in range(options.each)
-            for label, strength in labels(options.kind, tachometers)
+            for label in labels(options.kind, tachometers)
         )
-        task = NamedOrNot(options.kind, tachometers)
+        task = NamedOrNot(options.kind, tachometers, options.times)
         work = Work("campaigns", task, ids, options={"name": name})
         execution = Execution(
             jobs=options.jobs, progress=lambda *told: print(*told, flush=True), notice=print
