@@ -18,6 +18,7 @@ from bayes_inertia.physics.effects import by_name
 
 _GRID = np.arange(0.0, 20_000.0, 0.5)  # on which random signals are drawn [s]
 _TIME = 20.0  # correlation time of what has one [s]
+_MIDDLE = 1000.0  # where walks are zero: about the middle of a campaign [s]
 POWER = 0.99  # of the ideal test
 # Of the ideal test: one candidate's share of the false alarms, as for effects of fixed shape.
 LEVEL = RULES.false_alarm_probability / len(NAMES)
@@ -32,10 +33,10 @@ OF_TACHOMETERS = ("wheel_torque_noise", "tachometer_noise_walk")
 
 
 def wiener(rng: np.random.Generator) -> np.ndarray:
-    """A Wiener process (n, 3) on the grid, zero in the middle of a campaign."""
+    """A Wiener process (n, 3) on the grid, zero about the middle of a campaign."""
     steps = np.sqrt(np.diff(_GRID, prepend=0.0))
     path = np.cumsum(steps[:, None] * rng.normal(size=(len(_GRID), 3)), axis=0)
-    return path - path[np.searchsorted(_GRID, 1000.0)]
+    return path - path[np.searchsorted(_GRID, _MIDDLE)]
 
 
 def gauss_markov(rng: np.random.Generator) -> np.ndarray:
@@ -99,7 +100,7 @@ def median_size(kind: str) -> float:
 def size_found(kind: str, campaign: Campaign) -> float:
     """The size of an effect that an ideal test finds in 99 % of such campaigns [its unit]."""
     (effect,) = by_name([kind])
-    powers = eigenvalues(plain_fit(campaign), effect, _TIME)
+    powers = eigenvalues(plain_fit(campaign), effect, _TIME, _MIDDLE)
     return ideal_size(powers, POWER, LEVEL) * median_size(kind)
 
 

@@ -12,22 +12,31 @@ from __future__ import annotations
 import jax.numpy as jnp
 import numpy as np
 from scipy import optimize
+from scipy.linalg import block_diag
 
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.coefficient_columns import coefficient_columns
 from bayes_inertia.diagnosis.signal_evidence import projected_signal
 from bayes_inertia.diagnosis.stochastic_candidates import medians
 from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.inference.coefficients import prior_roots
 from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.physics.effects import RateRandomWalk, TachometerNoiseWalk
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.random_basis import random_walk_functions
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 _DRAWS = 20_000
+_POINTS = 64  # of a walk in a slew
 _SIZES = (1e-4, 1e4)  # where the size is looked for, in medians of its prior
 
 
-def eigenvalues(plain: Estimate, effect: StochasticEffect, time: float) -> np.ndarray:
+def eigenvalues(
+    plain: Estimate, effect: StochasticEffect, time: float, middle: float
+) -> np.ndarray:
     """Information of a signal as large as the median of its prior, by its own directions.
+
+    A walk goes on between slews, which the package takes for independent.
 
     Parameters
     ----------
@@ -37,22 +46,54 @@ def eigenvalues(plain: Estimate, effect: StochasticEffect, time: float) -> np.nd
         Its first parameter is its size.
     time : float
         Its correlation time, if it has one [s].
+    middle : float
+        Where a walk is zero [s].
     """
-    model = Model(plain.model.campaign, (effect,), plain.model.structure.drive)
+    campaign = plain.model.campaign
+    model = Model(campaign, (effect,), plain.model.structure.drive)
     theta, part = medians(model), model.space.slice_of(effect.name)
     theta[part.start + 1 : part.stop] = time
-    (blocks,) = prior_roots(model.structure, jnp.asarray(theta), model.data.arrays.slews.context)
     columns = coefficient_columns(torque_response(plain), effect)
     signal = projected_signal(plain.linearised(), columns)
     slews, k = signal.gradient.shape
-    root = np.zeros((slews, k, slews, k))
-    size = blocks.shape[-1]
-    for s in range(slews):
-        for i, block in enumerate(np.asarray(blocks)[s]):
-            own = slice(i * size, (i + 1) * size)
-            root[s, own, s, own] = block
-    flat = root.reshape(slews * k, -1)
-    return np.maximum(np.linalg.eigvalsh(flat.T @ signal.matrix.reshape(slews * k, -1) @ flat), 0.0)
+    if isinstance(effect, RateRandomWalk | TachometerNoiseWalk):
+        axes = k // (effect.functions + 1)
+        of_axis = theta[part.start] ** 2 * walk_covariance(campaign, effect.functions, middle)
+        by_slew = of_axis.reshape(slews, -1, slews, effect.functions + 1)
+        covariance = np.einsum("sitj,ab->saitbj", by_slew, np.eye(axes))
+    else:
+        roots = prior_roots(model.structure, jnp.asarray(theta), model.data.arrays.slews.context)
+        blocks = [block_diag(*own @ np.swapaxes(own, 1, 2)) for own in np.asarray(roots[0])]
+        covariance = block_diag(*blocks)
+    values, vectors = np.linalg.eigh(covariance.reshape(slews * k, -1))
+    root = vectors * np.sqrt(np.maximum(values, 0.0))
+    return np.maximum(np.linalg.eigvalsh(root.T @ signal.matrix.reshape(slews * k, -1) @ root), 0.0)
+
+
+def walk_covariance(campaign: Campaign, functions: int, middle: float) -> np.ndarray:
+    """Covariance of a walk's coefficients in all slews, for a density of one.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        Says when its slews are.
+    functions : int
+        Beside the offset, as of `random_walk_functions`.
+    middle : float
+        Where the walk is zero [s].
+
+    Returns
+    -------
+    (n, n) array
+        Of all coefficients of the first slew, of the second, ... [s].
+    """
+    share = np.linspace(0.0, 1.0, _POINTS)
+    away = np.concatenate([s.start + share * s.time[-1] - middle for s in campaign.slews])
+    one_side = np.multiply.outer(away, away) > 0.0
+    covariance = np.where(one_side, np.minimum.outer(np.abs(away), np.abs(away)), 0.0)
+    shapes = np.asarray(random_walk_functions(jnp.asarray(share), functions))
+    coefficients = block_diag(*[np.linalg.pinv(shapes)] * len(campaign.slews))
+    return coefficients @ covariance @ coefficients.T
 
 
 def ideal_power(powers: np.ndarray, size: float, level: float) -> float:

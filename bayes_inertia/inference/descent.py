@@ -13,7 +13,7 @@ from bayes_inertia.inference.hyperparameters import (
     without_hyperparameters,
 )
 from bayes_inertia.inference.likelihood import Information, information_blocks
-from bayes_inertia.inference.noise_model import Whitening
+from bayes_inertia.inference.noise_model import Whitening, n_data
 from bayes_inertia.inference.objective import (
     in_chart,
     moved,
@@ -77,6 +77,7 @@ def _to_minimum(
         free,
         lambda x: negative_log_posterior(model, x, white),
         lambda x: information_blocks(model, x, white, free),
+        expected=0.5 * float(n_data(white).sum()),
         **stop,
     )
 

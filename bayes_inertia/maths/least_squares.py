@@ -97,6 +97,7 @@ def dogleg[X](
     *,
     steps: int = 100,
     tolerance: float = 1e-7,
+    expected: float = np.inf,
 ) -> tuple[X, float]:
     """Minimise half a sum of squares within a trust region.
 
@@ -123,6 +124,9 @@ def dogleg[X](
     tolerance : float
         Of the objective. The descent ends when the Gauss-Newton step promises less than this, or
         when the last steps that were taken gained less than a hundred times this together.
+    expected : float
+        What noise alone makes of the objective. Where the objective is larger, misfit blurs the
+        minimum as much more noise would: the tolerance counts so many times.
 
     Returns
     -------
@@ -153,8 +157,9 @@ def dogleg[X](
         if np.isfinite(reached) and reached <= best:
             x, best = trial, reached
             reached_before = [*reached_before[1:], best]
-            stalled = reached_before[0] - best < _STALL_TOLERANCES * tolerance
-            if stalled or model.gain(model.newton) < tolerance:
+            counted = tolerance * max(1.0, best / expected)
+            stalled = reached_before[0] - best < _STALL_TOLERANCES * counted
+            if stalled or model.gain(model.newton) < counted:
                 break
             model = _QuadraticModel.at(*equations(x), size)
         if promised < 1e-3 * tolerance or radius < _SMALLEST_RADIUS:

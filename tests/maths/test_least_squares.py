@@ -91,3 +91,39 @@ def test_dogleg_survives_points_without_derivatives():
         lambda x: np.inf, lambda x: (np.eye(1), x), lambda x, s: x + s, np.array([5.0]), np.ones(1)
     )
     assert (x[0], objective) == (5.0, np.inf)
+
+
+@pytest.mark.parametrize("misfit", [0.0, 3.0])
+def test_a_misfit_that_blurs_the_minimum_is_not_followed_to_the_last_digit(misfit):
+    """A decay fitted to data with a wave: steps at the end are far below what the misfit blurs."""
+    time = np.linspace(0.0, 3.0, 100)
+    data = 10.0 * np.exp(-time) + misfit * np.sin(4.0 * time)
+    counted = []
+
+    def rows(x):
+        decay = np.exp(-x[1] * time)
+        return x[0] * decay - data, np.stack([decay, -time * x[0] * decay], 1)
+
+    def equations(x):
+        counted.append(x)
+        r, j = rows(x)
+        return j.T @ j, j.T @ r
+
+    def descent(**stop):
+        counted.clear()
+        start, size = np.array([3.0, 3.0]), np.ones(2)
+        x, reached = dogleg(
+            lambda x: 0.5 * np.sum(rows(x)[0] ** 2), equations, np.add, start, size, **stop
+        )
+        return x, reached, len(counted)
+
+    exact, least, steps = descent(tolerance=1e-12)
+    x, reached, fewer = descent(tolerance=1e-12, expected=1e-6)
+    if misfit:
+        sd = np.sqrt(np.diag(np.linalg.inv(equations(exact)[0])) * 2.0 * least / len(time))
+        assert fewer < steps
+        assert np.all(np.abs(x - exact) < 1e-2 * sd)
+    else:
+        assert fewer == steps
+        np.testing.assert_allclose(x, exact)
+    assert reached - least < 1e-3 * max(least, 1e-9)
