@@ -136,6 +136,7 @@ def _counted(title: str, rows: Sequence[dict]) -> list[tuple[str, str]]:
         ),
         ("... unknown", lambda row: row["verdict"] == "unknown"),
         ("... nothing found", lambda row: row["verdict"] == "consistent"),
+        ("... taken for correlated noise, which is listed and modelled", _as_noise),
         ("... a wrong name without the truth", _wrong),
         ("... a wrong name beside the truth", _wrong_beside),
     )
@@ -184,6 +185,11 @@ def _n(rows: Sequence[dict], counted) -> int:
 
 def _wrong(row: dict) -> bool:
     return row["verdict"] in ("named", "ambiguous") and not in_a_set(row)
+
+
+def _as_noise(row: dict) -> bool:
+    """Whether the truth is not named, but noise that is correlated in time is listed as dirt."""
+    return "coloured" in row["dirt"] and not in_a_set(row)
 
 
 def _wrong_beside(row: dict) -> bool:

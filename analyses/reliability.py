@@ -7,7 +7,7 @@ hold the hypotheses of each diagnosis. A statement is one hypothesis of one camp
 probability; it is true if just that is hidden. Draws `figures/diagnosis_reliability.png` and writes
 `analyses/results/reliability.md`: shares of true statements by stated probability, with exact
 binomial bands of 95 %, and the temperature of the evidence that describes the rows best, fitted to
-one half of the campaigns and judged on the other.
+one half of the campaigns. If it is not one, the other half judges.
 """
 
 from __future__ import annotations
@@ -177,8 +177,11 @@ def main() -> None:
     temperature = best_temperature(fitted)
     if temperature < _TEMPERATURES[0] + 0.01:
         temperature = _TEMPERATURES[0]
+    changed = temperature > _TEMPERATURES[0]
+    if not changed:
+        # Nothing is taken from any campaign: all may judge.
+        judged = campaigns
     before, after = reliability(judged), reliability(judged, temperature)
-    changed = before != after
     picture(before, after).savefig(FIGURES / "diagnosis_reliability.png", dpi=130)
     lines = [
         "# Are stated probabilities of answers reliable?",
@@ -187,7 +190,7 @@ def main() -> None:
         "probability. Made by `analyses/reliability.py`.",
         f"The temperature of the evidence that fits one half of the campaigns best is "
         f"{temperature:.2f} (from {_TEMPERATURES[0]:g}: evidence is never sharpened); the tables "
-        "are of the other half.",
+        f"are of {'the other half' if changed else 'all'}.",
         "Hidden effects of these campaigns are as large as an ideal test finds in 99 % of them: "
         "statements on weaker ones are made with less certainty, and judged nowhere here.",
         "",
