@@ -77,7 +77,7 @@ def _to_minimum(
         free,
         lambda x: negative_log_posterior(model, x, white),
         lambda x: information_blocks(model, x, white, free),
-        expected=0.5 * float(n_data(white).sum()),
+        expected=0.5 * max(float(n_data(white).sum()), 1.0),
         **stop,
     )
 

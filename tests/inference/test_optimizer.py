@@ -19,6 +19,7 @@ from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.small_campaign import small_campaign
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 
@@ -152,3 +153,17 @@ def test_a_point_moves_to_a_model_whose_rows_are_padded_otherwise():
     np.testing.assert_array_equal(moved.stated.rate[:, :length], stated.rate[:, :length])
     np.testing.assert_allclose(moved.white.rate, 0.5 * np.asarray(moved.stated.rate), rtol=1e-15)
     np.testing.assert_array_equal(moved.theta[:9], theta)
+
+
+def test_without_a_single_reading_the_estimate_is_the_prior():
+    """Nothing was measured: no misfit, and nothing to divide it by."""
+    campaign = small_campaign()
+    slews = tuple(
+        replace(slew, rate=np.full_like(slew.rate, np.nan), attitude=None, wheel_momentum=None)
+        for slew in campaign.slews
+    )
+    silent = estimate(Model(replace(campaign, slews=slews)))
+    inertia = campaign.inertia.tensor
+    of_prior = [inertia[i][k] for i, k in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
+    np.testing.assert_allclose(silent.theta[:6], of_prior, atol=1e-9)
+    assert silent.objective == pytest.approx(0.0, abs=1e-9)
