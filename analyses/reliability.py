@@ -191,8 +191,11 @@ def main() -> None:
         f"The temperature of the evidence that fits one half of the campaigns best is "
         f"{temperature:.2f} (from {_TEMPERATURES[0]:g}: evidence is never sharpened); the tables "
         f"are of {'the other half' if changed else 'all'}.",
-        "Hidden effects of these campaigns are as large as an ideal test finds in 99 % of them: "
-        "statements on weaker ones are made with less certainty, and judged nowhere here.",
+        "Hidden effects of most of these campaigns are as large as an ideal test finds in 99 % of "
+        "them, or larger: statements on weaker ones are made with less certainty, and hardly "
+        "judged here.",
+        "114 earlier campaigns with random effects of other sizes are not among them. With those, "
+        "34 of 39 statements at 99 % were true; walks of bias and tachometers were mended since.",
         "",
         "## Evidences as they are (temperature 1)",
         "",
