@@ -10,13 +10,14 @@ from diagnosis_campaigns import draw, plain_fit, template_campaign, without_tach
 from diagnosis_study import NAMES, RULES
 from independent import Disturbance, replayed
 from random_power import eigenvalues, ideal_size
+from scipy.signal import lfilter
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.stochastic_candidates import STOCHASTIC_CANDIDATES
 from bayes_inertia.flight.plan_flight import Flight
 from bayes_inertia.physics.effects import by_name
 
-_GRID = np.arange(0.0, 20_000.0, 0.5)  # on which random signals are drawn [s]
+_GRID = np.arange(0.0, 20_000.0, 0.05)  # on which random signals are drawn [s]
 _TIME = 20.0  # correlation time of what has one [s]
 _MIDDLE = 1000.0  # where walks are zero: about the middle of a campaign [s]
 POWER = 0.99  # of the ideal test
@@ -43,11 +44,8 @@ def gauss_markov(rng: np.random.Generator) -> np.ndarray:
     """An Ornstein-Uhlenbeck process (n, 3) of sd 1 on the grid."""
     kept = np.exp(-(_GRID[1] - _GRID[0]) / _TIME)
     fresh = rng.normal(size=(len(_GRID), 3)) * np.sqrt(1.0 - kept**2)
-    path = np.zeros_like(fresh)
-    path[0] = rng.normal(size=3)
-    for k in range(1, len(path)):
-        path[k] = kept * path[k - 1] + fresh[k]
-    return path
+    fresh[0] = rng.normal(size=3)
+    return lfilter([1.0], [1.0, -kept], fresh, axis=0)
 
 
 def at(path: np.ndarray, t: np.ndarray | float) -> np.ndarray:

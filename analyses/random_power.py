@@ -23,11 +23,9 @@ from bayes_inertia.inference.coefficients import prior_roots
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.physics.effects import RateRandomWalk, TachometerNoiseWalk
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.random_basis import random_walk_functions
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 _DRAWS = 20_000
-_POINTS = 64  # of a walk in a slew
 _SIZES = (1e-4, 1e4)  # where the size is looked for, in medians of its prior
 
 
@@ -57,9 +55,9 @@ def eigenvalues(
     signal = projected_signal(plain.linearised(), columns)
     slews, k = signal.gradient.shape
     if isinstance(effect, RateRandomWalk | TachometerNoiseWalk):
-        axes = k // (effect.functions + 1)
-        of_axis = theta[part.start] ** 2 * walk_covariance(campaign, effect.functions, middle)
-        by_slew = of_axis.reshape(slews, -1, slews, effect.functions + 1)
+        axes = k // effect.knots
+        of_axis = theta[part.start] ** 2 * walk_covariance(campaign, effect.knots, middle)
+        by_slew = of_axis.reshape(slews, effect.knots, slews, effect.knots)
         covariance = np.einsum("sitj,ab->saitbj", by_slew, np.eye(axes))
     else:
         roots = prior_roots(model.structure, jnp.asarray(theta), model.data.arrays.slews.context)
@@ -70,30 +68,27 @@ def eigenvalues(
     return np.maximum(np.linalg.eigvalsh(root.T @ signal.matrix.reshape(slews * k, -1) @ root), 0.0)
 
 
-def walk_covariance(campaign: Campaign, functions: int, middle: float) -> np.ndarray:
-    """Covariance of a walk's coefficients in all slews, for a density of one.
+def walk_covariance(campaign: Campaign, knots: int, middle: float) -> np.ndarray:
+    """Covariance of a walk at the knots of all slews, for a density of one.
 
     Parameters
     ----------
     campaign : Campaign
         Says when its slews are.
-    functions : int
-        Beside the offset, as of `random_walk_functions`.
+    knots : int
+        Of each slew.
     middle : float
         Where the walk is zero [s].
 
     Returns
     -------
     (n, n) array
-        Of all coefficients of the first slew, of the second, ... [s].
+        Of all knots of the first slew, of the second, ... [s].
     """
-    share = np.linspace(0.0, 1.0, _POINTS)
+    share = np.linspace(0.0, 1.0, knots)
     away = np.concatenate([s.start + share * s.time[-1] - middle for s in campaign.slews])
     one_side = np.multiply.outer(away, away) > 0.0
-    covariance = np.where(one_side, np.minimum.outer(np.abs(away), np.abs(away)), 0.0)
-    shapes = np.asarray(random_walk_functions(jnp.asarray(share), functions))
-    coefficients = block_diag(*[np.linalg.pinv(shapes)] * len(campaign.slews))
-    return coefficients @ covariance @ coefficients.T
+    return np.where(one_side, np.minimum.outer(np.abs(away), np.abs(away)), 0.0)
 
 
 def ideal_power(powers: np.ndarray, size: float, level: float) -> float:

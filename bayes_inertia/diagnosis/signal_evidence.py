@@ -69,11 +69,14 @@ class SignalEvidence:
         Where it is largest.
     shape : int
         Index of the shape where it is largest.
+    span : float
+        Logarithm of the largest size over the smallest, of that shape.
     """
 
     log_bayes_factor: float
     size: float
     shape: int
+    span: float
 
 
 def projected_signal(fit: LinearisedFit, columns: np.ndarray) -> ProjectedSignal:
@@ -143,7 +146,8 @@ def signal_evidence(
     values = np.array(tables) + weights
     shape, size = np.unravel_index(np.argmax(values), values.shape)
     total = logsumexp(values) - logsumexp(weights) - np.log(_SIZES)
-    return SignalEvidence(float(total), float(sizes[shape][size]), int(shape))
+    span = float(np.log(sizes[shape][-1] / sizes[shape][0]))
+    return SignalEvidence(float(total), float(sizes[shape][size]), int(shape), span)
 
 
 def _directions(signal: ProjectedSignal, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

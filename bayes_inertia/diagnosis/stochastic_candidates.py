@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.diagnosis.coefficient_columns import PROGRAMS, coefficient_columns
+from bayes_inertia.diagnosis.filtered_candidates import filtered_candidate, is_filtered
 from bayes_inertia.diagnosis.signal_evidence import (
     ProjectedSignal,
     projected_signal,
@@ -152,7 +153,7 @@ def stochastic_candidates(
         if columns.any():
             blocks = [np.asarray(of_all[i]) for of_all in roots]
             signal = projected_signal(fit, columns)
-            candidates.append(_weighed(effect, model, signal, blocks))
+            candidates.append(_weighed(effect, model, fit, signal, blocks))
             if nameless:
                 candidates += _without_a_name(effect, model, signal, blocks)
     return tuple(sorted(candidates, key=lambda c: -c.log_bayes_factor))
@@ -227,7 +228,11 @@ def _roots_at(model: Model, shape: float) -> Roots:
 
 
 def _weighed(
-    effect: StochasticEffect, model: Model, signal: ProjectedSignal, blocks: list[np.ndarray]
+    effect: StochasticEffect,
+    model: Model,
+    fit: LinearisedFit,
+    signal: ProjectedSignal,
+    blocks: list[np.ndarray],
 ) -> StochasticCandidate:
     """One effect; `blocks` are the diagonal blocks of its roots at each of `_SHAPES`."""
     shapes, largest = _settings(effect, model)
@@ -235,8 +240,11 @@ def _weighed(
     own = signal_evidence(signal, roots, np.exp(-0.5 * shapes**2), largest)
     if isinstance(effect, TachometerShape):
         return StochasticCandidate("", _source(effect), own.log_bayes_factor)
-    start = tuple(_parameters_at(model, effect, own.size, shapes[own.shape]).tolist())
-    return StochasticCandidate(effect.name, _source(effect), own.log_bayes_factor, start)
+    best = _parameters_at(model, effect, own.size, shapes[own.shape])
+    value, start = own.log_bayes_factor, tuple(best.tolist())
+    if is_filtered(fit, effect, own):
+        value, start = filtered_candidate(fit, effect, best, own, _LARGEST)
+    return StochasticCandidate(effect.name, _source(effect), value, start)
 
 
 def _without_a_name(

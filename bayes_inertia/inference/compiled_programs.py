@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from bayes_inertia.inference.coefficients import PROGRAMS as OF_COEFFICIENTS
+from bayes_inertia.inference.filtered_evidence import PROGRAMS as OF_FILTERS
 from bayes_inertia.inference.hyperparameters import PROGRAMS as OF_EVIDENCE
 from bayes_inertia.inference.likelihood import PROGRAMS as OF_LIKELIHOOD
 from bayes_inertia.inference.marginal_posterior import PROGRAMS as OF_POSTERIOR
@@ -19,7 +20,13 @@ MOST_PROGRAMS = 24
 
 
 def forget_surplus(
-    programs: Iterable[Any] = (*OF_COEFFICIENTS, *OF_EVIDENCE, *OF_LIKELIHOOD, *OF_POSTERIOR),
+    programs: Iterable[Any] = (
+        *OF_COEFFICIENTS,
+        *OF_EVIDENCE,
+        *OF_FILTERS,
+        *OF_LIKELIHOOD,
+        *OF_POSTERIOR,
+    ),
     most: int = MOST_PROGRAMS,
 ) -> None:
     """Forget the programs of every function that has more than so many of them.

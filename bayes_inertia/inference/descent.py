@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from bayes_inertia.inference.filtered_sizes import filtered_parameters, with_filtered_sizes
 from bayes_inertia.inference.hyperparameters import (
     evidence_at,
     most_probable,
@@ -60,11 +61,23 @@ def descend(
         rough = {**stop, "tolerance": max(stop.get("tolerance", 0.0), _TOLERANCE_OF_ROUNDS)}
         point, _ = _to_minimum(model, point, white, shaped, **rough)
         for _ in range(_ROUNDS):
-            point, change = most_probable(evidence_at(model, point, white, free))
+            point, change = _sizes_learnt(model, point, white, free)
             if change < _SETTLED:
                 break
             point, _ = _to_minimum(model, point, white, shaped, **rough)
     return _to_minimum(model, point, white, shaped, **stop)
+
+
+def _sizes_learnt(
+    model: Model, point: Point, white: Whitening, free: np.ndarray
+) -> tuple[Point, float]:
+    """The point with the sizes that the evidence favours, and how far they moved [prior sd]."""
+    by_knots = np.setdiff1d(free, filtered_parameters(model, point.theta))
+    change = 0.0
+    if len(without_hyperparameters(model, by_knots)) < len(by_knots):
+        point, change = most_probable(evidence_at(model, point, white, by_knots))
+    point, further = with_filtered_sizes(model, point, white, free)
+    return point, max(change, further)
 
 
 def _to_minimum(

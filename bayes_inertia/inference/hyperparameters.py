@@ -29,6 +29,7 @@ from bayes_inertia.inference.coefficients import (
     root_change,
     times,
 )
+from bayes_inertia.inference.learnt_parameters import LearntParameters
 from bayes_inertia.inference.likelihood import Information, information_blocks
 from bayes_inertia.inference.noise_model import Whitening
 from bayes_inertia.inference.objective import prior_rows
@@ -116,24 +117,17 @@ class Evidence:
     learnt: np.ndarray
 
     @cached_property
-    def _priors(self) -> dict[str, np.ndarray]:
-        """Of the learnt parameters, as `ParameterSpace.constants`."""
-        constants = self.model.space.constants().items()
-        return {key: np.asarray(values)[self.learnt] for key, values in constants}
+    def parameters(self) -> LearntParameters:
+        """How the learnt parameters are counted."""
+        return LearntParameters(self.model, self.learnt)
 
     def standardised(self, theta: np.ndarray) -> np.ndarray:
         """The learnt parameters (..., h) of all (..., d), in prior sds from the centre."""
-        value, logarithmic = np.asarray(theta)[..., self.learnt], self._priors["logarithmic"]
-        value = np.where(logarithmic, np.log(np.where(logarithmic, value, 1.0)), value)
-        return (value - self._priors["mean"]) / self._priors["scale"]
+        return self.parameters.standardised(theta)
 
     def theta(self, standardised: np.ndarray) -> np.ndarray:
         """The point's parameters (..., d) with the learnt ones from standardised ones (..., h)."""
-        return np.array(_theta(self.frozen, jnp.asarray(standardised)))
-
-    def roots(self, theta: np.ndarray) -> Roots:
-        """Roots of the coefficients' prior covariance."""
-        return prior_roots(self.model.structure, jnp.asarray(theta), self.frozen.contexts)
+        return self.parameters.put(self.point.theta, standardised)
 
     @cached_property
     def frozen(self) -> FrozenEvidence:
@@ -164,7 +158,7 @@ class Evidence:
             jnp.asarray(free),
             jnp.asarray(self.learnt),
             jnp.asarray(scale[:f]),
-            {key: jnp.asarray(values) for key, values in self._priors.items()},
+            {key: jnp.asarray(values) for key, values in self.parameters.priors.items()},
             contexts,
         )
 
@@ -304,14 +298,33 @@ def most_probable(evidence: Evidence) -> tuple[Point, float]:
     best = optimize.minimize(
         evidence.negative_log, begin, jac=True, method="L-BFGS-B", bounds=bounds
     )
-    theta = evidence.theta(best.x)
-    before, after = evidence.roots(evidence.point.theta), evidence.roots(theta)
-    n = evidence.model.structure.n_start
-    local = np.array(evidence.point.local)
+    point = with_sizes(evidence.model, evidence.point, evidence.theta(best.x))
+    return point, float(np.abs(best.x - begin).max())
+
+
+def with_sizes(model: Model, point: Point, theta: np.ndarray) -> Point:
+    """The same signals where their prior is another.
+
+    Parameters
+    ----------
+    model : Model
+    point : Point
+    theta : (d,) array
+        With other parameters of stochastic effects.
+
+    Returns
+    -------
+    Point
+        Its coefficients are what they were, whitened anew.
+    """
+    contexts, n = model.data.arrays.slews.context, model.structure.n_start
+    before, after = (
+        prior_roots(model.structure, jnp.asarray(x), contexts) for x in (point.theta, theta)
+    )
+    local = np.array(point.local)
     coefficients = times(before, jnp.asarray(local[:, n:]))
     local[:, n:] = times(tuple(map(jnp.linalg.inv, after)), coefficients)
-    point = replace(evidence.point, theta=theta, local=local)
-    return point, float(np.abs(best.x - begin).max())
+    return replace(point, theta=theta, local=local)
 
 
 def information_with_learnt(

@@ -15,7 +15,11 @@ from bayes_inertia.inference.likelihood import Information, Residuals
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.marginal_posterior import Marginal
 from bayes_inertia.inference.noise_filter import rate_noise_memory
-from bayes_inertia.inference.noise_model import Whitening, rate_noise_covariance
+from bayes_inertia.inference.noise_model import (
+    Whitening,
+    noise_between_knots,
+    rate_noise_covariance,
+)
 from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.inference.residual_series import residual_series
@@ -248,7 +252,9 @@ def plain_series(estimate: Estimate) -> dict[str, list[np.ndarray]]:
     """
     model = estimate.model
     covariance = rate_noise_covariance(model, estimate.theta)
-    white = estimate.stated._replace(memory=rate_noise_memory(model, covariance, measured=False))
+    more = noise_between_knots(model, estimate.theta)
+    memory = rate_noise_memory(model, covariance, more, measured=False)
+    white = estimate.stated._replace(memory=memory)
     return residual_series(model, estimate.point, white)
 
 

@@ -2,8 +2,8 @@
 
 First-order processes beside white noise: correlated noise that was measured in the residuals of the
 rates; what the campaign states of the gyro's bias, a random walk (RRW) and a Gauss-Markov process
-that stands for its instability (BI); what an effect was estimated to add. Farrenkopf 1978; IEEE Std
-952-1997, annexes B and C.
+that stands for its instability (BI); what an effect was estimated to add, all of it or what it does
+between the knots that a fit knows. Farrenkopf 1978; IEEE Std 952-1997, annexes B and C.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def rate_noise_memory(
     covariance : (3, 3) array
         Of one reading's noise, its bias' wandering left out [rad^2/s^2].
     more : sequence of ReadingNoise
-        What effects add to the rates.
+        What effects add to the rates. Of those with knots what is left between them.
     measured : bool
         Whether correlated noise that was measured counts, beside what is stated.
 
@@ -64,18 +64,59 @@ def rate_noise_memory(
     Memory or None
         None where the noise is white.
     """
+    memory = rate_noise_memories(model, covariance, [more], measured=measured)
+    return None if memory is None else Memory(*(x[0] for x in memory))
+
+
+def rate_noise_memories(
+    model: Model,
+    covariance: np.ndarray,
+    settings: Sequence[Sequence[ReadingNoise]],
+    *,
+    measured: bool = True,
+    white: float = 1.0,
+) -> Memory | None:
+    """As `rate_noise_memory`, for several sets of what effects add.
+
+    Parameters
+    ----------
+    model : Model
+    covariance : (3, 3) array
+        Of one reading's noise, its bias' wandering left out [rad^2/s^2].
+    settings : sequence of sequences of ReadingNoise
+        Each with as many processes as the others.
+    measured : bool
+        As there.
+    white : float
+        Variance of the white noise, in units of `covariance`.
+
+    Returns
+    -------
+    Memory or None
+        With the settings as leading axis; None where the noise is white and as `covariance` says.
+    """
     # Whitened readings have one over these as sigmas.
     variance = 1.0 / np.diagonal(np.linalg.inv(covariance))
     noise = model.campaign.rate_sensor.correlated_noise if measured else None
     stated = stated_reading_noise(model.campaign, model.structure.effects)
-    processes = [_process(model, each, variance) for each in (*stated, *more)]
-    white = np.ones(3)
+    whites = np.full(3, white)
+    common = [_process(model, each, variance) for each in stated]
     if noise is not None:
-        white = 1.0 - np.array(noise.share)
-        processes.append(_gauss_markov(model, np.array(noise.share), np.array(noise.time)))
-    if not processes:
+        whites = whites - np.array(noise.share)
+        common.append(_gauss_markov(model, np.array(noise.share), np.array(noise.time)))
+    more = [[_process(model, each, variance) for each in processes] for processes in settings]
+    if not common and not more[0]:
         return None
-    return _filter(processes, white, np.asarray(model.data.arrays.telemetry.rate_valid))
+    # Sets are filtered as if they were further slews.
+    joined = [_joined(parts) for parts in zip(*([*common, *own] for own in more), strict=True)]
+    valid = np.asarray(model.data.arrays.telemetry.rate_valid)
+    filtered = _filter(joined, whites, np.tile(valid, (len(settings), 1, 1)))
+    return Memory(*(jnp.reshape(x, (len(settings), len(valid), *x.shape[1:])) for x in filtered))
+
+
+def _joined(processes: Sequence[_Process]) -> _Process:
+    """Processes one after the other, along the axis of slews."""
+    return _Process(*(np.concatenate(parts) for parts in zip(*processes, strict=True)))
 
 
 def momentum_noise_memory(model: Model, noise: Sequence[ReadingNoise]) -> Memory | None:
@@ -103,6 +144,8 @@ def momentum_noise_memory(model: Model, noise: Sequence[ReadingNoise]) -> Memory
 def _process(model: Model, noise: ReadingNoise, variance: np.ndarray) -> _Process:
     """The process in units of one reading's variance (c,)."""
     power = float(noise.size) ** 2 / variance
+    if noise.knots:
+        return _between_knots(model, noise, power)
     if np.isinf(noise.time):
         return _random_walk(model, power)
     return _gauss_markov(model, power, np.full(len(variance), float(noise.time)))
@@ -132,6 +175,39 @@ def _random_walk(model: Model, growth: np.ndarray) -> _Process:
     first = away + times[:, -1] - times[:, 0]
     fresh = steps[..., None] * growth
     return _Process(first[:, None] * growth, np.ones_like(fresh), fresh)
+
+
+def _between_knots(model: Model, noise: ReadingNoise, power: np.ndarray) -> _Process:
+    """What straight lines between knots leave of a process: Brownian bridges from knot to knot.
+
+    Their density is the variance of the change from one knot to the next, over the time between
+    them. For a random walk that is exact. For a Gauss-Markov process the variance is, and a bridge
+    is close where knots are not far apart.
+    """
+    times = row_times(model)
+    spacing = np.maximum(times[:, -1:] - times[:, :1], 1e-9) / (noise.knots - 1)
+    place = (times - times[:, :1]) / spacing
+    # A row at a knot must not fall into the interval before it by rounding.
+    knot = np.floor(place + 1e-9)
+    since = np.maximum(place - knot, 0.0) * spacing
+    left = spacing - since
+    if np.isinf(noise.time):
+        growth = np.ones_like(spacing)
+    else:
+        growth = -2.0 * np.expm1(-spacing / noise.time) / spacing
+    variance = growth * since * left / spacing
+    same = np.diff(knot, axis=1, append=knot[:, -1:]) == 0.0
+    next_left, next_variance = (np.roll(x, -1, axis=1) for x in (left, variance))
+    decay = np.where(same, next_left / left, 0.0)
+    decay[:, -1] = 1.0
+    fresh = np.maximum(next_variance - decay**2 * variance, 0.0)
+    fresh[:, -1] = 0.0
+    shape = (*times.shape, len(power))
+    return _Process(
+        variance[:, :1] * power,
+        np.broadcast_to(decay[..., None], shape),
+        fresh[..., None] * power,
+    )
 
 
 def _filter(processes: list[_Process], white: np.ndarray, valid: np.ndarray) -> Memory:

@@ -7,11 +7,13 @@ from typing import NamedTuple
 import numpy as np
 from jax import Array
 
+from bayes_inertia.inference.effect_noise import noise_of_effects
 from bayes_inertia.inference.noise_filter import rate_noise_memory
 from bayes_inertia.inference.noise_memory import Memory
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.reading_noise import ReadingNoise
 
 
 class Whitening(NamedTuple):
@@ -43,7 +45,8 @@ def whitening(model: Model, theta: np.ndarray) -> Whitening:
     model : Model
         Its campaign states the sigmas.
     theta : (d,) array
-        Parameters; in the measured drive the noise of the rates depends on J and K.
+        Parameters; in the measured drive the noise of the rates depends on J and K, and what an
+        effect's process does between its knots depends on its size and time.
 
     Returns
     -------
@@ -65,8 +68,26 @@ def whitening(model: Model, theta: np.ndarray) -> Whitening:
         on_device(_whiten_rows(covariance, np.asarray(telemetry.rate_valid))),
         on_device(attitude),
         on_device(momentum),
-        rate_noise_memory(model, covariance),
+        rate_noise_memory(model, covariance, noise_between_knots(model, theta)),
     )
+
+
+def noise_between_knots(model: Model, theta: np.ndarray) -> tuple[ReadingNoise, ...]:
+    """What a fit's effects add to the rates and its coefficients do not hold.
+
+    Parameters
+    ----------
+    model : Model
+    theta : (d,) array
+        Parameters: sizes and times.
+
+    Returns
+    -------
+    tuple of ReadingNoise
+        Empty without effects of that kind.
+    """
+    noises = [each.noise for each in noise_of_effects(model, theta)]
+    return tuple(noise for noise in noises if noise.channel == "rate" and noise.knots)
 
 
 def rate_noise_covariance(model: Model, theta: np.ndarray) -> np.ndarray:

@@ -31,7 +31,13 @@ from bayes_inertia.inference.hyperparameters import (
 )
 from bayes_inertia.inference.laplace import Estimate, Starts
 from bayes_inertia.inference.noise_estimate import with_noise_model
-from bayes_inertia.inference.noise_model import Whitening, discounted, n_data, whitening
+from bayes_inertia.inference.noise_model import (
+    Whitening,
+    discounted,
+    n_data,
+    noise_between_knots,
+    whitening,
+)
 from bayes_inertia.inference.objective import normal_equations
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_series import residual_series
@@ -43,6 +49,8 @@ from bayes_inertia.physics.forward_model import Model
 # The discount has settled once no slew's factor changes by more than this share; rounds at most.
 _DISCOUNT_SETTLED = 0.02
 _DISCOUNT_ROUNDS = 10
+# Descents with processes that are filtered between their knots: each with the sizes before it.
+_ROUNDS_OF_SIZES = 2
 # Squares that exceed what noise predicts by so many sds are worth another descent.
 _SURPLUS_SD = 3.0
 
@@ -298,9 +306,15 @@ def _dispersions(model: Model, point: Point, stated: Whitening) -> np.ndarray:
 def _optimum_with_noise(
     model: Model, point: Point, factors: np.ndarray, free: np.ndarray, rounds: int = 3, **stop
 ) -> tuple[Point, float, Whitening]:
-    """Optimum, objective and noise that belong together (measured drive: noise depends on J)."""
+    """Optimum, objective and noise that belong together.
+
+    In the measured drive noise depends on J; what a process does between knots, on its size.
+    """
     stated, objective = whitening(model, point.theta), np.inf
-    for _ in range(rounds if model.structure.drive == "measured" else 1):
+    rounds = rounds if model.structure.drive == "measured" else 1
+    if noise_between_knots(model, point.theta):
+        rounds = max(rounds, _ROUNDS_OF_SIZES)
+    for _ in range(rounds):
         point, objective = descend(model, point, discounted(stated, factors), free, **stop)
         stated = whitening(model, point.theta)
     return point, objective, stated

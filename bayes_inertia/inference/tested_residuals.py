@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.inference.effect_noise import noise_of_effects
 from bayes_inertia.inference.hat_matrix import hat_traces
 from bayes_inertia.inference.likelihood import Information
 from bayes_inertia.inference.noise_filter import momentum_noise_memory, rate_noise_memory
@@ -26,7 +27,6 @@ from bayes_inertia.inference.residual_series import residual_series
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.reading_noise import ReadingNoise
-from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
 @array_dataclass
@@ -75,36 +75,17 @@ def filtered_residuals(
     TestedResiduals or None
         None where there is no such effect: residuals are tested as they are.
     """
-    noise, filtered = _reading_noise(model, point)
-    if not noise:
+    of_effects = noise_of_effects(model, point.theta)
+    if not of_effects:
         return None
-    series = _filtered_series(model, point, stated, noise, filtered)
+    filtered = np.zeros(point.n_local, bool)
+    for each in of_effects:
+        filtered[each.coefficients] = True
+    whole = [each.noise._replace(knots=0) for each in of_effects]
+    series = _filtered_series(model, point, stated, whole, filtered)
     chi2 = [sum(float(np.nansum(np.square(x))) for x in series[c]) for c in CHANNELS]
     parameters = hat_traces(information, point.n_local, covariance, nuisances=~filtered)
     return TestedResiduals(series, np.array(chi2), parameters)
-
-
-def _reading_noise(model: Model, point: Point) -> tuple[list[ReadingNoise], np.ndarray]:
-    """First-order processes that effects add to readings; which nuisances (n_local,) stand for
-    them.
-    """
-    structure = model.structure
-    noise, filtered = [], np.zeros(point.n_local, bool)
-    start = structure.n_start
-    active = structure.active_effects(jnp.asarray(point.theta))
-    for (effect, p), count in zip(active, structure.coefficients, strict=False):
-        of_effect = effect.reading_noise(p) if isinstance(effect, StochasticEffect) else None
-        if count and of_effect is not None and _is_read(model, of_effect):
-            noise.append(of_effect)
-            filtered[start : start + count] = True
-        start += count
-    return noise, filtered
-
-
-def _is_read(model: Model, noise: ReadingNoise) -> bool:
-    """Whether readings with this noise are compared, and the noise is there at all."""
-    compared = noise.channel == "rate" or model.structure.drive == "commanded"
-    return compared and float(noise.size) > 0.0
 
 
 def _filtered_series(

@@ -1,10 +1,9 @@
 """Unit inputs for effects without a fixed shape, and the covariance of their coefficients.
 
-Reduced bases over one slew: the Karhunen-Loeve functions of the Wiener process (a random walk that
-begins at zero); hat functions on evenly spaced knots with the covariance of an Ornstein-Uhlenbeck
-or a Matern process at them, for what is read; and means of the former over equal pieces, for what
-is integrated. Loeve, "Probability Theory" II, section 37; Rasmussen and Williams, "Gaussian
-Processes for Machine Learning", section 4.2.1.
+Reduced bases over one slew: hat functions on evenly spaced knots with the covariance of a random
+walk, an Ornstein-Uhlenbeck or a Matern process at them, for what is read; and means of the second
+over equal pieces, for what is integrated. Rasmussen and Williams, "Gaussian Processes for Machine
+Learning", section 4.2.1.
 """
 
 from __future__ import annotations
@@ -53,80 +52,6 @@ def slew_duration(slew: SlewContext) -> Array:
     return jnp.maximum(slew.time[-1] - slew.time[0], 1e-9)
 
 
-def wiener_functions(fraction: Array, count: int) -> Array:
-    """Karhunen-Loeve functions of the Wiener process on [0, 1].
-
-    W(x) = sum_j z_j sqrt(2) sin((j - 1/2) pi x) / ((j - 1/2) pi) with z_j standard normal.
-
-    Parameters
-    ----------
-    fraction : (n,) array
-        Where, 0 to 1.
-    count : int
-        How many functions. What n of them leave out is 2 / (pi^2 n) of the variance.
-
-    Returns
-    -------
-    (n, count) array
-        Each with a coefficient of unit variance.
-
-    Examples
-    --------
-    >>> wiener_functions(jnp.array([1.0]), 400).__pow__(2).sum().round(2).item()
-    1.0
-    """
-    frequency = (jnp.arange(count) + 0.5) * jnp.pi
-    return jnp.sqrt(2.0) * jnp.sin(fraction[..., None] * frequency) / frequency
-
-
-def random_walk_functions(fraction: Array, count: int) -> Array:
-    """Functions of a random walk that goes on between slews: an offset, then Wiener's functions.
-
-    Parameters
-    ----------
-    fraction : (n,) array
-        Where in the slew, 0 to 1.
-    count : int
-        How many functions beside the offset.
-
-    Returns
-    -------
-    (n, count + 1) array
-        For coefficients with the sds of `random_walk_spread`.
-
-    Examples
-    --------
-    >>> random_walk_functions(jnp.array([0.0]), 2).tolist()
-    [[1.0, 0.0, 0.0]]
-    """
-    offset = jnp.ones((*fraction.shape, 1))
-    return jnp.concatenate([offset, wiener_functions(fraction, count)], -1)
-
-
-def random_walk_spread(slew: SlewContext, count: int) -> Array:
-    """Sds of the coefficients of a random walk that is zero in the middle of its campaign.
-
-    The offset of a slew is as large as the walk from the middle to the slew makes it. The offsets
-    of two slews are taken as independent.
-
-    Parameters
-    ----------
-    slew : SlewContext
-        The slew.
-    count : int
-        How many functions beside the offset.
-
-    Returns
-    -------
-    (count + 1,) array
-        For a density of one: sqrt(s).
-    """
-    duration = slew_duration(slew)
-    # Never zero: where the campaign is one slew its offset is as large as the walk.
-    away = jnp.abs(slew.start + slew.time[0] - slew.middle) + duration
-    return jnp.concatenate([jnp.sqrt(away)[None], jnp.full(count, jnp.sqrt(duration))])
-
-
 def hat_functions(fraction: Array, knots: int) -> Array:
     """Weights of evenly spaced knots in straight lines between them.
 
@@ -148,6 +73,34 @@ def hat_functions(fraction: Array, knots: int) -> Array:
     """
     place = jnp.clip(fraction, 0.0, 1.0) * (knots - 1)
     return jnp.maximum(0.0, 1.0 - jnp.abs(place[..., None] - jnp.arange(knots)))
+
+
+def random_walk_root(density: Array, slew: SlewContext, knots: int) -> Array:
+    """Root of the covariance of a random walk at evenly spaced knots of a slew.
+
+    The walk is zero in the middle of its campaign. A slew begins with what it became since (or
+    before). These offsets of two slews are taken as independent.
+
+    Parameters
+    ----------
+    density : () array
+        Sd of the walk after one second.
+    slew : SlewContext
+        The slew.
+    knots : int
+        How many.
+
+    Returns
+    -------
+    (knots, knots) array
+        Lower triangular.
+    """
+    duration = slew_duration(slew)
+    # Never zero: where the campaign is one slew its offset is as large as the walk.
+    away = jnp.abs(slew.start + slew.time[0] - slew.middle) + duration
+    step = jnp.full(knots - 1, jnp.sqrt(duration / (knots - 1)))
+    steps = jnp.concatenate([jnp.sqrt(away)[None], step])
+    return density * jnp.tril(jnp.broadcast_to(steps, (knots, knots)))
 
 
 def ornstein_uhlenbeck_root(

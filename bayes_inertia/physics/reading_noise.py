@@ -19,6 +19,10 @@ class ReadingNoise(NamedTuple):
     time : float or () array, optional
         Correlation time [s]; infinite: a random walk. It is zero in the middle of the campaign: a
         slew begins with what it became since (or before).
+    knots : int, optional
+        Where an effect's coefficients are its values on so many evenly spaced knots of each slew,
+        with straight lines between; 0: they are not. What is left between knots begins and ends at
+        zero there: a Brownian bridge, whose density is that of the change from knot to knot.
 
     Examples
     --------
@@ -29,3 +33,4 @@ class ReadingNoise(NamedTuple):
     channel: str
     size: float | Array
     time: float | Array = float("inf")
+    knots: int = 0

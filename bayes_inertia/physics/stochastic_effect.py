@@ -1,7 +1,7 @@
 """Effects without a fixed shape: a Gaussian process that differs in every slew.
 
 Such an effect writes its signal in one slew as a sum of unit inputs, c_1 f_1(t) + ... + c_k f_k(t)
-(a reduced basis: knots, the sines of a random walk, an offset for each group of fixes). The
+(a reduced basis: values on knots, means over pieces, an offset for each group of fixes). The
 coefficients have the Gaussian prior c = B(p) z, z standard normal, with a root B of their
 covariance that the effect's parameters p fix (an sd, a correlation time). The likelihood integrates
 z out in closed form with the other nuisances of the slew; p are sampled like J and K.
@@ -110,8 +110,10 @@ class StochasticEffect(Effect):
     def reading_noise(self, p: Mapping[str, Array]) -> ReadingNoise | None:
         """The same process as noise of readings, if that is all it is.
 
-        A reduced basis leaves out what is fast. Where residuals are tested the process is filtered
-        out of them exactly, with nothing left out.
+        A reduced basis leaves out what is fast. Where residuals are tested, and where sizes are
+        learnt, the process is filtered out exactly, with nothing left out. Where it is of the rates
+        and its coefficients are values on knots, what is left between them is filtered out of the
+        readings that are fitted.
 
         Parameters
         ----------

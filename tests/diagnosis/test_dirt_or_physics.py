@@ -140,11 +140,30 @@ def walking(campaign, density, seed):
     return changed(campaign, lambda slew: replace(slew, rate=slew.rate + next(parts)))
 
 
+def wandering(campaign, sd, seed):
+    """The campaign with a Gauss-Markov bias of the rates, of 20 s, in each slew anew."""
+    rng = np.random.default_rng(seed)
+
+    def change(slew):
+        kept = float(np.exp(-np.median(np.diff(slew.time)) / 20.0))
+        fresh = np.sqrt(1.0 - kept**2) * rng.normal(size=slew.rate.shape)
+        fresh[0] = rng.normal(size=3)
+        return replace(slew, rate=slew.rate + sd * lfilter([1.0], [1.0, -kept], fresh, axis=0))
+
+    return changed(campaign, change)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 2])
-def test_a_strong_walk_of_the_bias_is_named_alone(clean, seed):
-    """Names and noise are of one search: none of an earlier one stands beside the walk."""
-    sigma = clean.rate_sensor.sigma[0]
-    diagnosis = diagnose(walking(clean, 0.4 * sigma, seed), library=RIGID)
-    assert (diagnosis.verdict, diagnosis.named) == ("named", ("rate_random_walk",))
-    assert [e.name for e in diagnosis.final.effects_fitted] == ["rate_random_walk"]
+@pytest.mark.parametrize(
+    ("change", "sigmas", "name"),
+    [(walking, 0.4, "rate_random_walk"), (wandering, 10.0, "rate_bias_instability")],
+)
+def test_a_strong_process_of_the_bias_is_named_alone(clean, change, sigmas, name):
+    """Names and noise are of one search: nothing of an earlier one stands beside it."""
+    size = sigmas * clean.rate_sensor.sigma[0]
+    diagnosis = diagnose(change(clean, size, 1), library=RIGID)
+    assert (diagnosis.verdict, diagnosis.named) == ("named", (name,))
+    assert [e.name for e in diagnosis.final.effects_fitted] == [name]
+    assert "coloured" not in {dirt.kind for dirt in diagnosis.dirt}
+    # Its sd or density is known to a few percent; that the fit is not of another size.
+    assert diagnosis.final.theta[9] == pytest.approx(size, rel=0.3)

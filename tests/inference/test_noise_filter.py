@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import jax
 import numpy as np
 import pytest
 
@@ -14,6 +15,7 @@ from bayes_inertia.inference.noise_filter import rate_noise_memory
 from bayes_inertia.inference.noise_memory import correlated_noise, innovations
 from bayes_inertia.physics.effects import RateBiasInstability, RateRandomWalk
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.random_basis import hat_functions, slew_fraction
 
 SIGMA = 2e-5
 WALK, BIAS, TIME = 3e-6, 1.6e-5, 20.0
@@ -100,13 +102,60 @@ def test_white_noise_needs_no_filter(flown):
     assert rate_noise_memory(Model(flown.campaign), variance_of(flown.campaign)) is None
 
 
-@pytest.mark.parametrize("effect", [RateRandomWalk(functions=4), RateBiasInstability(knots=5)])
+@pytest.mark.parametrize("effect", [RateRandomWalk(knots=4), RateBiasInstability(knots=5)])
 def test_what_an_effect_estimates_is_not_filtered_out_as_well(flown, effect):
     campaign = with_noise(flown.campaign, **STATED)
     both = rate_noise_memory(Model(campaign), variance_of(campaign))
     other = rate_noise_memory(Model(campaign, (effect,)), variance_of(campaign))
     assert both.gain.shape[-1] == 2
     assert other.gain.shape[-1] == 1
+
+
+def noise_covariance(memory, slew, axis):
+    """Of one axis' noise in one slew, as the filter has it."""
+    shape = np.asarray(memory.scale).shape
+    units = np.zeros((shape[1], *shape))
+    units[np.arange(shape[1]), slew, np.arange(shape[1]), axis] = 1.0
+    columns = correlated_noise(units, memory)[:, slew, :, axis]
+    return columns.T @ columns
+
+
+@pytest.mark.parametrize(
+    ("effect", "values", "tolerance"),
+    [
+        (RateRandomWalk(knots=9), {"density": WALK}, 1e-9),
+        # A bridge of a Gauss-Markov process is not quite Brownian.
+        (RateBiasInstability(knots=9), {"sd": BIAS, "time": 40.0}, 0.03),
+        (RateBiasInstability(knots=33), {"sd": BIAS, "time": 10.0}, 0.03),
+    ],
+)
+def test_knots_and_what_is_left_between_them_are_the_whole_process(
+    flown, effect, values, tolerance
+):
+    """Covariances of straight lines between knots, of the bridges, and of the whole add up."""
+    model = Model(flown.campaign)
+    whole, between = (
+        rate_noise_memory(model, variance_of(flown.campaign), [noise])
+        for noise in (
+            effect.reading_noise(values)._replace(knots=0),
+            effect.reading_noise(values),
+        )
+    )
+    slew, axis = 1, 0
+    rows = len(flown.campaign.slews[slew].time)
+    context = jax.tree.map(lambda x: x[slew], model.data.arrays.slews.context)
+    root = np.asarray(effect.coefficient_root(values, context, 3 * effect.knots))[axis]
+    fraction = slew_fraction(context, np.asarray(flown.campaign.slews[slew].time))
+    lines = np.asarray(hat_functions(fraction, effect.knots)) @ root / SIGMA
+    total, left = (noise_covariance(m, slew, axis)[:rows, :rows] for m in (whole, between))
+    process = total - np.eye(rows)
+    # Without the bridges a good part of the variance is missing.
+    without = lines @ lines.T
+    missing = np.abs(np.diag(process - without)).max()
+    assert missing > 2.0 * tolerance * process.max()
+    added = without + left - np.eye(rows)
+    np.testing.assert_allclose(np.diag(added), np.diag(process), rtol=1e-9)
+    np.testing.assert_allclose(added, process, atol=tolerance * process.max())
 
 
 def wandering(campaign, seed):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 
 import jax.numpy as jnp
 import numpy as np
@@ -23,7 +24,7 @@ from bayes_inertia.physics.random_basis import (
     matern_root,
     ornstein_uhlenbeck_mean_root,
     ornstein_uhlenbeck_root,
-    wiener_functions,
+    random_walk_root,
 )
 from bayes_inertia.physics.small_campaign import small_campaign
 
@@ -74,13 +75,13 @@ def test_default_priors_scale_with_the_campaign(effect, campaign):
             assert here == pytest.approx(there)
 
 
-def test_the_sines_of_the_random_walk_have_its_covariance():
-    at = np.linspace(0.0, 1.0, 21)
-    functions = np.asarray(wiener_functions(jnp.asarray(at), 4000))
-    np.testing.assert_allclose(functions @ functions.T, np.minimum.outer(at, at), atol=1e-4)
-    left_out = np.minimum.outer(at, at) - (functions[:, :16] @ functions[:, :16].T)
-    share = np.diag(left_out).mean() / at.mean()
-    assert share == pytest.approx(2.0 / (np.pi**2 * 16), rel=0.1)
+def test_knots_have_the_covariance_of_a_random_walk():
+    """Zero in the middle of the campaign, 100 s before the slew begins."""
+    slew = SimpleNamespace(time=jnp.array([2.0, 10.0]), start=198.0, middle=100.0)
+    root = np.asarray(random_walk_root(jnp.asarray(3.0), slew, 5))
+    offset = 100.0 + 8.0  # never zero: the slew's own length is added
+    at = offset + np.linspace(0.0, 8.0, 5)
+    np.testing.assert_allclose(root @ root.T, 9.0 * np.minimum.outer(at, at))
 
 
 @pytest.mark.parametrize("time", [0.05, 3.0, 1e4])

@@ -25,8 +25,7 @@ class RateBiasInstability(StochasticEffect):
     """The rate bias of each axis and slew has a part that is a first-order Gauss-Markov process.
 
     Its covariance is sd^2 exp(-|t - t'| / time). Flicker noise (BI of an Allan curve) has no finite
-    state; the Gauss-Markov process is the usual stand-in for it. Straight lines between knots: what
-    changes faster than their spacing is not modelled.
+    state; the Gauss-Markov process is the usual stand-in for it.
 
     Parameters
     ----------
@@ -36,7 +35,8 @@ class RateBiasInstability(StochasticEffect):
     factor_sd : float, optional
         Sd of the logarithm of the sd. The time is known to a factor of 2 (sd 0.7).
     knots : int, optional
-        On each axis, evenly over the slew.
+        On each axis, evenly over the slew. What the process does between them is noise of the
+        readings, of the size that belongs to it, and is filtered out.
 
     References
     ----------
@@ -77,7 +77,7 @@ class RateBiasInstability(StochasticEffect):
         return on_axes(hats, p["coefficients"], 3)
 
     def reading_noise(self, p):
-        return ReadingNoise("rate", p["sd"], p["time"])
+        return ReadingNoise("rate", p["sd"], p["time"], self.knots)
 
     def looks_between_rows(self, campaign):
         return False

@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.physics.parameters import LogNormal, scalar
 from bayes_inertia.physics.random_basis import (
-    independent,
+    hat_functions,
     on_axes,
-    random_walk_functions,
-    random_walk_spread,
+    on_each_axis,
+    random_walk_root,
     slew_fraction,
 )
 from bayes_inertia.physics.reading_noise import ReadingNoise
@@ -36,9 +35,9 @@ class RateRandomWalk(StochasticEffect):
         walk that reaches the noise of one reading within a slew.
     factor_sd : float, optional
         Sd of the logarithm of the density: 1.5 allows a factor of 20 either way.
-    functions : int, optional
-        Sines of the walk on each axis. What they leave out, 2 / (pi^2 functions) of its variance,
-        is fast and remains in the residuals.
+    knots : int, optional
+        On each axis, evenly over the slew. What the walk does between them is noise of the
+        readings, of the size that belongs to it, and is filtered out.
 
     References
     ----------
@@ -58,7 +57,7 @@ class RateRandomWalk(StochasticEffect):
     signal_components: ClassVar[tuple[str, ...]] = ("x", "y", "z")
     median: float | None = None
     factor_sd: float = 1.5
-    functions: int = 16
+    knots: int = 17
 
     def parameters(self, campaign):
         median = self.median or campaign.rate_sensor.rate_random_walk
@@ -68,18 +67,17 @@ class RateRandomWalk(StochasticEffect):
         return (scalar("density", unit="rad/s^1.5", prior=LogNormal(median, self.factor_sd)),)
 
     def coefficient_count(self, campaign):
-        return 3 * (self.functions + 1)
+        return 3 * self.knots
 
     def coefficient_root(self, p, slew, count):
-        spread = random_walk_spread(slew, self.functions)
-        return independent(p["density"] * jnp.tile(spread, 3), count)
+        return on_each_axis(random_walk_root(p["density"], slew, self.knots), 3)
 
     def signal(self, p, slew, t):
-        fraction = slew_fraction(slew, t)
-        return on_axes(random_walk_functions(fraction, self.functions), p["coefficients"], 3)
+        hats = hat_functions(slew_fraction(slew, t), self.knots)
+        return on_axes(hats, p["coefficients"], 3)
 
     def reading_noise(self, p):
-        return ReadingNoise("rate", p["density"])
+        return ReadingNoise("rate", p["density"], knots=self.knots)
 
     def looks_between_rows(self, campaign):
         return False

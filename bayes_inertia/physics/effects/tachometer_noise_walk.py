@@ -5,15 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.physics.parameters import LogNormal, scalar
 from bayes_inertia.physics.random_basis import (
-    independent,
+    hat_functions,
     on_axes,
-    random_walk_functions,
-    random_walk_spread,
+    on_each_axis,
+    random_walk_root,
     slew_fraction,
 )
 from bayes_inertia.physics.reading_noise import ReadingNoise
@@ -36,8 +35,8 @@ class TachometerNoiseWalk(StochasticEffect):
         reading within a slew.
     factor_sd : float, optional
         Sd of the logarithm of the density.
-    functions : int, optional
-        Sines of the walk on each wheel.
+    knots : int, optional
+        On each wheel, evenly over the slew, with straight lines between.
 
     Examples
     --------
@@ -49,7 +48,7 @@ class TachometerNoiseWalk(StochasticEffect):
     name: ClassVar[str] = "tachometer_noise_walk"
     median: float | None = None
     factor_sd: float = 1.5
-    functions: int = 16
+    knots: int = 17
 
     def parameters(self, campaign):
         sigma = [wheel.momentum_sigma for wheel in campaign.wheels if wheel.momentum_sigma]
@@ -59,11 +58,11 @@ class TachometerNoiseWalk(StochasticEffect):
         return (scalar("density", unit="N m s^0.5", prior=LogNormal(median, self.factor_sd)),)
 
     def coefficient_count(self, campaign):
-        return len(campaign.wheels) * (self.functions + 1) if self.parameters(campaign) else 0
+        return len(campaign.wheels) * self.knots if self.parameters(campaign) else 0
 
     def coefficient_root(self, p, slew, count):
-        spread = random_walk_spread(slew, self.functions)
-        return independent(p["density"] * jnp.tile(spread, count // len(spread)), count)
+        root = random_walk_root(p["density"], slew, self.knots)
+        return on_each_axis(root, count // self.knots)
 
     def reading_noise(self, p):
         return ReadingNoise("momentum", p["density"]) if p else None
@@ -74,5 +73,5 @@ class TachometerNoiseWalk(StochasticEffect):
     def momentum_output(self, p, slew, trajectory, momentum):
         if not p["coefficients"].shape[0]:
             return momentum
-        walk = random_walk_functions(slew_fraction(slew, slew.time), self.functions)
-        return momentum + on_axes(walk, p["coefficients"], momentum.shape[1])
+        hats = hat_functions(slew_fraction(slew, slew.time), self.knots)
+        return momentum + on_axes(hats, p["coefficients"], momentum.shape[1])

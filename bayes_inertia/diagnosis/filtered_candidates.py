@@ -1,0 +1,127 @@
+"""First-order processes in the rates as candidates, weighed with nothing of them left out.
+
+On knots such a process is weighed cheaply. Where it is strong, what it does between knots tells
+most: which process it is, its size, and whether it is noise of another kind. There the whole
+process is filtered out of the readings, and the evidence averaged over size and time by Laplace's
+approximation.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.diagnosis.signal_evidence import SignalEvidence
+from bayes_inertia.inference.filtered_evidence import FilteredEvidence
+from bayes_inertia.inference.filtered_sizes import EvidencePeak, evidence_peak, noise_level_used
+from bayes_inertia.inference.linearised_fit import LinearisedFit
+from bayes_inertia.inference.noise_model import noise_between_knots
+from bayes_inertia.physics.parameters import LogNormal
+from bayes_inertia.physics.reading_noise import ReadingNoise
+from bayes_inertia.physics.stochastic_effect import StochasticEffect
+
+# Log evidence on knots above which the whole process is filtered.
+_STRONG = 15.0
+# Probability of a size beyond those that were tried on knots: the stated prior is wrong then.
+_WRONG_PRIOR = 0.01
+# A level of the noise above one by this much has to compete with the stated one.
+_HIGHER_LEVEL = 1e-3
+
+
+def is_filtered(fit: LinearisedFit, effect: StochasticEffect, own: SignalEvidence) -> bool:
+    """Whether an effect is to be weighed by filtering.
+
+    Parameters
+    ----------
+    fit : LinearisedFit
+        Without the effect.
+    effect : StochasticEffect
+    own : SignalEvidence
+        On knots.
+
+    Returns
+    -------
+    bool
+        True for a strong first-order process of the rates beside which no other is fitted.
+    """
+    if own.log_bayes_factor < _STRONG or noise_between_knots(fit.model, fit.point.theta):
+        return False
+    priors = _priors(effect, fit.model.campaign)
+    if len(priors) < len(effect.parameters(fit.model.campaign)):
+        return False
+    noise = effect.reading_noise({name: jnp.asarray(x.median) for name, x in priors.items()})
+    return noise is not None and noise.channel == "rate" and noise.knots > 0
+
+
+def _priors(effect: StochasticEffect, campaign: Campaign) -> dict[str, LogNormal]:
+    """Priors of an effect's parameters that are single positive numbers."""
+    of_each = {p.name: p.priors for p in effect.parameters(campaign)}
+    return {
+        name: priors[0]
+        for name, priors in of_each.items()
+        if len(priors) == 1 and isinstance(priors[0], LogNormal)
+    }
+
+
+def filtered_candidate(
+    fit: LinearisedFit,
+    effect: StochasticEffect,
+    begin: np.ndarray,
+    own: SignalEvidence,
+    largest: float,
+) -> tuple[float, tuple[float, ...]]:
+    """Weigh a first-order process of the rates.
+
+    Parameters
+    ----------
+    fit : LinearisedFit
+        Without the effect.
+    effect : StochasticEffect
+        Its first parameter is its size.
+    begin : (h,) array
+        Its parameters where the evidence on knots is largest.
+    own : SignalEvidence
+        On knots: over which sizes it was averaged.
+    largest : float
+        Largest size [prior sd beyond its median].
+
+    Returns
+    -------
+    log_bayes_factor : float
+        Log evidence against nothing, averaged over sizes and times as on knots.
+    start : tuple of float
+        Its parameters where the evidence is largest.
+    """
+    priors = _priors(effect, fit.model.campaign)
+    mean = np.array([prior.mean for prior in priors.values()])
+    scale = np.array([prior.scale for prior in priors.values()])
+
+    def processes(x: np.ndarray) -> tuple[ReadingNoise, ...]:
+        p = dict(zip(priors, jnp.exp(mean + scale * x), strict=True))
+        noise = effect.reading_noise(p)
+        return () if noise is None else (noise._replace(knots=0),)
+
+    level = noise_level_used(fit.model, fit.point, fit.white)
+    nothing = np.zeros(fit.n_local, bool)
+    evidence = FilteredEvidence(fit.model, fit.point, fit.white, fit.free, level, nothing)
+    x = (np.log(begin) - mean) / scale
+    # The size's prior is flat in its logarithm, over the sizes that were tried on knots.
+    precision = np.array([0.0, *[1.0] * (len(x) - 1)])
+    peaks = [
+        evidence_peak(evidence, processes, x, precision, as_stated=as_stated)
+        for as_stated in ((False, True) if level > 1.0 + _HIGHER_LEVEL else (False,))
+    ]
+    best = max(peaks, key=lambda peak: peak.log_evidence)
+    density = np.log(scale[0] / own.span) - 0.5 * np.log(2.0 * np.pi) * (len(x) - 1)
+    average = _laplace(best) + density - np.log(len(peaks))
+    average += np.log(_WRONG_PRIOR) if best.at[0] > largest else 0.0
+    before = float(evidence.log_evidence([()])[0])
+    return average - before, tuple(np.exp(mean + scale * best.at).tolist())
+
+
+def _laplace(peak: EvidencePeak) -> float:
+    """Log of the integral around a peak."""
+    h = len(peak.at)
+    log_det = np.linalg.slogdet(peak.curvature)[1]
+    return float(peak.log_evidence + 0.5 * h * np.log(2.0 * np.pi) - 0.5 * log_det)

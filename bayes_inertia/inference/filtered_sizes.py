@@ -1,0 +1,185 @@
+"""Sizes and times of first-order processes in the rates, by evidence that filters all of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import optimize
+
+from bayes_inertia.inference.effect_noise import EffectNoise, noise_of_effects
+from bayes_inertia.inference.filtered_evidence import FilteredEvidence
+from bayes_inertia.inference.hyperparameters import with_sizes
+from bayes_inertia.inference.learnt_parameters import LearntParameters
+from bayes_inertia.inference.noise_model import Whitening, rate_noise_covariance
+from bayes_inertia.inference.point import Point
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.reading_noise import ReadingNoise
+
+# Step of the differences that give slopes, and curvatures [prior sd].
+_STEP, _WIDE_STEP = 0.01, 0.1
+_FARTHEST = 8.0  # prior sds from the centre
+# Of the log evidence: less decides nothing.
+_TOLERANCE = 1e-3
+
+# From standardised parameters (h,) to the processes that they stand for.
+Processes = Callable[[np.ndarray], tuple[ReadingNoise, ...]]
+
+
+@dataclass(frozen=True, eq=False)
+class EvidencePeak:
+    """Where the evidence for sizes and times is largest.
+
+    Parameters
+    ----------
+    at : (h,) array
+        There [prior sd].
+    log_evidence : float
+        There, with the log prior that was asked for.
+    curvature : (h, h) array
+        Minus its second derivatives, no less than a quarter along every direction.
+    """
+
+    at: np.ndarray
+    log_evidence: float
+    curvature: np.ndarray
+
+
+def evidence_peak(
+    evidence: FilteredEvidence,
+    processes: Processes,
+    begin: np.ndarray,
+    prior_precision: np.ndarray,
+    *,
+    as_stated: bool = False,
+) -> EvidencePeak:
+    """Climb to the largest evidence.
+
+    Parameters
+    ----------
+    evidence : FilteredEvidence
+    processes : callable
+        From parameters (h,) in prior sds to the processes.
+    begin : (h,) array
+        Where to begin [prior sd].
+    prior_precision : (h,) array
+        1 where a parameter has its prior, 0 where the prior is flat in its logarithm.
+    as_stated : bool, optional
+        As of `FilteredEvidence.log_evidence`.
+
+    Returns
+    -------
+    EvidencePeak
+    """
+    h = len(begin)
+    unit = np.eye(h)
+
+    def values(points: np.ndarray) -> np.ndarray:
+        found = evidence.log_evidence([processes(x) for x in points], as_stated=as_stated)
+        return found - 0.5 * np.sum(prior_precision * points**2, axis=1)
+
+    def negative(x: np.ndarray) -> tuple[float, np.ndarray]:
+        here, *around = values(np.concatenate([x[None], x + _STEP * unit, x - _STEP * unit]))
+        slope = (np.array(around[:h]) - np.array(around[h:])) / (2.0 * _STEP)
+        return -float(here), -slope
+
+    begin = np.asarray(begin, float)
+    best = optimize.minimize(
+        negative,
+        begin,
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[(-_FARTHEST, _FARTHEST)] * h,
+        options={"ftol": _TOLERANCE / max(abs(negative(begin)[0]), 1.0)},
+    )
+    curvature = np.array(
+        [(negative(best.x + s)[1] - negative(best.x - s)[1]) for s in _WIDE_STEP * unit]
+    ) / (2.0 * _WIDE_STEP)
+    powers, directions = np.linalg.eigh(0.5 * (curvature + curvature.T))
+    lifted = (directions * np.maximum(powers, 0.25)) @ directions.T
+    return EvidencePeak(best.x, -float(best.fun), lifted)
+
+
+def filtered_parameters(model: Model, theta: np.ndarray) -> np.ndarray:
+    """Parameters of effects whose processes are filtered between their knots.
+
+    Parameters
+    ----------
+    model : Model
+    theta : (d,) array
+
+    Returns
+    -------
+    (h,) array of int
+        Indices; empty without such effects.
+    """
+    slices = [model.space.slice_of(each.effect) for each in _filtered(model, theta)]
+    return np.concatenate([np.zeros(0, int), *(np.arange(s.start, s.stop) for s in slices)])
+
+
+def _filtered(model: Model, theta: np.ndarray) -> list[EffectNoise]:
+    found = noise_of_effects(model, theta)
+    return [each for each in found if each.noise.channel == "rate" and each.noise.knots]
+
+
+def with_filtered_sizes(
+    model: Model, point: Point, white: Whitening, free: np.ndarray
+) -> tuple[Point, float]:
+    """The point with the sizes and times that the whole processes favour.
+
+    Parameters
+    ----------
+    model : Model
+    point : Point
+        Where derivatives are taken.
+    white : Whitening
+        The noise as used.
+    free : (f,) array of int
+        Indices of the parameters that may move.
+
+    Returns
+    -------
+    point : Point
+        Its coefficients are what they were, whitened anew.
+    change : float
+        By how much the parameters moved, the largest [prior sd]; 0 without such effects.
+    """
+    learnt = np.intersect1d(filtered_parameters(model, point.theta), free)
+    if not len(learnt):
+        return point, 0.0
+    parameters = LearntParameters(model, learnt)
+    filtered = np.zeros(point.n_local, bool)
+    for each in _filtered(model, point.theta):
+        filtered[each.coefficients] = True
+
+    def processes(x: np.ndarray) -> tuple[ReadingNoise, ...]:
+        at = _filtered(model, parameters.put(point.theta, x))
+        return tuple(each.noise._replace(knots=0) for each in at)
+
+    begin = parameters.standardised(point.theta)
+    level = noise_level_used(model, point, white)
+    evidence = FilteredEvidence(model, point, white, free, level, filtered)
+    peak = evidence_peak(evidence, processes, begin, np.ones(len(learnt)))
+    change = float(np.abs(peak.at - begin).max())
+    return with_sizes(model, point, parameters.put(point.theta, peak.at)), change
+
+
+def noise_level_used(model: Model, point: Point, white: Whitening) -> float:
+    """Noise of the rates as used over noise as stated, over all slews.
+
+    Parameters
+    ----------
+    model : Model
+    point : Point
+    white : Whitening
+        The noise as used.
+
+    Returns
+    -------
+    float
+    """
+    used = np.square(np.asarray(white.rate)).sum((2, 3))
+    stated = np.trace(np.linalg.inv(rate_noise_covariance(model, point.theta)))
+    measured = used > 0.0
+    return float(np.sqrt(stated / used[measured].mean())) if measured.any() else 1.0
