@@ -43,6 +43,8 @@ _READINGS_A_NUMBER = 100.0
 _NUMBERS_OF_COLOUR = 6  # share and time of three axes
 # So often correlated noise is measured again after a fit with it.
 _ROUNDS_OF_COLOUR = 3
+# So often, at most, the level of the noise is measured again beside a process without a shape.
+_ROUNDS_OF_LEVEL = 4
 # Two colours are one if their sds and their slowest powers differ by less than these factors.
 _SAME_SD, _SAME_POWER = 1.1, 1.5
 
@@ -312,6 +314,9 @@ def _slow_power(axis: ColourOfAxis) -> float:
 def at_measured_level(start: CleanStart, final: Estimate) -> tuple[CleanStart, Estimate]:
     """The fit at the level of noise that it leaves.
 
+    A strong process beside noise that seemed louder than it is has a wrong size at first: fit and
+    level are repeated until they agree.
+
     Parameters
     ----------
     start : CleanStart
@@ -326,8 +331,12 @@ def at_measured_level(start: CleanStart, final: Estimate) -> tuple[CleanStart, E
     final : Estimate
         The fit with it.
     """
-    again = _with_level(start, final)
-    return (start, final) if again is None else (again, again.estimate)
+    for _ in range(_ROUNDS_OF_LEVEL):
+        again = _with_level(start, final)
+        if again is None:
+            break
+        start, final = again, again.estimate
+    return start, final
 
 
 def _with_level(start: CleanStart, final: Estimate) -> CleanStart | None:

@@ -23,8 +23,6 @@ from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 # Log evidence on knots above which the whole process is filtered.
 _STRONG = 15.0
-# Probability of a size beyond those that were tried on knots: the stated prior is wrong then.
-_WRONG_PRIOR = 0.01
 # A level of the noise above one by this much has to compete with the stated one.
 _HIGHER_LEVEL = 1e-3
 
@@ -69,7 +67,6 @@ def filtered_candidate(
     effect: StochasticEffect,
     begin: np.ndarray,
     own: SignalEvidence,
-    largest: float,
 ) -> tuple[float, tuple[float, ...]]:
     """Weigh a first-order process of the rates.
 
@@ -82,9 +79,7 @@ def filtered_candidate(
     begin : (h,) array
         Its parameters where the evidence on knots is largest.
     own : SignalEvidence
-        On knots: over which sizes it was averaged.
-    largest : float
-        Largest size [prior sd beyond its median].
+        On knots: over which sizes it was averaged, in medians of the prior.
 
     Returns
     -------
@@ -113,9 +108,10 @@ def filtered_candidate(
         for as_stated in ((False, True) if level > 1.0 + _HIGHER_LEVEL else (False,))
     ]
     best = max(peaks, key=lambda peak: peak.log_evidence)
-    density = np.log(scale[0] / own.span) - 0.5 * np.log(2.0 * np.pi) * (len(x) - 1)
+    # Of the size by its logarithm, of the others by their priors.
+    density = own.log_density(float(np.exp(scale[0] * best.at[0]))) + np.log(scale[0])
+    density -= 0.5 * np.log(2.0 * np.pi) * (len(x) - 1)
     average = _laplace(best) + density - np.log(len(peaks))
-    average += np.log(_WRONG_PRIOR) if best.at[0] > largest else 0.0
     before = float(evidence.log_evidence([()])[0])
     return average - before, tuple(np.exp(mean + scale * best.at).tolist())
 

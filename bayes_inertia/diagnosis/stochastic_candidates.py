@@ -52,7 +52,7 @@ SOURCES = {
 }
 # Correlation times that are tried, in prior sds from the median.
 _SHAPES = np.linspace(-2.0, 2.0, 5)
-# Largest size, in prior sds beyond its median.
+# Largest size of the stated prior, in prior sds beyond its median.
 _LARGEST = 2.0
 # Length scales of a smooth signal: from this share of the knots' spacing to the whole slew.
 _SHORTEST, _LENGTHS = 0.7, 6
@@ -243,7 +243,7 @@ def _weighed(
     best = _parameters_at(model, effect, own.size, shapes[own.shape])
     value, start = own.log_bayes_factor, tuple(best.tolist())
     if is_filtered(fit, effect, own):
-        value, start = filtered_candidate(fit, effect, best, own, _LARGEST)
+        value, start = filtered_candidate(fit, effect, best, own)
     return StochasticCandidate(effect.name, _source(effect), value, start)
 
 

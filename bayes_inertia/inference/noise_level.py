@@ -31,14 +31,15 @@ def noise_factors(estimate: Estimate) -> dict[str, float]:
     Parameters
     ----------
     estimate : Estimate
-        A fit; its residuals are in stated sigmas.
+        A fit; its residuals are in stated sigmas. Processes of readings that it knows of are
+        filtered out of them.
 
     Returns
     -------
     dict
         {channel: factor}; 1 unless the excess is significant (four sigma).
     """
-    series = dict(estimate.residual_series)
+    series = dict(estimate.tested_residuals.series)
     times = [slew.time[slew.fixes] for slew in estimate.model.campaign.slews]
     series["attitude"] = [
         slew[burst]
