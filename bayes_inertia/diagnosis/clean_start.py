@@ -33,6 +33,7 @@ from bayes_inertia.inference.cleaning import (
 from bayes_inertia.inference.laplace import Estimate, plain_series
 from bayes_inertia.inference.noise_colour import Colour, ColourOfAxis, colour_of
 from bayes_inertia.inference.noise_level import noise_factors
+from bayes_inertia.inference.noise_model import log_normalisation
 from bayes_inertia.inference.rounding import level_of_rounded, rounding_steps
 from bayes_inertia.inference.treatment import DirtTreatment, treated
 from bayes_inertia.physics.forward_model import Model
@@ -218,14 +219,10 @@ def _with_treatment(
 
 def _log_evidence(estimate: Estimate) -> float:
     """Log posterior density with the norms of the noise, less what the shape of the noise costs."""
-    white = estimate.white
-    matrices = (np.diagonal(w, axis1=-2, axis2=-1) for w in (white.rate, white.attitude))
-    norms = [float(np.log(x[x > 0.0]).sum()) for x in (*matrices, np.asarray(white.momentum))]
-    if white.memory is not None:
-        norms.append(float(np.log(white.memory.scale).sum()))
+    value = log_normalisation(estimate.white) - estimate.objective
     if estimate.model.campaign.rate_sensor.correlated_noise is not None:
-        norms.append(-0.5 * _NUMBERS_OF_COLOUR * float(np.log(_READINGS_A_NUMBER)))
-    return sum(norms) - estimate.objective
+        value -= 0.5 * _NUMBERS_OF_COLOUR * float(np.log(_READINGS_A_NUMBER))
+    return value
 
 
 def measured_again(

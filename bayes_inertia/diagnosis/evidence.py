@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from scipy.special import logsumexp
 
 from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.noise_model import log_normalisation
 from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.maths.linear_algebra import inverse
 
@@ -141,3 +142,23 @@ def log_bayes_factor(before: Estimate, after: Estimate, effect: str) -> float:
     (scale,) = (e.prior_scale for e in after.model.effects if e.name == effect)
     evidence = log_bayes_factor_around(gain, information, distance[~shape], scale)
     return float(evidence + occam_of_shape)
+
+
+def log_evidence_of_fit(estimate: Estimate) -> float:
+    """Compute the log density of the data under a fit's model, everything integrated out.
+
+    By Laplace's approximation around the fit itself. Fits whose noise differs can be compared.
+
+    Parameters
+    ----------
+    estimate : Estimate
+
+    Returns
+    -------
+    float
+        Up to a constant that all models of the same readings share.
+    """
+    slope, _ = prior_rows(estimate.model, estimate.theta)
+    priors = float(np.log(np.abs(slope[estimate.free])).sum())
+    half_log_det = 0.5 * float(np.linalg.slogdet(estimate.hessian)[1])
+    return log_normalisation(estimate.white) - estimate.objective + priors - half_log_det

@@ -14,6 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.diagnosis.evidence import log_evidence_of_fit
 from bayes_inertia.diagnosis.refitting import ScoredRound
 from bayes_inertia.diagnosis.result import AlternativeEffect, Candidate, NamelessShape, Step
 from bayes_inertia.diagnosis.rules import Rules
@@ -22,7 +24,7 @@ from bayes_inertia.diagnosis.stochastic_candidates import (
     stochastic_candidates,
 )
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.optimizer import move_to, re_estimate
+from bayes_inertia.inference.optimizer import move_to, re_estimate, with_noise
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
@@ -101,7 +103,9 @@ def contest(
         if all(c.effect for c in at):
             at = stochastic_candidates(levels[k], effects)
         step = _named(levels[k], at, effects, rules)
-        if close:
+        cost = np.log(len(rounds[0].candidates) + len(effects))
+        k, step = _without_needless(kept[:k], step, weighed, effects, cost)
+        if close and k == len(kept) - 1:
             step = _with_alternative(step, _as_alternative(kept[k]), rules)
         instances = {effect.name: effect for effect in final.model.effects}
         displaced = tuple(instances[s.added] for s in kept[k:])
@@ -110,6 +114,40 @@ def contest(
         last = _with_alternative(kept[-1], _alternative(levels[k], near, effects), rules)
         kept = (*kept[:-1], last)
     return Contest(kept, final, weighed)
+
+
+def _without_needless(
+    before: Sequence[Step],
+    step: Step,
+    weighed: Sequence[Sequence[StochasticCandidate]],
+    effects: Sequence[StochasticEffect],
+    cost: float,
+) -> tuple[int, Step]:
+    """Steps that are needed before one without a fixed shape, and that step after them.
+
+    Where the misfit is large a fit without any effect is far from the truth, and evidence to first
+    order around it is rough. So the effect is refitted without the steps before it, and both fits
+    are compared by evidence around themselves. The refit stays if it loses less than each of these
+    steps costs.
+    """
+    level = step.after.discount[0] ** -0.5
+    for k, first in enumerate(() if step.alternatives else before):
+        same = next((c for c in weighed[k] if c.effect == step.added), None)
+        if same is None:
+            continue
+        fitted = with_stochastic(first.before, _instances(effects)[step.added], same.start)
+        fitted = with_noise(fitted, dict(zip(CHANNELS, level, strict=True)))
+        gain = log_evidence_of_fit(fitted) - log_evidence_of_fit(step.after)
+        if gain + (len(before) - k) * cost > 0.0:
+            claimed = sum(s.log_bayes_factor for s in (*before[k:], step)) + gain
+            return k, replace(
+                step,
+                before=first.before,
+                after=fitted,
+                log_bayes_factor=claimed,
+                nameless=_nameless(weighed[k]),
+            )
+    return len(before), step
 
 
 def _with_alternative(step: Step, alternative: AlternativeEffect, rules: Rules) -> Step:

@@ -164,6 +164,25 @@ def discounted(white: Whitening, factors: np.ndarray) -> Whitening:
     )
 
 
+def log_normalisation(white: Whitening) -> float:
+    """Log of what the density of readings is multiplied by, beside the exponential of squares.
+
+    Parameters
+    ----------
+    white : Whitening
+
+    Returns
+    -------
+    float
+        Up to a constant that all noises of the same readings share.
+    """
+    matrices = (np.diagonal(w, axis1=-2, axis2=-1) for w in (white.rate, white.attitude))
+    norms = [float(np.log(x[x > 0.0]).sum()) for x in (*matrices, np.asarray(white.momentum))]
+    if white.memory is not None:
+        norms.append(float(np.log(white.memory.scale).sum()))
+    return sum(norms)
+
+
 def n_data(white: Whitening) -> np.ndarray:
     """How many numbers were measured.
 

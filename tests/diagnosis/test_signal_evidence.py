@@ -51,10 +51,10 @@ def drawn(rng, fitted, columns, size):
     return known + signal + rng.normal(size=(SLEWS, NUMBERS))
 
 
-def evidence(fitted, columns, data, unit=1.0):
+def evidence(fitted, columns, data, unit=1.0, largest=LARGEST):
     roots = [np.broadcast_to(unit * scale * np.eye(K), (SLEWS, K, K)) for scale in (1.0, 2.0)]
     signal = projected_signal(fit_of(fitted, data), columns)
-    return signal_evidence(signal, roots, [1.0, 0.5], LARGEST)
+    return signal_evidence(signal, roots, [1.0, 0.5], largest)
 
 
 def test_without_a_signal_the_bayes_factor_is_one_on_average(design):
@@ -102,3 +102,18 @@ def test_a_signal_that_repeats_is_told_from_one_that_does_not(design):
         leads.append(once.log_bayes_factor - each.log_bayes_factor)
     assert leads[0] > 3.0
     assert leads[1] < -3.0
+
+
+def test_a_size_beyond_its_prior_costs_what_it_was_unlikely(design):
+    """And not with the square of it: a strong signal keeps nearly all its evidence."""
+    fitted, columns = design
+    data = drawn(np.random.default_rng(9), fitted, columns, 25.0 * LARGEST)
+    beyond = evidence(fitted, columns, data)
+    within = evidence(fitted, columns, data, largest=100.0 * LARGEST)
+    assert beyond.size > LARGEST
+    assert 0.0 < within.log_bayes_factor - beyond.log_bayes_factor < np.log(100.0) + 1.0
+    # The densities of both, over the logarithm of the size, add up to one.
+    smallest, largest = beyond.sizes
+    at = np.linspace(np.log(smallest), np.log(100.0 * largest), 20_001)
+    density = np.exp([beyond.log_density(size) for size in np.exp(at)])
+    assert np.trapezoid(density, at) == pytest.approx(1.0, abs=1e-3)
