@@ -27,8 +27,8 @@ the size was corrected after these rows were seen.
 
 Effects at 3, 10 and 30 times the size were flown last, with processes of the rates filtered whole
 and drawn every 0.05 s (every 0.5 s before). Without the filter 24 of 28 were named at 10 and 30
-times the size: bias instabilities were taken for correlated noise. Five of these 42 campaigns were
-looked at while the filter was made.
+times the size: bias instabilities were taken for correlated noise. The filter was made
+with several of the campaigns of 10 and 30 times the size; those of 3 times were new to it.
 
 Campaigns from outside the library, clean ones and those with stated noise were flown before ids of
 campaigns changed: the script gives others of the same kind."""
