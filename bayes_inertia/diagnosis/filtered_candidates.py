@@ -8,6 +8,8 @@ approximation.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import jax.numpy as jnp
 import numpy as np
 
@@ -23,30 +25,45 @@ from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 # Log evidence on knots above which the whole process is filtered.
 _STRONG = 15.0
+# What is worth less than this share of the best candidate on knots is not it.
+_SHARE_OF_BEST = 0.7
 # A level of the noise above one by this much has to compete with the stated one.
 _HIGHER_LEVEL = 1e-3
 
 
-def is_filtered(fit: LinearisedFit, effect: StochasticEffect, own: SignalEvidence) -> bool:
-    """Whether an effect is to be weighed by filtering.
+def filtered_effects(
+    fit: LinearisedFit, on_knots: Mapping[StochasticEffect, SignalEvidence]
+) -> tuple[StochasticEffect, ...]:
+    """Which effects are to be weighed by filtering.
 
     Parameters
     ----------
     fit : LinearisedFit
-        Without the effect.
-    effect : StochasticEffect
-    own : SignalEvidence
-        On knots.
+        Without the effects.
+    on_knots : mapping of StochasticEffect to SignalEvidence
+        What all candidates are worth on knots.
 
     Returns
     -------
-    bool
-        True for a strong first-order process of the rates beside which no other is fitted.
+    tuple of StochasticEffect
+        Strong first-order processes of the rates that are not far behind the best candidate;
+        empty where another one is fitted.
     """
-    if own.log_bayes_factor < _STRONG or noise_between_knots(fit.model, fit.point.theta):
-        return False
-    priors = _priors(effect, fit.model.campaign)
-    if len(priors) < len(effect.parameters(fit.model.campaign)):
+    most = max((own.log_bayes_factor for own in on_knots.values()), default=0.0)
+    least = max(_STRONG, _SHARE_OF_BEST * most)
+    if noise_between_knots(fit.model, fit.point.theta):
+        return ()
+    return tuple(
+        effect
+        for effect, own in on_knots.items()
+        if own.log_bayes_factor >= least and _is_of_rates(effect, fit.model.campaign)
+    )
+
+
+def _is_of_rates(effect: StochasticEffect, campaign: Campaign) -> bool:
+    """Whether an effect is a first-order process of the rates, its parameters sizes and times."""
+    priors = _priors(effect, campaign)
+    if len(priors) < len(effect.parameters(campaign)):
         return False
     noise = effect.reading_noise({name: jnp.asarray(x.median) for name, x in priors.items()})
     return noise is not None and noise.channel == "rate" and noise.knots > 0

@@ -16,9 +16,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.diagnosis.coefficient_columns import PROGRAMS, coefficient_columns
-from bayes_inertia.diagnosis.filtered_candidates import filtered_candidate, is_filtered
+from bayes_inertia.diagnosis.filtered_candidates import filtered_candidate, filtered_effects
 from bayes_inertia.diagnosis.signal_evidence import (
     ProjectedSignal,
+    SignalEvidence,
     projected_signal,
     signal_evidence,
 )
@@ -148,14 +149,18 @@ def stochastic_candidates(
     model = Model(campaign, both, drive)
     roots = [_roots_at(model, x) for x in _SHAPES]
     candidates: list[StochasticCandidate] = []
+    on_knots: dict[StochasticEffect, SignalEvidence] = {}
     for i, effect in enumerate(both):
         columns = coefficient_columns(response, effect)
         if columns.any():
             blocks = [np.asarray(of_all[i]) for of_all in roots]
             signal = projected_signal(fit, columns)
-            candidates.append(_weighed(effect, model, fit, signal, blocks))
+            on_knots[effect] = _on_knots(effect, model, signal, blocks)
             if nameless:
                 candidates += _without_a_name(effect, model, signal, blocks)
+    filtered = filtered_effects(fit, on_knots)
+    for effect, own in on_knots.items():
+        candidates.append(_weighed(effect, model, own, fit if effect in filtered else None))
     return tuple(sorted(candidates, key=lambda c: -c.log_bayes_factor))
 
 
@@ -227,23 +232,26 @@ def _roots_at(model: Model, shape: float) -> Roots:
     return prior_roots(model.structure, jnp.asarray(theta), model.data.arrays.slews.context)
 
 
-def _weighed(
-    effect: StochasticEffect,
-    model: Model,
-    fit: LinearisedFit,
-    signal: ProjectedSignal,
-    blocks: list[np.ndarray],
-) -> StochasticCandidate:
-    """One effect; `blocks` are the diagonal blocks of its roots at each of `_SHAPES`."""
+def _on_knots(
+    effect: StochasticEffect, model: Model, signal: ProjectedSignal, blocks: list[np.ndarray]
+) -> SignalEvidence:
+    """Evidence of an effect; `blocks` are the diagonal blocks of its roots at each of `_SHAPES`."""
     shapes, largest = _settings(effect, model)
     roots = [_dense(b) for b in blocks[: len(shapes)]]
-    own = signal_evidence(signal, roots, np.exp(-0.5 * shapes**2), largest)
+    return signal_evidence(signal, roots, np.exp(-0.5 * shapes**2), largest)
+
+
+def _weighed(
+    effect: StochasticEffect, model: Model, own: SignalEvidence, to_filter: LinearisedFit | None
+) -> StochasticCandidate:
+    """The candidate that an effect is; given a fit, by filtering its readings."""
     if isinstance(effect, TachometerShape):
         return StochasticCandidate("", _source(effect), own.log_bayes_factor)
+    shapes, _ = _settings(effect, model)
     best = _parameters_at(model, effect, own.size, shapes[own.shape])
     value, start = own.log_bayes_factor, tuple(best.tolist())
-    if is_filtered(fit, effect, own):
-        value, start = filtered_candidate(fit, effect, best, own)
+    if to_filter is not None:
+        value, start = filtered_candidate(to_filter, effect, best, own)
     return StochasticCandidate(effect.name, _source(effect), value, start)
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import jax
@@ -32,6 +32,8 @@ from bayes_inertia.physics.reading_noise import ReadingNoise
 
 # Sets of processes that are filtered at once: compiled code has one shape.
 _BATCH = 8
+# Numbers to filter beyond which they are filtered one after the other, to save memory.
+_MOST_AT_ONCE = 1_000_000
 
 
 class _Rows(NamedTuple):
@@ -142,19 +144,20 @@ class FilteredEvidence:
         valid = self.model.data.arrays.telemetry.rate_valid
         if memories is None:
             return np.full(len(batch), float(_of_white_noise(self._rows)))
-        return np.asarray(_log_evidence(self._rows, memories, valid))
+        one_by_one = self._rows.rate.size > _MOST_AT_ONCE
+        return np.asarray(_log_evidence(one_by_one, self._rows, memories, valid))
 
 
-@jax.jit
-def _log_evidence(rows: _Rows, memories: Memory, valid: Array) -> Array:
-    """Of each of several filters (batch,)."""
+@partial(jax.jit, static_argnums=0)
+def _log_evidence(one_by_one: bool, rows: _Rows, memories: Memory, valid: Array) -> Array:
+    """Of each of several filters (batch,), all at once or one after the other."""
 
     def of_one(memory: Memory) -> Array:
         filtered = innovations(jnp.moveaxis(rows.rate, -1, 0), memory)
         norm = jnp.sum(jnp.where(valid, jnp.log(memory.scale), 0.0))
         return norm + _integral(rows, jnp.einsum("psnc,qsnc->spq", filtered, filtered))
 
-    return jax.vmap(of_one)(memories)
+    return jax.lax.map(of_one, memories) if one_by_one else jax.vmap(of_one)(memories)
 
 
 @jax.jit

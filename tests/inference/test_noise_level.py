@@ -47,15 +47,15 @@ def test_what_differs_between_the_fixes_before_and_after_a_slew_is_not_noise():
         "attitude": rows,
         "momentum": [noise(400, 1.0, 1.0, 1.0)],
     }
-    at = SimpleNamespace(
-        residual_series=calm, model=SimpleNamespace(campaign=SimpleNamespace(slews=slews))
-    )
-    assert noise_factors(at) == {"rate": 1.0, "attitude": 1.0, "momentum": 1.0}
+    model = SimpleNamespace(campaign=SimpleNamespace(slews=slews))
+
+    def leaving(series):
+        return SimpleNamespace(tested_residuals=SimpleNamespace(series=series), model=model)
+
+    assert noise_factors(leaving(calm)) == {"rate": 1.0, "attitude": 1.0, "momentum": 1.0}
     assert white_factor(rows) > 3.0  # taken across the gap it would be noise
     loud = calm | {"attitude": [3.0 * r for r in rows]}
-    assert noise_factors(SimpleNamespace(residual_series=loud, model=at.model))[
-        "attitude"
-    ] == pytest.approx(3.0, rel=0.5)
+    assert noise_factors(leaving(loud))["attitude"] == pytest.approx(3.0, rel=0.5)
 
 
 def test_in_the_measured_drive_tachometers_are_as_loud_as_the_residuals_they_cause():
