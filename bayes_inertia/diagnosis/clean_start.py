@@ -17,6 +17,7 @@ import numpy as np
 from bayes_inertia.diagnosis.candidates import score_candidates
 from bayes_inertia.diagnosis.precompilation import precompile
 from bayes_inertia.diagnosis.stochastic_candidates import (
+    SOURCES,
     StochasticCandidate,
     stochastic_candidates,
 )
@@ -42,6 +43,8 @@ from bayes_inertia.physics.stochastic_effect import StochasticEffect
 # What a number of a noise's shape costs [log evidence]: half the log of as many readings.
 _READINGS_A_NUMBER = 100.0
 _NUMBERS_OF_COLOUR = 6  # share and time of three axes
+# Noise remembers so many readings at most; what lasts longer may be an effect.
+_READINGS_OF_NOISE = 16.0
 # So often correlated noise is measured again after a fit with it.
 _ROUNDS_OF_COLOUR = 3
 # So often, at most, the level of the noise is measured again beside a process without a shape.
@@ -175,14 +178,23 @@ def _noise_or_physics(start: CleanStart, stochastic: Sequence[StochasticEffect])
     coloured = _coloured(start, colour)
     gain = _log_evidence(coloured.base) - _log_evidence(start.base)
     weighed = stochastic_candidates(start.base, stochastic, nameless=False)
-    if _most(weighed) > max(best, gain):
+    if _most(weighed, colour) > max(best, gain):
         return replace(start, coloured=False)
     return coloured if gain > max(best, 0.0) else start
 
 
-def _most(weighed: Sequence[StochasticCandidate]) -> float:
-    """The largest log evidence among effects without a fixed shape; at least zero."""
-    return max([0.0, *(c.log_bayes_factor for c in weighed if c.effect)])
+def _most(weighed: Sequence[StochasticCandidate], colour: Colour) -> float:
+    """The largest log evidence among effects without a fixed shape; at least zero.
+
+    A process of the rates that lasts for few readings is what correlated noise is.
+    """
+    shortest = _READINGS_OF_NOISE * colour.spacing
+    slow = (
+        c
+        for c in weighed
+        if c.source != SOURCES["rate_output"] or not c.start[1:] or c.start[1] > shortest
+    )
+    return max([0.0, *(c.log_bayes_factor for c in slow if c.effect)])
 
 
 def _coloured(start: CleanStart, colour: Colour) -> CleanStart:
@@ -279,7 +291,7 @@ def _colour_after(
             return None
         coloured, _ = _with_treatment(start, final, replace(start.treatment, colour=colour))
         gain = _log_evidence(coloured) - _log_evidence(final)
-        return colour if gain > _most(weighed) else None
+        return colour if gain > _most(weighed, colour) else None
     slews = final.model.campaign.slews
     colour = colour_of(slews, _in_stated_sigmas(start, final), slow=True)
     return before if colour is not None and _is_alike(colour, before) else colour

@@ -167,7 +167,7 @@ def _gauss_markov(model: Model, variance: np.ndarray, time: np.ndarray) -> _Proc
 def _random_walk(model: Model, growth: np.ndarray) -> _Process:
     """A Wiener process whose variance grows by `growth` (c,) a second.
 
-    It is zero in the middle of the campaign, as in `random_walk_spread`.
+    It is zero in the middle of the campaign, as in `random_walk_root`.
     """
     steps, times = _steps(model), row_times(model)
     context = model.data.arrays.slews.context

@@ -39,7 +39,7 @@ def wandering(campaign, seed: int, density: float = DENSITY):
 @pytest.fixture(scope="module")
 def wandered(small_flown):
     """Fit of a small campaign with a walk and a random torque, few coefficients each."""
-    effects = (RateRandomWalk(functions=3), TorqueNoise(pieces=4))
+    effects = (RateRandomWalk(knots=4), TorqueNoise(pieces=4))
     model = Model(wandering(small_flown.campaign, 5), effects)
     return estimate(model, starts=1, discount=False)
 
@@ -179,7 +179,7 @@ def test_z_scores_under_a_random_walk_are_calibrated(flying):
     for seed in range(5):
         flown = flying(100 + seed)
         campaign = wandering(flown.campaign, seed)
-        for effects, into in (((RateRandomWalk(functions=8),), scores), ((), plain)):
+        for effects, into in (((RateRandomWalk(knots=9),), scores), ((), plain)):
             fitted = estimate(Model(campaign, effects), starts=1, discount=False)
             gap = fitted.theta[:9] - flown.truth.theta
             covariance = fitted.covariance[:9, :9]
