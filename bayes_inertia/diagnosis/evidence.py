@@ -17,14 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import logsumexp
 
+from bayes_inertia.diagnosis.prior_sizes import sizes_with_weights
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.noise_model import log_normalisation
 from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.maths.linear_algebra import inverse
 
 _N_PRIOR_SCALES = 24
-# Probability that a stated prior is too narrow, and how many times at most.
-_WRONG_PRIOR, _N_WIDER_SCALES, _WIDEST = 0.01, 12, 100.0
 # Smallest scale: signal-to-noise amplitude of an effect of that size in its clearest direction. It
 # is at most this share of the stated one.
 _INVISIBLE, _LARGEST_START = 0.3, 0.1
@@ -53,22 +52,12 @@ def log_bayes_factor_of(gradient: ArrayLike, powers: ArrayLike) -> float:
     u, power = np.asarray(gradient, float), np.maximum(np.asarray(powers, float), 0.0)
     strongest = max(float(power.max(initial=0.0)), 1e-300)
     lowest = min(_INVISIBLE / np.sqrt(strongest), _LARGEST_START)
-    scales, weights = _prior_scales(lowest)
+    scales, weights = sizes_with_weights(lowest, 1.0, _N_PRIOR_SCALES)
     variance = scales[:, None] ** 2
     values = 0.5 * (variance * u**2 / (1.0 + variance * power) - np.log1p(variance * power))
     one_scale = logsumexp(values.sum(1), b=weights)
     scale_each = float(np.sum(logsumexp(values, axis=0, b=weights[:, None])))
     return float(np.logaddexp(one_scale, scale_each) - np.log(2.0))
-
-
-def _prior_scales(lowest: float) -> tuple[np.ndarray, np.ndarray]:
-    """Scales of amplitudes [stated prior sd], and how likely each is beforehand."""
-    stated = np.geomspace(lowest, 1.0, _N_PRIOR_SCALES)
-    wider = np.geomspace(1.0, _WIDEST, _N_WIDER_SCALES + 1)[1:]
-    weights = np.repeat(
-        [(1.0 - _WRONG_PRIOR) / len(stated), _WRONG_PRIOR / len(wider)], [len(stated), len(wider)]
-    )
-    return np.concatenate([stated, wider]), weights
 
 
 def log_bayes_factor_around(

@@ -9,7 +9,7 @@ its priors, the log evidence against no signal is
 l the eigenvalues of T^T A T and u the gradient T^T g along its eigenvectors. It is averaged over
 sizes, log-uniform from one that the campaign can just not see, and over shapes (a correlation
 time) with their prior. A stated prior may be too narrow: with a small probability the size is
-beyond it, as in `evidence`. Such an average is a Bayes factor: without a signal its expectation is
+beyond it (`prior_sizes`). Such an average is a Bayes factor: without a signal its expectation is
 one, so that it exceeds b in less than one of b campaigns (Markov's inequality).
 """
 
@@ -22,13 +22,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import logsumexp
 
+from bayes_inertia.diagnosis.prior_sizes import WIDEST, WRONG_PRIOR, sizes_with_weights
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.maths.values import array_dataclass
 
 _SIZES = 32
-# Probability that the stated prior is too narrow, sizes that are tried then, and how many times too
-# narrow at most.
-_WRONG_PRIOR, _WIDER_SIZES, _WIDEST = 0.01, 12, 100.0
 # Smallest size: signal-to-noise amplitude in its clearest direction, and a share of the largest.
 _INVISIBLE, _LARGEST_START = 0.3, 0.1
 
@@ -102,8 +100,8 @@ class SignalEvidence:
         """
         smallest, largest = self.sizes
         if size > largest:
-            return float(np.log(_WRONG_PRIOR / np.log(_WIDEST)))
-        return float(np.log((1.0 - _WRONG_PRIOR) / np.log(largest / smallest)))
+            return float(np.log(WRONG_PRIOR / np.log(WIDEST)))
+        return float(np.log((1.0 - WRONG_PRIOR) / np.log(largest / smallest)))
 
 
 def projected_signal(fit: LinearisedFit, columns: np.ndarray) -> ProjectedSignal:
@@ -165,29 +163,18 @@ def signal_evidence(
     for root in roots:
         powers, along = _directions(signal, root)
         least = _INVISIBLE / np.sqrt(max(powers.max(initial=0.0), 1e-300))
-        sizes.append(_sizes(min(least, _LARGEST_START * largest), largest))
+        least = min(least, _LARGEST_START * largest)
+        tried, likely = sizes_with_weights(least, largest, _SIZES)
+        sizes.append(tried)
         variance = sizes[-1][:, None] ** 2
         gain = variance * along**2 / (1.0 + variance * powers)
-        tables.append(0.5 * (gain - np.log1p(variance * powers)).sum(1))
+        tables.append(0.5 * (gain - np.log1p(variance * powers)).sum(1) + np.log(likely))
     weights = np.log(np.asarray(odds, float))[:, None]
-    values = np.array(tables) + weights + _LOG_WEIGHTS
+    values = np.array(tables) + weights
     shape, size = np.unravel_index(np.argmax(values), values.shape)
     total = logsumexp(values) - logsumexp(weights)
     ends = float(sizes[shape][0]), float(largest)
     return SignalEvidence(float(total), float(sizes[shape][size]), int(shape), ends)
-
-
-def _sizes(least: float, largest: float) -> np.ndarray:
-    """Sizes that the prior has, and those beyond it."""
-    stated = np.geomspace(least, largest, _SIZES)
-    wider = np.geomspace(largest, _WIDEST * largest, _WIDER_SIZES + 1)[1:]
-    return np.concatenate([stated, wider])
-
-
-# How likely each of these is beforehand.
-_LOG_WEIGHTS = np.log(
-    np.repeat([(1.0 - _WRONG_PRIOR) / _SIZES, _WRONG_PRIOR / _WIDER_SIZES], [_SIZES, _WIDER_SIZES])
-)
 
 
 def _directions(signal: ProjectedSignal, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

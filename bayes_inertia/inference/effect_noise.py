@@ -64,6 +64,23 @@ def noise_of_effects(model: Model, theta: np.ndarray) -> tuple[EffectNoise, ...]
     return tuple(found)
 
 
+def effects_between_knots(model: Model, theta: np.ndarray) -> tuple[EffectNoise, ...]:
+    """Those of `noise_of_effects` whose coefficients are values of the rates' errors on knots.
+
+    Parameters
+    ----------
+    model : Model
+    theta : (d,) array
+
+    Returns
+    -------
+    tuple of EffectNoise
+        What they do between knots is filtered out of the readings.
+    """
+    every = noise_of_effects(model, theta)
+    return tuple(each for each in every if each.noise.channel == "rate" and each.noise.knots)
+
+
 def _is_read(model: Model, noise: ReadingNoise) -> bool:
     """Whether readings with this noise are compared, and the noise is there at all."""
     compared = noise.channel == "rate" or model.structure.drive == "commanded"

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy import optimize
 
-from bayes_inertia.inference.effect_noise import EffectNoise, noise_of_effects
+from bayes_inertia.inference.effect_noise import effects_between_knots
 from bayes_inertia.inference.filtered_evidence import FilteredEvidence
 from bayes_inertia.inference.hyperparameters import with_sizes
 from bayes_inertia.inference.learnt_parameters import LearntParameters
@@ -37,13 +38,22 @@ class EvidencePeak:
         There [prior sd].
     log_evidence : float
         There, with the log prior that was asked for.
-    curvature : (h, h) array
-        Minus its second derivatives, no less than a quarter along every direction.
+    slope : callable
+        From parameters (h,) to minus the derivatives (h,) of the log evidence.
     """
 
     at: np.ndarray
     log_evidence: float
-    curvature: np.ndarray
+    slope: Callable[[np.ndarray], np.ndarray]
+
+    @cached_property
+    def curvature(self) -> np.ndarray:
+        """Minus its second derivatives (h, h), no less than a quarter along every direction."""
+        steps = _WIDE_STEP * np.eye(len(self.at))
+        rows = [self.slope(self.at + step) - self.slope(self.at - step) for step in steps]
+        curvature = np.array(rows) / (2.0 * _WIDE_STEP)
+        powers, directions = np.linalg.eigh(0.5 * (curvature + curvature.T))
+        return (directions * np.maximum(powers, 0.25)) @ directions.T
 
 
 def evidence_peak(
@@ -93,12 +103,7 @@ def evidence_peak(
         bounds=[(-_FARTHEST, _FARTHEST)] * h,
         options={"ftol": _TOLERANCE / max(abs(negative(begin)[0]), 1.0)},
     )
-    curvature = np.array(
-        [(negative(best.x + s)[1] - negative(best.x - s)[1]) for s in _WIDE_STEP * unit]
-    ) / (2.0 * _WIDE_STEP)
-    powers, directions = np.linalg.eigh(0.5 * (curvature + curvature.T))
-    lifted = (directions * np.maximum(powers, 0.25)) @ directions.T
-    return EvidencePeak(best.x, -float(best.fun), lifted)
+    return EvidencePeak(best.x, -float(best.fun), lambda x: negative(x)[1])
 
 
 def filtered_parameters(model: Model, theta: np.ndarray) -> np.ndarray:
@@ -114,13 +119,8 @@ def filtered_parameters(model: Model, theta: np.ndarray) -> np.ndarray:
     (h,) array of int
         Indices; empty without such effects.
     """
-    slices = [model.space.slice_of(each.effect) for each in _filtered(model, theta)]
+    slices = [model.space.slice_of(each.effect) for each in effects_between_knots(model, theta)]
     return np.concatenate([np.zeros(0, int), *(np.arange(s.start, s.stop) for s in slices)])
-
-
-def _filtered(model: Model, theta: np.ndarray) -> list[EffectNoise]:
-    found = noise_of_effects(model, theta)
-    return [each for each in found if each.noise.channel == "rate" and each.noise.knots]
 
 
 def with_filtered_sizes(
@@ -150,11 +150,11 @@ def with_filtered_sizes(
         return point, 0.0
     parameters = LearntParameters(model, learnt)
     filtered = np.zeros(point.n_local, bool)
-    for each in _filtered(model, point.theta):
+    for each in effects_between_knots(model, point.theta):
         filtered[each.coefficients] = True
 
     def processes(x: np.ndarray) -> tuple[ReadingNoise, ...]:
-        at = _filtered(model, parameters.put(point.theta, x))
+        at = effects_between_knots(model, parameters.put(point.theta, x))
         return tuple(each.noise._replace(knots=0) for each in at)
 
     begin = parameters.standardised(point.theta)

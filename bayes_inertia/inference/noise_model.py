@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from jax import Array
 
-from bayes_inertia.inference.effect_noise import noise_of_effects
+from bayes_inertia.inference.effect_noise import effects_between_knots
 from bayes_inertia.inference.noise_filter import rate_noise_memory
 from bayes_inertia.inference.noise_memory import Memory
 from bayes_inertia.maths import inertia_tensor
@@ -86,8 +86,7 @@ def noise_between_knots(model: Model, theta: np.ndarray) -> tuple[ReadingNoise, 
     tuple of ReadingNoise
         Empty without effects of that kind.
     """
-    noises = [each.noise for each in noise_of_effects(model, theta)]
-    return tuple(noise for noise in noises if noise.channel == "rate" and noise.knots)
+    return tuple(each.noise for each in effects_between_knots(model, theta))
 
 
 def rate_noise_covariance(model: Model, theta: np.ndarray) -> np.ndarray:

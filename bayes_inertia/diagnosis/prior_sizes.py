@@ -1,0 +1,42 @@
+"""Sizes that an effect may have: what its prior allows, and what is beyond it.
+
+A prior states how large an effect may plausibly be. It may be wrong: with a small probability the
+size is log-uniform beyond it, so that a strong effect pays once for its unlikely size, and not with
+the square of it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+# Probability that a stated prior is too narrow, sizes that are tried then, and how many times too
+# narrow at most.
+WRONG_PRIOR, WIDEST = 0.01, 100.0
+_WIDER_SIZES = 12
+
+
+def sizes_with_weights(least: float, largest: float, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Sizes to average evidence over, even in their logarithm.
+
+    Parameters
+    ----------
+    least, largest : float
+        Ends of the stated prior.
+    count : int
+        How many sizes within it.
+
+    Returns
+    -------
+    sizes, weights : (count + 12,) arrays
+        The last twelve are beyond the prior; the weights add up to one.
+
+    Examples
+    --------
+    >>> sizes, weights = sizes_with_weights(0.1, 1.0, 4)
+    >>> float(sizes.max().round(6)), float(weights.sum().round(6))
+    (100.0, 1.0)
+    """
+    stated = np.geomspace(least, largest, count)
+    wider = np.geomspace(largest, WIDEST * largest, _WIDER_SIZES + 1)[1:]
+    each = [(1.0 - WRONG_PRIOR) / count, WRONG_PRIOR / _WIDER_SIZES]
+    return np.concatenate([stated, wider]), np.repeat(each, [count, _WIDER_SIZES])
