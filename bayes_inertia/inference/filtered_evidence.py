@@ -25,8 +25,8 @@ from bayes_inertia.inference.likelihood import unpadded_sensitivities
 from bayes_inertia.inference.noise_filter import rate_noise_memories
 from bayes_inertia.inference.noise_memory import Memory, innovations
 from bayes_inertia.inference.noise_model import Whitening, rate_noise_covariance
-from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.inference.point import N_BIAS, Point
+from bayes_inertia.inference.shared_unknowns import shared_first
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.reading_noise import ReadingNoise
 
@@ -89,27 +89,22 @@ class FilteredEvidence:
         shaped = without_hyperparameters(self.model, self.free)
         white = self.white._replace(memory=None)
         s = unpadded_sensitivities(self.model, self.point, white, shaped)
-        f, n_local = len(shaped), len(self.filtered)
+        f, unknowns = len(shaped), shared_first(self.model, self.point, shaped)
         kept = np.concatenate([np.ones(f + N_BIAS, bool), ~self.filtered])
         numbers = np.where(self.filtered, self.point.local, 0.0)
-        slope, distance = (rows[shaped] for rows in prior_rows(self.model, self.point.theta))
-        # Unknowns in prior sds, the bias first, so that what slews share is well scaled.
-        unit = np.where(slope != 0.0, slope, 1.0)
-        scale = np.concatenate([1.0 / unit, np.ones(N_BIAS + n_local)])
-        order = np.r_[f : f + N_BIAS, :f, f + N_BIAS : len(scale)]
-        order = order[kept[order]]
+        order = unknowns.order[kept[unknowns.order]]
         parts = []
         for r, j in zip(s.residuals, s.jacobian, strict=True):
             columns = np.asarray(j)
             gone = np.einsum("snk,sk->sn", columns[..., f + N_BIAS :], numbers)
             parts.append((np.asarray(r) - gone)[..., None])
-            parts.append(columns[..., order] * scale[order])
+            parts.append(columns[..., order] * unknowns.scale[order])
         rate, *others = (np.concatenate(parts[i : i + 2], -1) for i in range(0, len(parts), 2))
         return _Rows(
             jnp.asarray(rate.reshape(*rate.shape[:1], -1, 3, rate.shape[-1])),
             jnp.asarray(sum(np.einsum("snp,snq->spq", x, x) for x in others)),
-            jnp.concatenate([jnp.ones(N_BIAS), jnp.asarray((slope / unit) ** 2)]),
-            jnp.concatenate([jnp.asarray(self.point.bias), jnp.asarray(slope * distance / unit)]),
+            jnp.asarray(unknowns.precision),
+            jnp.asarray(unknowns.gradient),
             jnp.asarray(np.asarray(self.point.local)[:, ~self.filtered]),
         )
 

@@ -34,6 +34,7 @@ from bayes_inertia.inference.likelihood import Information, information_blocks
 from bayes_inertia.inference.noise_model import Whitening
 from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.inference.point import N_BIAS, Point
+from bayes_inertia.inference.shared_unknowns import shared_first
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.prediction import Structure
 from bayes_inertia.physics.slew_context import SlewContext
@@ -133,19 +134,15 @@ class Evidence:
     def frozen(self) -> FrozenEvidence:
         """What compiled functions are given."""
         model, free, point = self.model, self.information.free, self.point
-        slope, distance = (rows[free] for rows in prior_rows(model, point.theta))
-        # Unknowns in prior sds, so that the matrix of what slews share is well scaled.
-        unit = np.where(slope != 0.0, slope, 1.0)
-        scale = np.concatenate([1.0 / unit, np.ones(N_BIAS + point.n_local)])
-        f = len(free)
-        order = np.r_[f : f + N_BIAS, :f, f + N_BIAS : len(scale)]
+        f, unknowns = len(free), shared_first(model, point, free)
+        scale, order = unknowns.scale, unknowns.order
         matrix = self.information.matrix.sum(1) * np.outer(scale, scale)
         numbers = (
             0.0,
             matrix[:, order[:, None], order],
             (self.information.gradient.sum(1) * scale)[:, order],
-            np.concatenate([np.ones(N_BIAS), (slope / unit) ** 2]),
-            np.concatenate([point.bias, slope * distance / unit]),
+            unknowns.precision,
+            unknowns.gradient,
             0.0,
             point.local,
         )
