@@ -8,7 +8,7 @@ approximation.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import jax.numpy as jnp
 import numpy as np
@@ -84,6 +84,7 @@ def filtered_candidate(
     effect: StochasticEffect,
     begin: np.ndarray,
     own: SignalEvidence,
+    gain: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> tuple[float, tuple[float, ...]]:
     """Weigh a first-order process of the rates.
 
@@ -97,6 +98,9 @@ def filtered_candidate(
         Its parameters where the evidence on knots is largest.
     own : SignalEvidence
         On knots: over which sizes it was averaged, in medians of the prior.
+    gain : callable, optional
+        Log evidence (n,) that sizes (n,), in medians of the prior, gain where the process goes on
+        between slews: the filter begins anew in every slew.
 
     Returns
     -------
@@ -114,6 +118,9 @@ def filtered_candidate(
         noise = effect.reading_noise(p)
         return () if noise is None else (noise._replace(knots=0),)
 
+    def between_slews(points: np.ndarray) -> np.ndarray:
+        return gain(np.exp(scale[0] * points[:, 0])) if gain else np.zeros(len(points))
+
     level = noise_level_used(fit.model, fit.point, fit.white)
     nothing = np.zeros(fit.n_local, bool)
     evidence = FilteredEvidence(fit.model, fit.point, fit.white, fit.free, level, nothing)
@@ -121,7 +128,9 @@ def filtered_candidate(
     # The size's prior is flat in its logarithm, over the sizes that were tried on knots.
     precision = np.array([0.0, *[1.0] * (len(x) - 1)])
     peaks = [
-        evidence_peak(evidence, processes, x, precision, as_stated=as_stated)
+        evidence_peak(
+            evidence, processes, x, precision, as_stated=as_stated, between_slews=between_slews
+        )
         for as_stated in ((False, True) if level > 1.0 + _HIGHER_LEVEL else (False,))
     ]
     best = max(peaks, key=lambda peak: peak.log_evidence)

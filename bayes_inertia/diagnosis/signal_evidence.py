@@ -15,7 +15,7 @@ one, so that it exceeds b in less than one of b campaigns (Markov's inequality).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -140,8 +140,8 @@ def signal_evidence(
     ----------
     signal : ProjectedSignal
         Its coefficients.
-    roots : sequence of (slews, k, k) arrays
-        T, one for each shape.
+    roots : sequence of (slews, k, k) or (slews k, slews k) arrays
+        T, one for each shape: of each slew, or of all slews where these are not independent.
     odds : (shapes,) array
         Prior odds of the shapes.
     largest : float
@@ -166,9 +166,7 @@ def signal_evidence(
         least = min(least, _LARGEST_START * largest)
         tried, likely = sizes_with_weights(least, largest, _SIZES)
         sizes.append(tried)
-        variance = sizes[-1][:, None] ** 2
-        gain = variance * along**2 / (1.0 + variance * powers)
-        tables.append(0.5 * (gain - np.log1p(variance * powers)).sum(1) + np.log(likely))
+        tables.append(_of_sizes(powers, along, tried) + np.log(likely))
     weights = np.log(np.asarray(odds, float))[:, None]
     values = np.array(tables) + weights
     shape, size = np.unravel_index(np.argmax(values), values.shape)
@@ -177,9 +175,50 @@ def signal_evidence(
     return SignalEvidence(float(total), float(sizes[shape][size]), int(shape), ends)
 
 
+def gain_of_one_process(
+    signal: ProjectedSignal, joint: np.ndarray, each: np.ndarray
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Log evidence that a signal of known size gains by going on between slews.
+
+    Parameters
+    ----------
+    signal : ProjectedSignal
+        Its coefficients.
+    joint : (slews k, slews k) array
+        A root of their covariance in all slews.
+    each : (slews, k, k) array
+        Roots of each slew's own, where slews are independent.
+
+    Returns
+    -------
+    callable
+        From sizes (n,), in units of both roots, to the gains (n,).
+
+    Examples
+    --------
+    >>> signal = ProjectedSignal(np.array([[9.0], [9.0]]), 10.0 * np.eye(2).reshape(2, 1, 2, 1))
+    >>> same, own = np.array([[1.0, 0.0], [1.0, 1e-3]]), np.ones((2, 1, 1))
+    >>> bool(gain_of_one_process(signal, same, own)(np.ones(1))[0] > 0.5)
+    True
+    """
+    together, apart = _directions(signal, joint), _directions(signal, each)
+    return lambda sizes: _of_sizes(*together, sizes) - _of_sizes(*apart, sizes)
+
+
+def _of_sizes(powers: np.ndarray, along: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Log evidence of each size (n,)."""
+    variance = sizes[:, None] ** 2
+    gain = variance * along**2 / (1.0 + variance * powers)
+    return 0.5 * (gain - np.log1p(variance * powers)).sum(1)
+
+
 def _directions(signal: ProjectedSignal, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues of T^T A T, and T^T g along its eigenvectors."""
     slews, k = signal.gradient.shape
+    if root.ndim == 2:
+        turned = root.T @ signal.matrix.reshape(slews * k, -1) @ root
+        powers, directions = np.linalg.eigh(turned)
+        return np.maximum(powers, 0.0), directions.T @ (root.T @ signal.gradient.ravel())
     half = np.stack([signal.matrix[:, :, s].reshape(-1, k) @ own for s, own in enumerate(root)], 1)
     half = half.reshape(slews, k, slews * k)
     turned = np.concatenate([own.T @ rows for own, rows in zip(root, half, strict=True)])

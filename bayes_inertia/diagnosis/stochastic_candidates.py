@@ -15,16 +15,18 @@ from typing import ClassVar
 import jax.numpy as jnp
 import numpy as np
 
+from bayes_inertia.diagnosis.candidate_roots import CandidateRoots, candidate_roots, dense
 from bayes_inertia.diagnosis.coefficient_columns import PROGRAMS, coefficient_columns
 from bayes_inertia.diagnosis.filtered_candidates import filtered_candidate, filtered_effects
 from bayes_inertia.diagnosis.signal_evidence import (
     ProjectedSignal,
     SignalEvidence,
+    gain_of_one_process,
     projected_signal,
     signal_evidence,
 )
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
-from bayes_inertia.inference.coefficients import Roots, prior_roots
+from bayes_inertia.inference.coefficients import prior_roots
 from bayes_inertia.inference.compiled_programs import forget_surplus
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
@@ -150,17 +152,22 @@ def stochastic_candidates(
     roots = [_roots_at(model, x) for x in _SHAPES]
     candidates: list[StochasticCandidate] = []
     on_knots: dict[StochasticEffect, SignalEvidence] = {}
+    signals: dict[StochasticEffect, tuple[ProjectedSignal, CandidateRoots]] = {}
     for i, effect in enumerate(both):
         columns = coefficient_columns(response, effect)
         if columns.any():
-            blocks = [np.asarray(of_all[i]) for of_all in roots]
+            own = [of_all[i] for of_all in roots]
             signal = projected_signal(fit, columns)
-            on_knots[effect] = _on_knots(effect, model, signal, blocks)
+            on_knots[effect] = _on_knots(effect, model, signal, own)
+            signals[effect] = signal, own[on_knots[effect].shape]
             if nameless:
-                candidates += _without_a_name(effect, model, signal, blocks)
+                candidates += _without_a_name(effect, model, signal, [x.blocks for x in own])
     filtered = filtered_effects(fit, on_knots)
-    for effect, own in on_knots.items():
-        candidates.append(_weighed(effect, model, own, fit if effect in filtered else None))
+    for effect, evidence in on_knots.items():
+        if effect in filtered:
+            candidates.append(_filtered(effect, model, evidence, fit, *signals[effect]))
+        else:
+            candidates.append(_weighed(effect, model, evidence))
     return tuple(sorted(candidates, key=lambda c: -c.log_bayes_factor))
 
 
@@ -224,35 +231,61 @@ def _parameters_at(model: Model, effect: Effect, size: float, shape: float) -> n
     return values
 
 
-def _roots_at(model: Model, shape: float) -> Roots:
+def _roots_at(model: Model, shape: float) -> list[CandidateRoots]:
     theta = medians(model)
     for effect in model.effects:
         part = model.space.slice_of(effect.name)
         theta[part] = _parameters_at(model, effect, 1.0, shape)
-    return prior_roots(model.structure, jnp.asarray(theta), model.data.arrays.slews.context)
+    slews = model.data.arrays.slews.context
+    blocks = prior_roots(model.structure, jnp.asarray(theta), slews)
+    active = model.structure.active_effects(jnp.asarray(theta))
+    return [
+        candidate_roots(effect, p, slews, np.asarray(own))
+        for (effect, p), own in zip(active, blocks, strict=True)
+        if isinstance(effect, StochasticEffect)
+    ]
 
 
 def _on_knots(
-    effect: StochasticEffect, model: Model, signal: ProjectedSignal, blocks: list[np.ndarray]
+    effect: StochasticEffect, model: Model, signal: ProjectedSignal, roots: list[CandidateRoots]
 ) -> SignalEvidence:
-    """Evidence of an effect; `blocks` are the diagonal blocks of its roots at each of `_SHAPES`."""
+    """Evidence of an effect; `roots` are its own at each of `_SHAPES`."""
     shapes, largest = _settings(effect, model)
-    roots = [_dense(b) for b in blocks[: len(shapes)]]
-    return signal_evidence(signal, roots, np.exp(-0.5 * shapes**2), largest)
+    best = [own.best for own in roots[: len(shapes)]]
+    return signal_evidence(signal, best, np.exp(-0.5 * shapes**2), largest)
 
 
-def _weighed(
-    effect: StochasticEffect, model: Model, own: SignalEvidence, to_filter: LinearisedFit | None
+def _weighed(effect: StochasticEffect, model: Model, own: SignalEvidence) -> StochasticCandidate:
+    """The candidate that an effect is."""
+    name = "" if isinstance(effect, TachometerShape) else effect.name
+    start = tuple(_best(effect, model, own).tolist()) if name else ()
+    return StochasticCandidate(name, _source(effect), own.log_bayes_factor, start)
+
+
+def _filtered(
+    effect: StochasticEffect,
+    model: Model,
+    own: SignalEvidence,
+    fit: LinearisedFit,
+    signal: ProjectedSignal,
+    roots: CandidateRoots,
 ) -> StochasticCandidate:
-    """The candidate that an effect is; given a fit, by filtering its readings."""
-    if isinstance(effect, TachometerShape):
-        return StochasticCandidate("", _source(effect), own.log_bayes_factor)
-    shapes, _ = _settings(effect, model)
-    best = _parameters_at(model, effect, own.size, shapes[own.shape])
-    value, start = own.log_bayes_factor, tuple(best.tolist())
-    if to_filter is not None:
-        value, start = filtered_candidate(to_filter, effect, best, own)
+    """The candidate that an effect is, its whole process filtered out of the readings.
+
+    The filter begins anew in every slew: what a process gains by going on between them is told
+    by its knots.
+    """
+    gain = None
+    if roots.joint is not None:
+        gain = gain_of_one_process(signal, roots.joint, roots.each)
+    value, start = filtered_candidate(fit, effect, _best(effect, model, own), own, gain)
     return StochasticCandidate(effect.name, _source(effect), value, start)
+
+
+def _best(effect: StochasticEffect, model: Model, own: SignalEvidence) -> np.ndarray:
+    """Its parameters where the evidence on knots is largest."""
+    shapes, _ = _settings(effect, model)
+    return _parameters_at(model, effect, own.size, shapes[own.shape])
 
 
 def _without_a_name(
@@ -262,9 +295,9 @@ def _without_a_name(
     if blocks[0].shape[-1] == 1:
         return []
     shapes, largest = _settings(effect, model)
-    once = [_dense(b[:1]) for b in blocks]
+    once = [dense(b[:1]) for b in blocks]
     same = signal_evidence(signal.repeated(), once, np.exp(-0.5 * shapes**2), largest)
-    smooth = [_dense(b) for b in _smooth(blocks[len(blocks) // 2])]
+    smooth = [dense(b) for b in _smooth(blocks[len(blocks) // 2])]
     free = signal_evidence(signal, smooth, np.ones(len(smooth)), largest)
     source = _source(effect)
     return [StochasticCandidate("", source, x.log_bayes_factor) for x in (same, free)]
@@ -292,12 +325,3 @@ def _smooth(blocks: np.ndarray) -> list[np.ndarray]:
         kernel = np.exp(-0.5 * (apart / length) ** 2) + _JITTER * np.eye(m)
         roots.append(np.broadcast_to(sd * np.linalg.cholesky(kernel), blocks.shape))
     return roots
-
-
-def _dense(blocks: np.ndarray) -> np.ndarray:
-    """Block-diagonal matrices (slews, b m, b m) of blocks (slews, b, m, m)."""
-    slews, b, m, _ = blocks.shape
-    dense = np.zeros((slews, b, m, b, m))
-    for i in range(b):
-        dense[:, i, :, i] = blocks[:, i]
-    return dense.reshape(slews, b * m, b * m)

@@ -63,6 +63,7 @@ def evidence_peak(
     prior_precision: np.ndarray,
     *,
     as_stated: bool = False,
+    between_slews: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> EvidencePeak:
     """Climb to the largest evidence.
 
@@ -77,6 +78,9 @@ def evidence_peak(
         1 where a parameter has its prior, 0 where the prior is flat in its logarithm.
     as_stated : bool, optional
         As of `FilteredEvidence.log_evidence`.
+    between_slews : callable, optional
+        From parameters (n, h) to log evidence (n,) that the filter, which begins anew in every
+        slew, does not count.
 
     Returns
     -------
@@ -87,6 +91,8 @@ def evidence_peak(
 
     def values(points: np.ndarray) -> np.ndarray:
         found = evidence.log_evidence([processes(x) for x in points], as_stated=as_stated)
+        if between_slews is not None:
+            found = found + between_slews(points)
         return found - 0.5 * np.sum(prior_precision * points**2, axis=1)
 
     def negative(x: np.ndarray) -> tuple[float, np.ndarray]:

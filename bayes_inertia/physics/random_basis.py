@@ -103,6 +103,32 @@ def random_walk_root(density: Array, slew: SlewContext, knots: int) -> Array:
     return density * jnp.tril(jnp.broadcast_to(steps, (knots, knots)))
 
 
+def random_walk_covariance(density: Array, slews: SlewContext, knots: int) -> Array:
+    """Covariance of one random walk at evenly spaced knots of all slews of a campaign.
+
+    The walk is zero in the middle of its campaign and goes on between slews.
+
+    Parameters
+    ----------
+    density : () array
+        Sd of the walk after one second.
+    slews : SlewContext
+        With the slews as leading axis.
+    knots : int
+        How many in each slew.
+
+    Returns
+    -------
+    (slews knots, slews knots) array
+        Knots of one slew stand together.
+    """
+    first, last = slews.time[:, 0], slews.time[:, -1]
+    places = first[:, None] + (last - first)[:, None] * jnp.linspace(0.0, 1.0, knots)
+    since = (slews.start[:, None] + places - slews.middle[:, None]).ravel()
+    away = jnp.minimum(jnp.abs(since)[:, None], jnp.abs(since))
+    return density**2 * jnp.where(since[:, None] * since > 0.0, away, 0.0)
+
+
 def ornstein_uhlenbeck_root(
     sd: Array, correlation_time: Array, spacing: Array, knots: int
 ) -> Array:

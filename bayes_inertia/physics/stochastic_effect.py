@@ -87,6 +87,28 @@ class StochasticEffect(Effect):
         """
         return jnp.zeros((count, count))
 
+    def covariance_across_slews(self, p: Mapping[str, Array], slews: SlewContext) -> Array | None:
+        """The covariance of the coefficients of all slews, where the process goes on between them.
+
+        A fit takes slews as independent, with `coefficient_root` in each: that is fast, and of J
+        and K it says nearly the same. Naming does not: whether a bias rises steadily or walks is
+        told by how its values in several slews belong together.
+
+        Parameters
+        ----------
+        p : mapping of str to Array
+            The effect's parameters: sds, times.
+        slews : SlewContext
+            With the slews as leading axis.
+
+        Returns
+        -------
+        (slews m, slews m) array or None
+            Of the m coefficients of one block of `coefficient_root`; those of one slew stand
+            together. None where slews are independent.
+        """
+        return None
+
     def signal(self, p: Mapping[str, Array], slew: SlewContext, t: Array) -> Array | None:
         """The process over time, for reports; hooks may use it.
 

@@ -5,7 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayes_inertia.diagnosis.signal_evidence import projected_signal, signal_evidence
+from bayes_inertia.diagnosis.signal_evidence import (
+    gain_of_one_process,
+    projected_signal,
+    signal_evidence,
+)
 from bayes_inertia.maths.linear_algebra import inverse_root
 
 SLEWS, NUMBERS, SHARED, LOCAL, K = 3, 40, 2, 2, 4
@@ -102,6 +106,30 @@ def test_a_signal_that_repeats_is_told_from_one_that_does_not(design):
         leads.append(once.log_bayes_factor - each.log_bayes_factor)
     assert leads[0] > 3.0
     assert leads[1] < -3.0
+
+
+def test_a_process_that_goes_on_between_slews_is_told_from_one_that_does_not(design):
+    """The mean gain is the distance of two normal laws: of either sign, by which is the truth."""
+    fitted, columns = design
+    rng = np.random.default_rng(10)
+    shared = np.full((SLEWS, SLEWS), 0.8) + 0.2 * np.eye(SLEWS)
+    joint = np.kron(np.linalg.cholesky(shared), np.eye(K))
+    each = np.broadcast_to(np.eye(K), (SLEWS, K, K))
+    gains = {True: [], False: []}
+    for goes_on, found in gains.items():
+        for _ in range(60):
+            z = rng.normal(size=SLEWS * K)
+            coefficients = ((joint @ z) if goes_on else z).reshape(SLEWS, K)
+            data = drawn(rng, fitted, columns, 0.0) + np.einsum("snk,sk->sn", columns, coefficients)
+            signal = projected_signal(fit_of(fitted, data), columns)
+            found.extend(gain_of_one_process(signal, joint, each)(np.ones(1)))
+    for goes_on, found in gains.items():
+        error = np.std(found) / np.sqrt(len(found))
+        mean = np.mean(found) if goes_on else -np.mean(found)
+        assert mean > 5.0 * error
+    # A root that is no other than that of each slew gains nothing.
+    none = gain_of_one_process(signal, np.eye(SLEWS * K), each)(np.array([0.1, 1.0]))
+    np.testing.assert_allclose(none, 0.0, atol=1e-9)
 
 
 def test_a_size_beyond_its_prior_costs_what_it_was_unlikely(design):

@@ -24,6 +24,7 @@ from bayes_inertia.physics.random_basis import (
     matern_root,
     ornstein_uhlenbeck_mean_root,
     ornstein_uhlenbeck_root,
+    random_walk_covariance,
     random_walk_root,
 )
 from bayes_inertia.physics.small_campaign import small_campaign
@@ -82,6 +83,31 @@ def test_knots_have_the_covariance_of_a_random_walk():
     offset = 100.0 + 8.0  # never zero: the slew's own length is added
     at = offset + np.linspace(0.0, 8.0, 5)
     np.testing.assert_allclose(root @ root.T, 9.0 * np.minimum.outer(at, at))
+
+
+def test_a_random_walk_goes_on_between_slews():
+    """Against walks that were drawn: zero in the middle of the campaign, two slews on each side."""
+    start, middle, knots = np.array([0.0, 30.0, 70.0, 130.0]), 64.0, 5
+    time = np.broadcast_to([1.0, 17.0], (4, 2))
+    slews = SimpleNamespace(time=jnp.array(time), start=jnp.array(start), middle=jnp.full(4, 64.0))
+    covariance = np.asarray(random_walk_covariance(jnp.asarray(3.0), slews, knots))
+    at = (start[:, None] + np.linspace(1.0, 17.0, knots)).ravel()
+    grid = np.unique([*at, middle])
+    rng = np.random.default_rng(3)
+    n = 20_000
+    steps = np.sqrt(np.diff(grid, prepend=grid[0])) * rng.normal(size=(n, len(grid)))
+    walk = 3.0 * np.cumsum(steps, axis=1)
+    walk -= walk[:, np.searchsorted(grid, middle)][:, None]
+    drawn = walk[:, np.searchsorted(grid, at)]
+    # The sd of an average of n products of normal numbers.
+    sd = np.sqrt((np.outer(np.diag(covariance), np.diag(covariance)) + covariance**2) / n)
+    off = np.abs(drawn.T @ drawn / n - covariance) / sd
+    assert off.max() < 5.0
+    # What lies on the other side of the middle is independent.
+    assert not covariance[: 2 * knots, 2 * knots :].any()
+    # The control: slews that are independent.
+    apart = np.where(np.kron(np.eye(4), np.ones((knots, knots))), covariance, 0.0)
+    assert (np.abs(drawn.T @ drawn / n - apart) / sd).max() > 50.0
 
 
 @pytest.mark.parametrize("time", [0.05, 3.0, 1e4])

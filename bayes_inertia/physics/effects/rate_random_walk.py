@@ -12,6 +12,7 @@ from bayes_inertia.physics.random_basis import (
     hat_functions,
     on_axes,
     on_each_axis,
+    random_walk_covariance,
     random_walk_root,
     slew_fraction,
 )
@@ -25,8 +26,9 @@ class RateRandomWalk(StochasticEffect):
 
     Over a time T the bias of each axis changes by rate_random_walk.density sqrt(T) (one sd). In
     each slew it has an offset, as large as the walk from the middle of the campaign to the slew
-    makes it, and walks on from there. (The offsets of two slews are taken as independent.) Angle
-    random walk (ARW) is the white noise that the campaign states: sigma = ARW / sqrt(step).
+    makes it, and walks on from there. A fit takes the offsets of two slews as independent; where
+    the walk is weighed against other effects it goes on between slews. Angle random walk (ARW) is
+    the white noise that the campaign states: sigma = ARW / sqrt(step).
 
     Parameters
     ----------
@@ -71,6 +73,9 @@ class RateRandomWalk(StochasticEffect):
 
     def coefficient_root(self, p, slew, count):
         return on_each_axis(random_walk_root(p["density"], slew, self.knots), 3)
+
+    def covariance_across_slews(self, p, slews):
+        return random_walk_covariance(p["density"], slews, self.knots)
 
     def signal(self, p, slew, t):
         hats = hat_functions(slew_fraction(slew, t), self.knots)

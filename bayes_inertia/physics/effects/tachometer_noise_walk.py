@@ -12,6 +12,7 @@ from bayes_inertia.physics.random_basis import (
     hat_functions,
     on_axes,
     on_each_axis,
+    random_walk_covariance,
     random_walk_root,
     slew_fraction,
 )
@@ -63,6 +64,9 @@ class TachometerNoiseWalk(StochasticEffect):
     def coefficient_root(self, p, slew, count):
         root = random_walk_root(p["density"], slew, self.knots)
         return on_each_axis(root, count // self.knots)
+
+    def covariance_across_slews(self, p, slews):
+        return random_walk_covariance(p["density"], slews, self.knots)
 
     def reading_noise(self, p):
         return ReadingNoise("momentum", p["density"]) if p else None
