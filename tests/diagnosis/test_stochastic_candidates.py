@@ -1,6 +1,7 @@
 """Effects without a fixed shape as candidates: what they do to residuals, and who wins."""
 
-from dataclasses import replace
+import sys
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from bayes_inertia.inference.likelihood import padded_sensitivities
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.physics.effects import STOCHASTIC
+from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
 from bayes_inertia.physics.forward_model import Model
 
 
@@ -68,6 +70,49 @@ def test_of_a_clean_campaign_nothing_random_is_significant(plain):
     weighed = stochastic_candidates(plain, STOCHASTIC_CANDIDATES)
     assert {c.effect for c in weighed} == {"", *(e.name for e in STOCHASTIC_CANDIDATES)}
     assert max(c.log_bayes_factor for c in weighed) < 5.0
+
+
+@dataclass(frozen=True)
+class WalkOfEachSlew(RateRandomWalk):
+    """A random walk that begins anew in every slew."""
+
+    def covariance_across_slews(self, p, slews):
+        return None
+
+
+def walking(campaign, density, seed):
+    """The campaign with a rate bias that walks, in each slew and between them."""
+    rng = np.random.default_rng(seed)
+    time = np.concatenate([s.start + s.time for s in campaign.slews])
+    step = np.sqrt(np.diff(time, prepend=time[0]))[:, None] * rng.normal(size=(len(time), 3))
+    walk = density * step.cumsum(0)
+    walk -= walk[np.abs(time - np.mean(campaign.span)).argmin()]
+    parts = iter(np.split(walk, np.cumsum([len(s.time) for s in campaign.slews])[:-1]))
+    slews = tuple(replace(s, rate=s.rate + next(parts)) for s in campaign.slews)
+    return replace(campaign, slews=slews)
+
+
+@pytest.mark.slow
+def test_a_walk_is_weighed_as_one_process_over_the_campaign(clean, monkeypatch):
+    """Its values in several slews belong together: that tells it from other shapes. On knots, and
+    where it is filtered out.
+    """
+    gains = []
+    for seed in range(4):
+        campaign = walking(clean, 0.03 * clean.rate_sensor.sigma[0], seed)
+        fit = optimizer.estimate(Model(campaign), starts=1, discount=False)
+        for on_knots in (False, True):
+            with monkeypatch.context() as patched:
+                if on_knots:
+                    module = sys.modules[stochastic_candidates.__module__]
+                    patched.setattr(module, "filtered_effects", lambda *_: ())
+                one, apart = (
+                    stochastic_candidates(fit, [effect], nameless=False)[0].log_bayes_factor
+                    for effect in (RateRandomWalk(), WalkOfEachSlew())
+                )
+            gains.append(one - apart)
+    for found in (gains[::2], gains[1::2]):
+        assert np.mean(found) > 2.0 * np.std(found) / np.sqrt(len(found))
 
 
 def test_noise_that_the_campaign_states_is_no_candidate(clean):
