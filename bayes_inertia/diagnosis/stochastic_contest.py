@@ -90,13 +90,11 @@ def contest(
         replace(step, nameless=_nameless(at)) for step, at in zip(steps, weighed, strict=False)
     )
     best = [next((c for c in at if c.effect), None) for at in weighed]
-    evidence = [
-        c.log_bayes_factor if c is not None and p_value(c) < rounds[0].threshold else -np.inf
-        for c in best
-    ]
+    evidence = standing(best, rounds[0].threshold)
     claims = [step.log_bayes_factor for step in kept]
     k, lead = best_level(claims, evidence, len(rounds[0].candidates) + len(effects))
-    close = k == len(kept) - 1 and abs(lead) < rules.log_evidence_margin
+    margin = rules.log_evidence_margin
+    close = k == len(kept) - 1 and abs(lead) < margin
     near = best[k]
     if lead > 0.0:
         at = weighed[k]
@@ -104,9 +102,11 @@ def contest(
             at = stochastic_candidates(levels[k], effects)
         step = _named(levels[k], at, effects, rules)
         cost = np.log(len(rounds[0].candidates) + len(effects))
-        k, step = _without_needless(kept[:k], step, weighed, effects, cost)
-        if close and k == len(kept) - 1:
-            step = _with_alternative(step, _as_alternative(kept[k]), rules)
+        rivals = [s for s in kept[k : k + 1] if abs(evidence[k] - claims[k]) < margin]
+        before, step = _without_needless(kept[:k], step, weighed, effects, cost)
+        if before == k and rivals:
+            step = _with_alternative(step, _as_alternative(rivals[0]), rules)
+        k = before
         instances = {effect.name: effect for effect in final.model.effects}
         displaced = tuple(instances[s.added] for s in kept[k:])
         return Contest((*kept[:k], step), step.after, weighed, displaced)
@@ -158,6 +158,39 @@ def _with_alternative(step: Step, alternative: AlternativeEffect, rules: Rules) 
 def _as_alternative(step: Step) -> AlternativeEffect:
     """What a step added, as what could be there instead."""
     return AlternativeEffect(step.added, step.after, step.log_bayes_factor, _NOT_COMPARED)
+
+
+def standing(best: Sequence[StochasticCandidate | None], threshold: float) -> list[float]:
+    """What the best effect without a fixed shape is worth after each number of steps.
+
+    Where the search added a step something is missing for sure, and what could be there instead
+    needs no significance of its own. After the last step it does.
+
+    Parameters
+    ----------
+    best : sequence of StochasticCandidate or None
+        At the fit before each step and after the last.
+    threshold : float
+        Of the p-value, for an effect that nothing else speaks for.
+
+    Returns
+    -------
+    list of float
+        Log evidence; -inf where the effect does not count.
+
+    Examples
+    --------
+    >>> weak = StochasticCandidate("rate_random_walk", "rate sensor", 5.0)
+    >>> standing([weak], 1e-3), standing([weak, weak], 1e-3)
+    ([-inf], [5.0, -inf])
+    """
+    last = len(best) - 1
+    return [
+        c.log_bayes_factor
+        if c is not None and (k < last or p_value(c) < threshold)
+        else -float("inf")
+        for k, c in enumerate(best)
+    ]
 
 
 def best_level(
