@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax.scipy.linalg import block_diag
 
@@ -15,6 +16,8 @@ from bayes_inertia.physics.stochastic_effect import StochasticEffect
 _SEED = 20251
 # Eigenvalues of a correlation matrix below this are taken for zero.
 _SMALLEST_EIGENVALUE = 1e-12
+# Of the largest number of a covariance.
+_ROUNDING = 1e-9
 
 
 def coefficient_draw(model: Model) -> np.ndarray:
@@ -84,6 +87,38 @@ def check_coefficients(effect: Effect, model: Model, points: np.ndarray) -> None
             "the covariance of the coefficients is not positive definite",
             "leave out coefficients that others determine, or give each a variance",
         )
+    _check_across_slews(effect, model, points[-1])
+
+
+def _check_across_slews(effect: StochasticEffect, model: Model, theta: np.ndarray) -> None:
+    """Check the covariance of all slews, where the effect has one."""
+    structure, slews = model.structure, model.data.arrays.slews.context
+    active = structure.active_effects(jnp.asarray(theta))
+    ((_, p),) = active
+    given = guarded(
+        effect,
+        "covariance_across_slews(p, slews)",
+        lambda: effect.covariance_across_slews(p, slews),
+    )
+    if given is None:
+        return
+    covariance = np.asarray(given)
+    (blocks,) = jax.vmap(lambda slew: prior_blocks(active, structure.coefficients, slew))(slews)
+    size = blocks.shape[0] * blocks.shape[-1]
+    require_of_effect(
+        covariance.shape == (size, size),
+        effect,
+        f"covariance_across_slews has the shape {covariance.shape}",
+        f"return {size} rows and columns: the coefficients of one block, slew by slew",
+    )
+    scale = max(float(np.abs(covariance).max()), 1e-300)
+    symmetric = np.abs(covariance - covariance.T).max() <= _ROUNDING * scale
+    require_of_effect(
+        bool(symmetric and np.linalg.eigvalsh(covariance).min() >= -_ROUNDING * scale * size),
+        effect,
+        "covariance_across_slews is no covariance",
+        "return a symmetric matrix without negative eigenvalues",
+    )
 
 
 def _roots(model: Model, points: np.ndarray) -> np.ndarray:

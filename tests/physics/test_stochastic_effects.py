@@ -204,6 +204,18 @@ class WrongShape(RateBiasSlewDrift):
         return p["sd"] * jnp.ones((3, 2))
 
 
+@dataclass(frozen=True)
+class WrongShapeAcrossSlews(RateBiasSlewDrift):
+    def covariance_across_slews(self, p, slews):
+        return p["sd"] ** 2 * jnp.eye(1)
+
+
+@dataclass(frozen=True)
+class NoCovarianceAcrossSlews(RateBiasSlewDrift):
+    def covariance_across_slews(self, p, slews):
+        return -(p["sd"] ** 2) * jnp.eye(len(slews.start))
+
+
 @pytest.mark.parametrize(
     ("broken", "says"),
     [
@@ -212,6 +224,8 @@ class WrongShape(RateBiasSlewDrift):
         (NotFinite, "not finite"),
         (NoCoefficients, "coefficient_count"),
         (WrongShape, "shape"),
+        (WrongShapeAcrossSlews, "covariance_across_slews has the shape"),
+        (NoCovarianceAcrossSlews, "covariance_across_slews is no covariance"),
     ],
 )
 def test_broken_covariances_are_refused(broken, says):
