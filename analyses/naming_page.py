@@ -33,9 +33,10 @@ several of those campaigns; those of 3 times were new to it. Then campaigns from
 library. Then random effects of the size that an ideal test finds, clean campaigns and those with
 stated noise, after two further changes: a random walk is weighed as one process over the campaign,
 and what has no fixed shape needs no significance of its own where a step of the search shows that
-something is missing. Both were made with the first four random walks and the first star trackers of
-these rows, which were called `rate_bias_drift` and `star_tracker_shift` before. Older code had
-named 136 of 140 with tachometers, 56 of 60 without, a wrong name without the truth in 1 and 3.
+something is missing. Both were made with the first random walks and star trackers of these rows:
+four walks in eight were called `rate_bias_drift` before, one star tracker still is taken for two
+effects of a fixed shape. Older code had named 136 of 140 with tachometers, 56 of 60 without, a
+wrong name without the truth in 1 and 3.
 
 Not flown again since: two thirds of the size, effects of a fixed shape beside wandering noise and
 outliers, stated noise without tachometers."""
