@@ -27,12 +27,12 @@ class CandidateRoots:
     ----------
     blocks : (slews, b, m, m) array
         Of each slew, where slews are independent: the diagonal blocks.
-    joint : (slews b m, slews b m) array or None
-        Of all slews, where these are one process.
+    across : (slews m, slews m) array or None
+        Of one block in all slews, where these are one process.
     """
 
     blocks: np.ndarray
-    joint: np.ndarray | None = None
+    across: np.ndarray | None = None
 
     @property
     def each(self) -> np.ndarray:
@@ -41,8 +41,14 @@ class CandidateRoots:
 
     @property
     def best(self) -> np.ndarray:
-        """Of all slews where they are one process, else of each."""
-        return self.each if self.joint is None else self.joint
+        """Of all slews (slews b m, slews b m) where they are one process, else of each."""
+        if self.across is None:
+            return self.each
+        n, b, m, _ = self.blocks.shape
+        joint = np.zeros((n, b, m, n, b, m))
+        for i in range(b):
+            joint[:, i, :, :, i] = self.across.reshape(n, m, n, m)
+        return joint.reshape(n * b * m, n * b * m)
 
 
 def candidate_roots(
@@ -69,12 +75,7 @@ def candidate_roots(
         return CandidateRoots(blocks)
     covariance = np.asarray(across)
     floor = _JITTER * np.trace(covariance) / len(covariance)
-    root = np.linalg.cholesky(covariance + floor * np.eye(len(covariance)))
-    n, b, m, _ = blocks.shape
-    joint = np.zeros((n, b, m, n, b, m))
-    for i in range(b):
-        joint[:, i, :, :, i] = root.reshape(n, m, n, m)
-    return CandidateRoots(blocks, joint.reshape(n * b * m, n * b * m))
+    return CandidateRoots(blocks, np.linalg.cholesky(covariance + floor * np.eye(len(covariance))))
 
 
 def dense(blocks: np.ndarray) -> np.ndarray:

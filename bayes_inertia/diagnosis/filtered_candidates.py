@@ -8,13 +8,13 @@ approximation.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.diagnosis.signal_evidence import SignalEvidence
+from bayes_inertia.diagnosis.signal_evidence import GainOfSizes, SignalEvidence
 from bayes_inertia.inference.filtered_evidence import FilteredEvidence
 from bayes_inertia.inference.filtered_sizes import EvidencePeak, evidence_peak, noise_level_used
 from bayes_inertia.inference.linearised_fit import LinearisedFit
@@ -29,6 +29,21 @@ _STRONG = 15.0
 _SHARE_OF_BEST = 0.7
 # A level of the noise above one by this much has to compete with the stated one.
 _HIGHER_LEVEL = 1e-3
+
+
+def is_strong(on_knots: SignalEvidence) -> bool:
+    """Whether a first-order process of the rates would be filtered.
+
+    Parameters
+    ----------
+    on_knots : SignalEvidence
+        What it is worth on knots.
+
+    Returns
+    -------
+    bool
+    """
+    return on_knots.log_bayes_factor >= _STRONG
 
 
 def filtered_effects(
@@ -84,7 +99,7 @@ def filtered_candidate(
     effect: StochasticEffect,
     begin: np.ndarray,
     own: SignalEvidence,
-    gain: Callable[[np.ndarray], np.ndarray] | None = None,
+    gain: GainOfSizes | None = None,
 ) -> tuple[float, tuple[float, ...]]:
     """Weigh a first-order process of the rates.
 
@@ -98,9 +113,9 @@ def filtered_candidate(
         Its parameters where the evidence on knots is largest.
     own : SignalEvidence
         On knots: over which sizes it was averaged, in medians of the prior.
-    gain : callable, optional
-        Log evidence (n,) that sizes (n,), in medians of the prior, gain where the process goes on
-        between slews: the filter begins anew in every slew.
+    gain : GainOfSizes, optional
+        What sizes, in medians of the prior, gain where the process goes on between slews: the
+        filter begins anew in every slew.
 
     Returns
     -------

@@ -30,6 +30,9 @@ _SIZES = 32
 # Smallest size: signal-to-noise amplitude in its clearest direction, and a share of the largest.
 _INVISIBLE, _LARGEST_START = 0.3, 0.1
 
+# From sizes (n,) to what each gains in log evidence (n,).
+GainOfSizes = Callable[[np.ndarray], np.ndarray]
+
 
 @array_dataclass
 class ProjectedSignal:
@@ -177,7 +180,7 @@ def signal_evidence(
 
 def gain_of_one_process(
     signal: ProjectedSignal, joint: np.ndarray, each: np.ndarray
-) -> Callable[[np.ndarray], np.ndarray]:
+) -> GainOfSizes:
     """Log evidence that a signal of known size gains by going on between slews.
 
     Parameters
@@ -191,8 +194,8 @@ def gain_of_one_process(
 
     Returns
     -------
-    callable
-        From sizes (n,), in units of both roots, to the gains (n,).
+    GainOfSizes
+        Sizes are in units of both roots.
 
     Examples
     --------

@@ -17,8 +17,13 @@ import numpy as np
 
 from bayes_inertia.diagnosis.candidate_roots import CandidateRoots, candidate_roots, dense
 from bayes_inertia.diagnosis.coefficient_columns import PROGRAMS, coefficient_columns
-from bayes_inertia.diagnosis.filtered_candidates import filtered_candidate, filtered_effects
+from bayes_inertia.diagnosis.filtered_candidates import (
+    filtered_candidate,
+    filtered_effects,
+    is_strong,
+)
 from bayes_inertia.diagnosis.signal_evidence import (
+    GainOfSizes,
     ProjectedSignal,
     SignalEvidence,
     gain_of_one_process,
@@ -152,20 +157,22 @@ def stochastic_candidates(
     roots = [_roots_at(model, x) for x in _SHAPES]
     candidates: list[StochasticCandidate] = []
     on_knots: dict[StochasticEffect, SignalEvidence] = {}
-    signals: dict[StochasticEffect, tuple[ProjectedSignal, CandidateRoots]] = {}
+    gains: dict[StochasticEffect, GainOfSizes] = {}
     for i, effect in enumerate(both):
         columns = coefficient_columns(response, effect)
         if columns.any():
             own = [of_all[i] for of_all in roots]
             signal = projected_signal(fit, columns)
             on_knots[effect] = _on_knots(effect, model, signal, own)
-            signals[effect] = signal, own[on_knots[effect].shape]
+            at_best = own[on_knots[effect].shape]
+            if at_best.across is not None and is_strong(on_knots[effect]):
+                gains[effect] = gain_of_one_process(signal, at_best.best, at_best.each)
             if nameless:
                 candidates += _without_a_name(effect, model, signal, [x.blocks for x in own])
     filtered = filtered_effects(fit, on_knots)
     for effect, evidence in on_knots.items():
         if effect in filtered:
-            candidates.append(_filtered(effect, model, evidence, fit, *signals[effect]))
+            candidates.append(_filtered(effect, model, evidence, fit, gains.get(effect)))
         else:
             candidates.append(_weighed(effect, model, evidence))
     return tuple(sorted(candidates, key=lambda c: -c.log_bayes_factor))
@@ -267,17 +274,13 @@ def _filtered(
     model: Model,
     own: SignalEvidence,
     fit: LinearisedFit,
-    signal: ProjectedSignal,
-    roots: CandidateRoots,
+    gain: GainOfSizes | None,
 ) -> StochasticCandidate:
     """The candidate that an effect is, its whole process filtered out of the readings.
 
     The filter begins anew in every slew: what a process gains by going on between them is told
     by its knots.
     """
-    gain = None
-    if roots.joint is not None:
-        gain = gain_of_one_process(signal, roots.joint, roots.each)
     value, start = filtered_candidate(fit, effect, _best(effect, model, own), own, gain)
     return StochasticCandidate(effect.name, _source(effect), value, start)
 
