@@ -9,6 +9,7 @@ import json
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ANALYSES = Path(__file__).resolve().parents[2] / "analyses"
@@ -98,3 +99,28 @@ def test_committed_page_is_what_the_committed_results_say(load, tmp_path):
         for file, _ in json.loads(text)["figures"]:
             assert (ANALYSES.parent / "figures" / file).is_file()
     assert common.write_page(tmp_path).read_text() == (ANALYSES / "PAPER.md").read_text()
+
+
+@pytest.mark.slow
+def test_scatter_is_what_repeated_campaigns_show(load):
+    """Errors of ten campaigns at 50 times our noise, whitened by the predicted scatter, are
+    standard normal.
+    """
+    common = load("common")
+    from bayes_inertia.flight.plan import paper_like_plan
+    from bayes_inertia.inference.optimizer import estimate
+    from bayes_inertia.physics.forward_model import Model
+
+    truth, initial = common.SIMULATION.truth, common.SIMULATION.initial
+    quiet = common.flown(paper_like_plan(), common.spacecraft_of(truth), seed=1)
+    s = common.scatter(estimate(Model(quiet.campaign), starts=1), initial - truth, (50.0,) * 3)
+    white = np.linalg.inv(np.linalg.cholesky(s.covariance))
+    n, chi2 = 10, 0.0
+    for seed in range(n):
+        flight = common.flown(paper_like_plan(), common.spacecraft_of(truth, 50.0), seed=seed)
+        error = white @ (
+            estimate(Model(flight.campaign), starts=1, discount=False).theta - truth - s.mean
+        )
+        chi2 += float(error @ error)
+    # chi^2 of 9 n degrees of freedom, four of its standard deviations
+    assert abs(chi2 - 9 * n) < 4.0 * np.sqrt(2 * 9 * n)

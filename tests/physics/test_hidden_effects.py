@@ -20,7 +20,9 @@ DATA = Path(__file__).resolve().parents[1] / "data"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("folder", "name"), [("hidden_dipole", "magnetic_dipole")])
+@pytest.mark.parametrize(
+    ("folder", "name"), [("hidden_lag", "wheel_command_lag"), ("hidden_dipole", "magnetic_dipole")]
+)
 def test_hidden_effects_of_another_simulator_are_found_at_their_true_size(folder, name):
     path = DATA / folder
     truth = json.loads((path / "truth.json").read_text())
