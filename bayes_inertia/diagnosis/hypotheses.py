@@ -2,11 +2,9 @@
 
 A search weighs many hypotheses on its way: at each of its fits one effect more, each of the
 library, those without a fixed shape, and shapes without a name. The log evidence of a hypothesis is
-what its effects claim, one after the other. Beforehand it is as likely as not that nothing is
-missing, and beside what acts there is one thing more in one of ten; sets of one size are alike, and
-"no name" counts as one candidate among the others (Scott and Berger 2010). What a p-value of the
-final residuals says against all names is at most -1 / (e p log p) (Sellke, Bayarri and Berger
-2001).
+what its effects claim, one after the other; `prior_of_sets` says how likely each is beforehand.
+"No name" counts as one candidate among the others. What a p-value of the final residuals says
+against all names is at most -1 / (e p log p) (Sellke, Bayarri and Berger 2001).
 
 Evidences are of linearised models, and of effects whose true shapes differ from the library's: they
 are more certain than they should be. They count divided by a temperature (`Rules`).
@@ -17,11 +15,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy.special import gammaln, logsumexp
+from scipy.special import logsumexp
 
+from bayes_inertia.diagnosis.prior_of_sets import log_prior_of_set
 from bayes_inertia.diagnosis.refitting import ScoredRound
 from bayes_inertia.diagnosis.result import Hypothesis, NamelessShape, Step
 from bayes_inertia.diagnosis.rules import Rules
@@ -30,8 +30,6 @@ from bayes_inertia.inference.laplace import Estimate
 
 # Sets of effects that are listed: the most probable ones; the others are one row.
 _LISTED = 8
-# Beforehand: that something is missing, and that there is one thing more beside what acts.
-_MISSING, _FURTHER = 0.5, 0.1
 _LEAST_P_VALUE = 1e-300
 
 
@@ -160,9 +158,9 @@ def hypotheses(
         if level.nameless
     ]
     nameless.append((len(final) + 1, sets[final] + log_evidence_of(p_value)))
-    members = candidates + 1
+    beforehand = partial(log_prior_of_set, members=candidates + 1)
     rows = [
-        Hypothesis("effects" if names else "nothing", names, log_prior(len(names), members), value)
+        Hypothesis("effects" if names else "nothing", names, beforehand(len(names)), value)
         for names, value in sets.items()
     ]
     rows = sorted(rows, key=lambda row: -(row.log_prior + row.log_evidence))
@@ -171,9 +169,7 @@ def hypotheses(
     listed = [*nothing, *named[:_LISTED]]
     if named[_LISTED:]:
         listed.append(_together("others", named[_LISTED:]))
-    shapes = [
-        Hypothesis("nameless", (), log_prior(size, members), value) for size, value in nameless
-    ]
+    shapes = [Hypothesis("nameless", (), beforehand(size), value) for size, value in nameless]
     return _normalised([*listed, _together("nameless", shapes)], rules.evidence_temperature)
 
 
@@ -195,31 +191,6 @@ def _sets(levels: Sequence[Level], steps: Sequence[Step]) -> dict[tuple[str, ...
             value = claimed + other.log_bayes_factor - step.log_bayes_factor
             weighed.setdefault(frozenset(names), (names, value))
     return dict(weighed.values())
-
-
-def log_prior(size: int, members: int) -> float:
-    """Log probability beforehand of one set of effects.
-
-    Parameters
-    ----------
-    size : int
-        How many effects it holds.
-    members : int
-        How many there are to choose from.
-
-    Returns
-    -------
-    float
-
-    Examples
-    --------
-    >>> [round(float(np.exp(log_prior(size, 10))), 4) for size in (0, 1, 2)]
-    [0.5, 0.045, 0.001]
-    """
-    choices = gammaln(members + 1) - gammaln(size + 1) - gammaln(members - size + 1)
-    if size == 0:
-        return float(np.log(1.0 - _MISSING))
-    return float(np.log(_MISSING * (1.0 - _FURTHER) * _FURTHER ** (size - 1)) - choices)
 
 
 def log_evidence_of(p_value: float) -> float:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from bayes_inertia.diagnosis.driven_disturbances import DRIVEN_BY_LIBRARY, driven_evidence
+from bayes_inertia.diagnosis.prior_of_sets import cost_of_further
 from bayes_inertia.diagnosis.result import AlternativeEffect, NamelessShape, Step
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.diagnosis.torque_response import torque_response
@@ -73,7 +74,7 @@ def nameless_rival(
     torque or sensor error of any shape has far more freedom and pays for it in evidence; one in
     proportion to something known (`driven_disturbances`) has about as much. Where either wins
     clearly, the names are not the cause. A claim of several effects at once pays for each further
-    choice among the candidates (Scott and Berger 2010).
+    one (`prior_of_sets`).
 
     Parameters
     ----------
@@ -90,9 +91,10 @@ def nameless_rival(
         The disturbance that comes nearest, with the log evidence by which it beats all effects
         named, or the last of them, whichever is more, and from which step on; -inf without steps.
     """
-    claimed, rival = np.log(candidates), Rival("", -np.inf, 0)
+    evidence, rival = 0.0, Rival("", -np.inf, 0)
     for i in reversed(range(len(steps))):
-        claimed += steps[i].log_bayes_factor - np.log(candidates)
+        evidence += steps[i].log_bayes_factor
+        claimed = evidence - cost_of_further(i + 1, len(steps) - i - 1, candidates + 1)
         near = max(shapes[i], key=lambda shape: shape.log_bayes_factor)
         if near.log_bayes_factor - claimed > rival.log_bayes_factor:
             rival = Rival(near.source, float(near.log_bayes_factor - claimed), i)

@@ -1,10 +1,9 @@
 """Effects without a fixed shape against the effects that a search has added, on equal terms.
 
 Each hypothesis is the first so many effects of the search, with or without one effect that has no
-fixed shape beside them. Its log evidence is the sum of what its effects claim, less what the choice
-among the candidates costs (Scott and Berger 2010). The best is kept; what cannot be told from it
-stays beside it. Where a shape without a name explains the data as well or better, `conclusion` says
-so.
+fixed shape beside them. Its log evidence is the sum of what its effects claim, less what each
+further one costs (`prior_of_sets`). The best is kept; what cannot be told from it stays beside it.
+Where a shape without a name explains the data as well or better, `conclusion` says so.
 """
 
 from __future__ import annotations
@@ -16,6 +15,7 @@ import numpy as np
 
 from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.diagnosis.evidence import log_evidence_of_fit
+from bayes_inertia.diagnosis.prior_of_sets import cost_of_further
 from bayes_inertia.diagnosis.refitting import ScoredRound
 from bayes_inertia.diagnosis.result import AlternativeEffect, Candidate, NamelessShape, Step
 from bayes_inertia.diagnosis.rules import Rules
@@ -92,7 +92,8 @@ def contest(
     best = [next((c for c in at if c.effect), None) for at in weighed]
     evidence = standing(best, rounds[0].threshold)
     claims = [step.log_bayes_factor for step in kept]
-    k, lead = best_level(claims, evidence, len(rounds[0].candidates) + len(effects))
+    members = len(rounds[0].candidates) + len(effects) + 1
+    k, lead = best_level(claims, evidence, members)
     margin = rules.log_evidence_margin
     close = k == len(kept) - 1 and abs(lead) < margin
     near = best[k]
@@ -101,9 +102,8 @@ def contest(
         if all(c.effect for c in at):
             at = stochastic_candidates(levels[k], effects)
         step = _named(levels[k], at, effects, rules)
-        cost = np.log(len(rounds[0].candidates) + len(effects))
         rivals = [s for s in kept[k : k + 1] if abs(evidence[k] - claims[k]) < margin]
-        before, step = _without_needless(kept[:k], step, weighed, effects, cost)
+        before, step = _without_needless(kept[:k], step, weighed, effects, members)
         if before == k and rivals:
             step = _with_alternative(step, _as_alternative(rivals[0]), rules)
         k = before
@@ -121,7 +121,7 @@ def _without_needless(
     step: Step,
     weighed: Sequence[Sequence[StochasticCandidate]],
     effects: Sequence[StochasticEffect],
-    cost: float,
+    members: int,
 ) -> tuple[int, Step]:
     """Steps that are needed before one without a fixed shape, and that step after them.
 
@@ -138,7 +138,7 @@ def _without_needless(
         fitted = with_stochastic(first.before, _instances(effects)[step.added], same.start)
         fitted = with_noise(fitted, dict(zip(CHANNELS, level, strict=True)))
         gain = log_evidence_of_fit(fitted) - log_evidence_of_fit(step.after)
-        if gain + (len(before) - k) * cost > 0.0:
+        if gain + cost_of_further(k + 1, len(before) - k, members) > 0.0:
             claimed = sum(s.log_bayes_factor for s in (*before[k:], step)) + gain
             return k, replace(
                 step,
@@ -194,7 +194,7 @@ def standing(best: Sequence[StochasticCandidate | None], threshold: float) -> li
 
 
 def best_level(
-    claims: Sequence[float], evidence: Sequence[float], candidates: int
+    claims: Sequence[float], evidence: Sequence[float], members: int
 ) -> tuple[int, float]:
     """After how many steps one effect without a fixed shape is best added.
 
@@ -205,8 +205,8 @@ def best_level(
     evidence : sequence of float
         Log evidence of the best effect without a fixed shape, against the fit before each step
         and after the last; -inf where none is significant.
-    candidates : int
-        How many there were to choose from: each choice beyond the first costs its log.
+    members : int
+        How many there were to choose from; "no name" is one of them.
 
     Returns
     -------
@@ -222,10 +222,12 @@ def best_level(
     >>> best_level([30.0], [20.0, -np.inf], 25)
     (0, -10.0)
     """
-    cost = np.log(candidates)
-    totals = [sum(claims[:k]) + of_level - k * cost for k, of_level in enumerate(evidence)]
+    totals = [
+        sum(claims[:k]) + of_level - cost_of_further(0, k + 1, members)
+        for k, of_level in enumerate(evidence)
+    ]
     level = int(np.argmax(totals))
-    alone = sum(claims) - (len(claims) - 1) * cost if claims else 0.0
+    alone = sum(claims) - cost_of_further(0, len(claims), members)
     return level, float(totals[level] - alone)
 
 

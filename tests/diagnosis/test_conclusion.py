@@ -14,6 +14,7 @@ from bayes_inertia.diagnosis.nameless import (
     nameless_shapes,
     names_may_imitate,
 )
+from bayes_inertia.diagnosis.prior_of_sets import cost_of_further
 from bayes_inertia.diagnosis.result import AlternativeEffect, NamelessShape, Step
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.inference.residual_tests import chi2_test
@@ -101,7 +102,7 @@ def test_a_random_effect_is_weighed_against_what_is_averaged_as_it_is(monkeypatc
         "rate sensor that follows body rate", pytest.approx(-13.0), 0
     )
     both = (Step("constant_torque", fit, fit, 4.0, nameless=shapes), weak)
-    assert rival_of(both, 24).log_bayes_factor == pytest.approx(1.0 + math.log(24.0))
+    assert rival_of(both, 24).log_bayes_factor == pytest.approx(1.0 + cost_of_further(1, 1, 25))
 
 
 def test_only_too_much_or_structure_is_misfit():

@@ -9,9 +9,9 @@ from bayes_inertia.diagnosis.hypotheses import (
     Level,
     hypotheses,
     log_evidence_of,
-    log_prior,
     with_shapes,
 )
+from bayes_inertia.diagnosis.prior_of_sets import cost_of_further, log_prior_of_set
 from bayes_inertia.diagnosis.result import AlternativeEffect, NamelessShape, Step
 from bayes_inertia.diagnosis.rules import Rules
 
@@ -36,7 +36,7 @@ def test_without_evidence_nothing_is_the_most_probable_answer():
 
 
 def test_the_priors_of_all_sets_add_up():
-    total = sum(np.exp(log_prior(k, 12)) * _choices(12, k) for k in range(13))
+    total = sum(np.exp(log_prior_of_set(k, 12)) * _choices(12, k) for k in range(13))
     assert total == pytest.approx(1.0, abs=1e-9)
 
 
@@ -81,3 +81,15 @@ def test_a_temperature_makes_statements_less_sure_and_keeps_their_order():
     calm = _probabilities(levels, [], 0.4, 25, rules=Rules(evidence_temperature=3.0))
     assert calm[("lag",)] < sure[("lag",)]
     assert calm[("lag",)] / calm[("friction",)] == pytest.approx(np.exp(2.0))
+
+
+def test_each_further_effect_must_bring_more_than_it_costs():
+    """A set and a larger one are even where the larger one's evidence exceeds by the cost."""
+    cost = cost_of_further(1, 2, 13)
+    levels = [
+        Level((), 0.0, {"lag": 40.0}, ()),
+        Level(("lag",), 40.0, {"friction": 40.0 + cost}, ()),
+        Level(("lag", "friction"), 80.0 + cost, {"bias": -40.0}, ()),
+    ]
+    told = _probabilities(levels, [Step("lag", FIT, FIT, 40.0)], 0.4, 12)
+    assert told[("lag", "friction", "bias")] == pytest.approx(told[("lag",)])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from bayes_inertia.diagnosis.coefficient_columns import coefficient_columns
+from bayes_inertia.diagnosis.prior_of_sets import cost_of_further
 from bayes_inertia.diagnosis.stochastic_candidates import (
     STOCHASTIC_CANDIDATES,
     medians,
@@ -133,6 +134,6 @@ def test_a_random_effect_replaces_the_names_that_imitate_it():
     assert best_level([30.0, 20.0], [80.0, 40.0, none], 25)[0] == 0
     assert best_level([300.0, 20.0], [80.0, 40.0, none], 25)[0] == 1
     level, lead = best_level([300.0], [80.0, 40.0], 25)
-    assert (level, lead) == (1, pytest.approx(40.0 - np.log(25.0)))
+    assert (level, lead) == (1, pytest.approx(40.0 - cost_of_further(1, 1, 25)))
     assert best_level([300.0, 200.0], [80.0, 40.0, none], 25)[1] < 0.0
-    assert best_level([], [12.0], 25) == (0, 12.0)
+    assert best_level([], [12.0], 25) == (0, pytest.approx(12.0 - cost_of_further(0, 1, 25)))
