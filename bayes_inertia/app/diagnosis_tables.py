@@ -128,7 +128,12 @@ def step_row(step: Step) -> dict[str, Any]:
         "added": step.added,
         "log_bayes_factor": step.log_bayes_factor,
         "alternatives": [
-            {"effect": other.effect, "correlation": other.correlation}
+            {
+                "effect": other.effect,
+                "beside": list(other.beside),
+                "replaces": list(other.replaces),
+                "correlation": other.correlation,
+            }
             for other in step.alternatives
         ],
         "reduced_chi2_before": {key: t.reduced_chi2 for key, t in step.before.tests.items()},

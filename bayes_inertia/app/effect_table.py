@@ -14,12 +14,11 @@ from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY
 from bayes_inertia.physics.outside_effects import installed_effects
 from bayes_inertia.physics.parameters import LogNormal, Parameter, Prior
+from bayes_inertia.physics.simulator import BODY_HOOKS, LOOKING_BACK
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 from bayes_inertia.report.formatting import listed
 
 FORMAT = "bayes-inertia-effects/1"
-# Methods of `Effect` that do not act on the model.
-_NO_HOOKS = ("parameters", "max_step", "afterwards", "acts")
 
 
 def effects_json(effects: Sequence[Effect], campaign: Campaign) -> dict[str, Any]:
@@ -83,17 +82,9 @@ def _row(effect: Effect, campaign: Campaign) -> dict[str, Any]:
         "kind": kind,
         "says": (inspect.getdoc(type(effect)) or "").split("\n\n")[0].replace("\n", " "),
         "needs": list(effect.needs),
-        "hooks": [hook for hook in _hooks() if effect.acts(hook)],
+        "hooks": [hook for hook in (*BODY_HOOKS, *LOOKING_BACK) if effect.acts(hook)],
         "parameters": [_parameter_row(p) for p in effect.parameters(campaign)],
     }
-
-
-def _hooks() -> list[str]:
-    return [
-        name
-        for name, value in vars(Effect).items()
-        if inspect.isfunction(value) and not name.startswith("_") and name not in _NO_HOOKS
-    ]
 
 
 def _parameter_row(p: Parameter) -> dict[str, Any]:

@@ -187,7 +187,8 @@ def _sets(levels: Sequence[Level], steps: Sequence[Step]) -> dict[tuple[str, ...
     weighed[frozenset(final)] = (final, claimed)
     for i, step in enumerate(steps):
         for other in step.alternatives:
-            names = (*final[:i], other.effect, *final[i + 1 :])
+            kept = (name for name in final[i + 1 :] if name not in other.replaces)
+            names = (*final[:i], other.effect, *other.beside, *kept)
             value = claimed + other.log_bayes_factor - step.log_bayes_factor
             weighed.setdefault(frozenset(names), (names, value))
     return dict(weighed.values())

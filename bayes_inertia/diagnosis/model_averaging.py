@@ -37,7 +37,8 @@ class AlternativeParameters:
     Parameters
     ----------
     effect : str
-        The effect assumed; a value of `nameless.NAMELESS` for what has no name.
+        The effect assumed, or several joined by "and"; a value of `nameless.NAMELESS` for what has
+        no name.
     instead_of : str
         The effect named; empty for one more effect, see `undetected_averaging`.
     probability : float
@@ -101,7 +102,7 @@ def alternative_parameters(diagnosis: Diagnosis) -> tuple[AlternativeParameters,
         return ()
     members = [
         _Member(
-            other.effect,
+            " and ".join((other.effect, *other.beside)),
             step.added,
             other.log_bayes_factor - step.log_bayes_factor,
             _exchanged(diagnosis, step, other),
@@ -158,7 +159,7 @@ def _with_remainders(diagnosis: Diagnosis, named: str) -> Estimate:
 
 def _exchanged(diagnosis: Diagnosis, step: Step, other: AlternativeEffect) -> Estimate:
     """The final fit with one effect in place of another."""
-    if len(diagnosis.steps) == 1:
+    if len(diagnosis.steps) == 1 or other.beside or other.replaces:
         start = with_noise(other.estimate, diagnosis.noise)
         return re_estimate(start, start.theta, start.free)
     start = move_to(diagnosis.final, _model_with(diagnosis.final, step.added, other))

@@ -154,7 +154,7 @@ def ambiguous_sets(
     """What the data cannot tell apart, the effects named first.
 
     A disturbance without a name that explains the data about as well as what was named from some
-    step on may stand in place of each of these names.
+    step on may stand in place of each of these names. So may one effect in place of several.
 
     Parameters
     ----------
@@ -177,10 +177,11 @@ def ambiguous_sets(
         near = [n.source for n in _nameless_equals(step, rules)] if random else []
         if equal and i >= rival.instead_of:
             near.append(rival.source.split(FOLLOWS)[0])
-        beside = [a.effect for a in step.alternatives]
-        beside += [NAMELESS[source] for source in dict.fromkeys(near)]
+        beside = [name for a in step.alternatives for name in (a.effect, *a.beside)]
+        beside += [a.effect for s in steps[:i] for a in s.alternatives if step.added in a.replaces]
+        beside += [NAMELESS[source] for source in near]
         if beside:
-            sets.append((step.added, *beside))
+            sets.append((step.added, *dict.fromkeys(beside)))
     return tuple(sets)
 
 

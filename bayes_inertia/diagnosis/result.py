@@ -55,12 +55,18 @@ class AlternativeEffect:
         Log evidence for it against the fit before the step.
     correlation : float
         Canonical correlation with the effect added: 1 if the data cannot tell them apart.
+    beside : tuple of str, optional
+        Effects that stand with it in that place: only together they explain the data.
+    replaces : tuple of str, optional
+        Effects of later steps that it makes needless as well.
     """
 
     effect: str
     estimate: Estimate
     log_bayes_factor: float
     correlation: float
+    beside: tuple[str, ...] = ()
+    replaces: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

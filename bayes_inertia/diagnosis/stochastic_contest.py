@@ -94,26 +94,45 @@ def contest(
     claims = [step.log_bayes_factor for step in kept]
     members = len(rounds[0].candidates) + len(effects) + 1
     k, lead = best_level(claims, evidence, members)
-    margin = rules.log_evidence_margin
-    close = k == len(kept) - 1 and abs(lead) < margin
     near = best[k]
     if lead > 0.0:
         at = weighed[k]
         if all(c.effect for c in at):
             at = stochastic_candidates(levels[k], effects)
         step = _named(levels[k], at, effects, rules)
-        rivals = [s for s in kept[k : k + 1] if abs(evidence[k] - claims[k]) < margin]
         before, step = _without_needless(kept[:k], step, weighed, effects, members)
-        if before == k and rivals:
-            step = _with_alternative(step, _as_alternative(rivals[0]), rules)
-        k = before
+        if before == k:
+            step = _beside_what_gave_way(step, kept[k:], lead, rules)
         instances = {effect.name: effect for effect in final.model.effects}
-        displaced = tuple(instances[s.added] for s in kept[k:])
-        return Contest((*kept[:k], step), step.after, weighed, displaced)
-    if near and close:
-        last = _with_alternative(kept[-1], _alternative(levels[k], near, effects), rules)
-        kept = (*kept[:-1], last)
+        displaced = tuple(instances[s.added] for s in kept[before:])
+        return Contest((*kept[:before], step), step.after, weighed, displaced)
+    if near and k < len(kept) and lead > -rules.log_evidence_margin:
+        other = _alternative(levels[k], near, effects)
+        kept = (*kept[:k], *_beside_one_instead(kept[k:], other, lead, rules))
     return Contest(kept, final, weighed)
+
+
+def _beside_what_gave_way(step: Step, gone: Sequence[Step], lead: float, rules: Rules) -> Step:
+    """An effect without a fixed shape, with the steps that it hardly beats as alternatives."""
+    margin = rules.log_evidence_margin
+    if gone and abs(step.log_bayes_factor - gone[0].log_bayes_factor) < margin:
+        step = _with_alternative(step, _as_alternative(gone[0]), rules)
+    if len(gone) < 2 or lead > margin:
+        return step
+    first, *others = (s.added for s in gone)
+    weight = step.log_bayes_factor - lead
+    together = AlternativeEffect(first, gone[-1].after, weight, _NOT_COMPARED, beside=tuple(others))
+    return _with_alternative(step, together, rules)
+
+
+def _beside_one_instead(
+    steps: Sequence[Step], other: AlternativeEffect, lead: float, rules: Rules
+) -> tuple[Step, ...]:
+    """Steps that an effect without a fixed shape hardly loses to, with it as their alternative."""
+    first, *later = steps
+    weight = first.log_bayes_factor + lead
+    other = replace(other, log_bayes_factor=weight, replaces=tuple(s.added for s in later))
+    return (_with_alternative(first, other, rules), *later)
 
 
 def _without_needless(

@@ -22,7 +22,7 @@ from bayes_inertia.inference.likelihood import Residuals
 from bayes_inertia.inference.noise_memory import Memory, innovations
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.prediction import Data, Structure, acting_in, start_of
+from bayes_inertia.physics.prediction import Data, Structure, acting_in, inertia_in, start_of
 from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_input import without_slow_error
 
@@ -199,17 +199,11 @@ def tangents(
     turn, change : (slews, n, 3, 6) arrays
         Change of attitude [rad, body axes] and rate [rad/s] per change of the start state.
     """
-    J = inertia_tensor.tensor(theta[:6])
 
     def of_slew(x, slew, telemetry, reference):
-        active, x = acting_in(structure, theta, x, slew.context)
-        J_of = (
-            inertia_tensor.without_wheel_spin(
-                J, slew.context.wheel_axes_B, slew.context.spin_inertia
-            )
-            if structure.includes_wheel_spin
-            else J
-        )
+        x, coefficients = structure.nuisances(x)
+        active = acting_in(structure, theta, coefficients, slew.context)
+        J = inertia_in(structure, theta, slew.context)
         if structure.drive == "measured" and structure.wheels:
             noise = (x[6:] * data.scale.local[6:]).reshape(structure.wheels, structure.modes)
             slew = without_slow_error(slew, telemetry.tachometer_modes, noise)
@@ -221,7 +215,7 @@ def tangents(
                 rate_B=begin.rate_B + y[3:],
             )
             setting = structure.drive, structure.rows_per_step
-            trajectory, _ = simulate_slew(slew, start, J_of, active, *setting)
+            trajectory, _ = simulate_slew(slew, start, J, active, *setting)
             return trajectory.attitude, trajectory.rate_B, trajectory.wheel_momentum
 
         (q, w, h), (dq, dw, _) = jax.vmap(

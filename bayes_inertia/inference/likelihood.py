@@ -16,6 +16,7 @@ from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.nuisances import Nuisances
 from bayes_inertia.physics.packing import Telemetry
 from bayes_inertia.physics.prediction import Data, Prediction, Structure, predict, predict_all
 
@@ -185,8 +186,9 @@ def _plain_sensitivities(
 
     def of_slew(x, slew, telemetry, reference, white_of_slew):
         def parts(z):
+            nuisances = structure.nuisances(z[d + b :])
             prediction = predict(
-                structure, z[:d], z[d + b :], z[d : d + b], slew, telemetry, reference, data
+                structure, z[:d], nuisances, z[d : d + b], slew, telemetry, reference, data
             )
             return whitened(structure, prediction, telemetry, white_of_slew)
 
@@ -202,12 +204,50 @@ def _plain_sensitivities(
     return jax.vmap(of_slew)(jnp.concatenate([shared, point.local], -1), *data.arrays, white)
 
 
+@KeptProgram
+def _sensor_columns(structure: Structure, point: Point, data: Data, white: Whitening) -> Residuals:
+    """Derivatives by the coefficients that only sensors feel: the motion is simulated once."""
+    chosen = structure.only_sensed
+    stops = np.cumsum(
+        [n for n, sensed in zip(structure.coefficients, chosen, strict=True) if sensed]
+    )
+
+    def of_slew(local, slew, telemetry, reference, white_of_slew):
+        start, coefficients = structure.nuisances(local)
+
+        def parts(z):
+            cut = iter(jnp.split(z, stops[:-1]))
+            mixed = tuple(
+                next(cut) if sensed else c for c, sensed in zip(coefficients, chosen, strict=True)
+            )
+            nuisances = Nuisances(start, mixed)
+            prediction = predict(
+                structure, point.theta, nuisances, point.bias, slew, telemetry, reference, data
+            )
+            return whitened(structure, prediction, telemetry, white_of_slew)
+
+        pieces = zip(coefficients, chosen, strict=True)
+        sensed = jnp.concatenate([c for c, is_sensed in pieces if is_sensed])
+        columns = jax.vmap(lambda v: jax.jvp(parts, (sensed,), (v,))[1], out_axes=-1)
+        return columns(jnp.eye(len(sensed)))
+
+    return jax.vmap(of_slew)(point.local, *data.arrays, white)
+
+
+def _sensor_sensitivities(
+    structure: Structure, point: Point, data: Data, white: Whitening
+) -> Residuals:
+    plain = _sensor_columns(structure, point, data, white._replace(memory=None))
+    return plain if white.memory is None else _remembered(plain, white.memory)
+
+
 def padded_sensitivities(
     model: Model, point: Point, white: Whitening, free: np.ndarray
 ) -> Sensitivities:
     """Sensitivities to everything fitted, padded: all fits of a model share compiled code.
 
-    Columns are taken some at a time; the last one is repeated to fill the last group.
+    Columns are taken some at a time; the last one is repeated to fill the last group. Those of
+    coefficients that only sensors feel come from a program of their own, which costs less.
 
     Parameters
     ----------
@@ -224,18 +264,46 @@ def padded_sensitivities(
     Sensitivities
         With at least f + 3 + n_local columns; what follows those is padding.
     """
-    d = model.space.size
-    columns = np.concatenate([free, np.arange(d, d + 3 + model.structure.n_local)])
-    columns = np.concatenate([columns, np.repeat(columns[-1:], -len(columns) % _COLUMNS_AT_ONCE)])
+    structure, d = model.structure, model.space.size
+    sensed = _is_only_sensed(structure)
+    columns = np.concatenate([free, np.arange(d, d + 3 + structure.n_local)])
+    moving = columns[: len(columns) - len(sensed)]
+    moving = np.concatenate([moving, columns[len(moving) :][~sensed]])
+    padding = -len(moving) % _COLUMNS_AT_ONCE
+    groups = np.concatenate([moving, np.repeat(moving[-1:], padding)])
     point = jax.tree.map(on_device, point)
     parts = [
-        sensitivities(model.structure, point, model.data, white, on_device(group))
-        for group in columns.reshape(-1, _COLUMNS_AT_ONCE)
+        sensitivities(structure, point, model.data, white, on_device(group))
+        for group in groups.reshape(-1, _COLUMNS_AT_ONCE)
     ]
-    by_channel = zip(*(part.jacobian for part in parts), strict=True)
-    return Sensitivities(
-        parts[0].residuals, Residuals(*(jnp.concatenate(groups, -1) for groups in by_channel))
-    )
+    jacobians = [part.jacobian for part in parts]
+    if sensed.any():
+        jacobians.append(_sensor_sensitivities(structure, point, model.data, white))
+    by_channel = [jnp.concatenate(pieces, -1) for pieces in zip(*jacobians, strict=True)]
+    if sensed.any():
+        by_channel = [
+            _in_order(j, on_device(_order(sensed, len(moving), padding))) for j in by_channel
+        ]
+    return Sensitivities(parts[0].residuals, Residuals(*by_channel))
+
+
+def _is_only_sensed(structure: Structure) -> np.ndarray:
+    """Of each coefficient of a slew (n_random,)."""
+    return np.repeat(np.array(structure.only_sensed, dtype=bool), structure.coefficients)
+
+
+def _order(sensed: np.ndarray, moving: int, padding: int) -> np.ndarray:
+    """Where each column stands among (moving ones, padding, sensed ones); padding comes last."""
+    place = np.empty(len(sensed), dtype=int)
+    before = moving - np.count_nonzero(~sensed)
+    place[~sensed] = np.arange(before, moving)
+    place[sensed] = moving + padding + np.arange(np.count_nonzero(sensed))
+    return np.concatenate([np.arange(before), place, np.arange(moving, moving + padding)])
+
+
+@jax.jit
+def _in_order(columns: Array, order: Array) -> Array:
+    return jnp.take(columns, order, axis=-1)
 
 
 def unpadded_sensitivities(
@@ -307,4 +375,11 @@ def information_blocks(
 
 
 # What is compiled for each shape of campaign, largest first.
-PROGRAMS = (_plain_sensitivities, _plain_residuals, _normal_equations, _remembered)
+PROGRAMS = (
+    _plain_sensitivities,
+    _plain_residuals,
+    _normal_equations,
+    _remembered,
+    _sensor_columns,
+    _in_order,
+)

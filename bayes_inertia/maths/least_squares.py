@@ -17,6 +17,8 @@ from scipy import linalg
 _CORRECTION_DAMPING, _MOST_CORRECTIONS = 1e-2, 5
 # A descent ends when so many steps together gained less than so many tolerances.
 _STALL_STEPS, _STALL_TOLERANCES = 5, 100.0
+# Gauss-Newton converges the more slowly the larger the misfit: so many times the tolerance at most.
+_SLOWEST = 30.0
 # Half-width of the trust region, in sizes of the coordinates: at first, and where no step is short
 # enough.
 _FIRST_RADIUS, _SMALLEST_RADIUS = 1.0, 1e-12
@@ -125,8 +127,9 @@ def dogleg[X](
         Of the objective. The descent ends when the Gauss-Newton step promises less than this, or
         when the last steps that were taken gained less than a hundred times this together.
     expected : float
-        What noise alone makes of the objective. Where the objective is larger, misfit blurs the
-        minimum as much more noise would: the tolerance counts so many times.
+        What noise alone makes of the objective. Where the objective is r times larger, misfit blurs
+        the minimum as much more noise would, and steps converge slowly: the tolerance counts r^2
+        times, and no more than 30 r times.
 
     Returns
     -------
@@ -151,13 +154,16 @@ def dogleg[X](
         promised = model.gain(step)
         if not np.isfinite(promised):
             break
+        misfit = max(1.0, best / expected)
+        counted = tolerance * misfit * min(misfit, _SLOWEST)
         trial, reached = problem.at(move(x, step * size))
-        trial, reached = problem.corrected(trial, reached, best - _DISAPPOINTING_SHARE * promised)
+        if promised > _STALL_TOLERANCES * counted:
+            wanted = best - _DISAPPOINTING_SHARE * promised
+            trial, reached = problem.corrected(trial, reached, wanted)
         radius = _next_radius(radius, step, (best - reached) / max(promised, 1e-300))
         if np.isfinite(reached) and reached <= best:
             x, best = trial, reached
             reached_before = [*reached_before[1:], best]
-            counted = tolerance * max(1.0, best / expected)
             stalled = reached_before[0] - best < _STALL_TOLERANCES * counted
             if stalled or model.gain(model.newton) < counted:
                 break

@@ -16,6 +16,7 @@ from bayes_inertia.physics.channel_noise import NOISE_OWNER, NoiseModel
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects.lost_commands import LostCommands
 from bayes_inertia.physics.integration_plan import integration_plan
+from bayes_inertia.physics.nuisances import NuisanceScale
 from bayes_inertia.physics.packing import Arrays, pack
 from bayes_inertia.physics.parameters import (
     BASE_NAMES,
@@ -24,7 +25,7 @@ from bayes_inertia.physics.parameters import (
     ParameterSpace,
     scalar,
 )
-from bayes_inertia.physics.prediction import Data, NuisanceScale, Sensors, Structure
+from bayes_inertia.physics.prediction import Data, Sensors, Structure
 from bayes_inertia.physics.prior_scale import with_prior_scale
 from bayes_inertia.physics.random_inputs import coefficient_counts
 from bayes_inertia.physics.slew_input import Drive

@@ -17,10 +17,15 @@ from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.components import Components
 from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.nuisances import Nuisances, NuisanceScale
 from bayes_inertia.physics.packing import Arrays, Telemetry
 from bayes_inertia.physics.parameters import N_BASE
-from bayes_inertia.physics.random_inputs import hyperparameters, with_coefficients
-from bayes_inertia.physics.simulator import LOOKING_BACK, MOVING_HOOKS, simulate_slew
+from bayes_inertia.physics.random_inputs import (
+    each_effects_coefficients,
+    hyperparameters,
+    with_coefficients,
+)
+from bayes_inertia.physics.simulator import BODY_HOOKS, LOOKING_BACK, MOVING_HOOKS, simulate_slew
 from bayes_inertia.physics.slew_context import SlewContext, Trajectory
 from bayes_inertia.physics.slew_input import (
     Drive,
@@ -80,6 +85,27 @@ class Structure:
         """Number of one slew's nuisances: `n_start`, then the effects' whitened coefficients."""
         return self.n_start + sum(self.coefficients)
 
+    def nuisances(self, local: Array) -> Nuisances:
+        """The nuisances of one slew, each effect's coefficients apart.
+
+        Parameters
+        ----------
+        local : (n_local,) array
+            Whitened nuisances of the slew.
+
+        Returns
+        -------
+        Nuisances
+        """
+        coefficients = each_effects_coefficients(self.coefficients, local[self.n_start :])
+        return Nuisances(local[: self.n_start], coefficients)
+
+    @property
+    def only_sensed(self) -> tuple[bool, ...]:
+        """Of each effect: whether it has coefficients, and these do not move the body."""
+        pairs = zip(self.effects, self.coefficients, strict=False)
+        return tuple(n > 0 and not any(e.acts(h) for h in BODY_HOOKS) for e, n in pairs)
+
     @property
     def has_sparse_output(self) -> bool:
         """Whether only the attitude changes in a slew, and no sensor looks at more than a row.
@@ -128,21 +154,6 @@ class Sensors(NamedTuple):
     """
 
     axes: Array
-    bias: Array
-
-
-class NuisanceScale(NamedTuple):
-    """Prior sd that turns whitened nuisances into physical ones.
-
-    Parameters
-    ----------
-    local : (n_start,) array
-        Of one slew's nuisances without coefficients [rad/s, rad, N m s].
-    bias : (3,) array
-        Of the rate bias [rad/s].
-    """
-
-    local: Array
     bias: Array
 
 
@@ -207,10 +218,8 @@ def start_of(structure: Structure, scale: NuisanceScale, reference: Start, local
     return Start(reference.rate_B + physical[:3], attitude, momentum)
 
 
-def acting_in(
-    structure: Structure, theta: Array, local: Array, slew: SlewContext
-) -> tuple[ActiveEffects, Array]:
-    """What acts in one slew, and the nuisances that are left.
+def inertia_in(structure: Structure, theta: Array, slew: SlewContext) -> Array:
+    """The inertia tensor of everything except the wheels' spin.
 
     Parameters
     ----------
@@ -218,30 +227,51 @@ def acting_in(
         Of the model.
     theta : (d,) array
         Sampled parameters in physical units.
-    local : (n_local,) array
-        Whitened nuisances of the slew.
     slew : SlewContext
         The slew.
 
     Returns
     -------
-    active : ActiveEffects
+    (3, 3) array
+        [kg m^2].
+    """
+    J = inertia_tensor.tensor(theta[:6])
+    if not structure.includes_wheel_spin:
+        return J
+    return inertia_tensor.without_wheel_spin(J, slew.wheel_axes_B, slew.spin_inertia)
+
+
+def acting_in(
+    structure: Structure, theta: Array, coefficients: tuple[Array, ...], slew: SlewContext
+) -> ActiveEffects:
+    """What acts in one slew.
+
+    Parameters
+    ----------
+    structure : Structure
+        Of the model.
+    theta : (d,) array
+        Sampled parameters in physical units.
+    coefficients : tuple of (k,) arrays
+        Of each effect in this slew, whitened.
+    slew : SlewContext
+        The slew.
+
+    Returns
+    -------
+    ActiveEffects
         With the coefficients of effects that have no fixed shape.
-    local : (n_start,) array
-        Without them.
     """
     active = structure.active_effects(theta)
     if not structure.coefficients:
-        return active, local
-    whitened = local[structure.n_start :]
-    active = with_coefficients(active, structure.coefficients, whitened, slew)
-    return active, local[: structure.n_start]
+        return active
+    return with_coefficients(active, coefficients, slew)
 
 
 def predict(
     structure: Structure,
     theta: Array,
-    local: Array,
+    nuisances: Nuisances,
     bias: Array,
     slew: SlewInput,
     telemetry: Telemetry,
@@ -256,8 +286,8 @@ def predict(
         Of the model.
     theta : (d,) array
         Sampled parameters in physical units.
-    local : (n_local,) array
-        Whitened nuisances of the slew.
+    nuisances : Nuisances
+        Of the slew.
     bias : (3,) array
         Whitened rate bias.
     slew : SlewInput
@@ -274,12 +304,9 @@ def predict(
     Prediction
         What the sensors would report without noise.
     """
-    active, local = acting_in(structure, theta, local, slew.context)
-    J = inertia_tensor.tensor(theta[:6])
-    if structure.includes_wheel_spin:
-        J = inertia_tensor.without_wheel_spin(
-            J, slew.context.wheel_axes_B, slew.context.spin_inertia
-        )
+    local, coefficients = nuisances
+    active = acting_in(structure, theta, coefficients, slew.context)
+    J = inertia_in(structure, theta, slew.context)
     if structure.drive == "measured" and structure.wheels:
         noise = (local[6:] * data.scale.local[6:]).reshape(structure.wheels, structure.modes)
         slew = without_slow_error(slew, telemetry.tachometer_modes, noise)
@@ -366,7 +393,7 @@ def predict_all(
     """
     one = jax.vmap(
         lambda x, slew, telemetry, reference: predict(
-            structure, theta, x, bias, slew, telemetry, reference, data
+            structure, theta, structure.nuisances(x), bias, slew, telemetry, reference, data
         )
     )
     return one(local, *data.arrays)

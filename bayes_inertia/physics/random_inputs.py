@@ -60,8 +60,34 @@ def coefficient_counts(campaign: Campaign, effects: tuple[Effect, ...]) -> tuple
     return tuple(counts) if any(counts) else ()
 
 
+def each_effects_coefficients(counts: tuple[int, ...], whitened: Array) -> tuple[Array, ...]:
+    """The coefficients of one slew, cut into those of each effect.
+
+    Parameters
+    ----------
+    counts : tuple of int
+        From `coefficient_counts`.
+    whitened : (n_random,) array
+        z of this slew, effect by effect.
+
+    Returns
+    -------
+    tuple of (k,) arrays
+        One an effect.
+
+    Examples
+    --------
+    >>> [z.tolist() for z in each_effects_coefficients((1, 0, 2), jnp.array([5.0, 6.0, 7.0]))]
+    [[5.0], [], [6.0, 7.0]]
+    """
+    stops = np.cumsum(counts)
+    return tuple(
+        whitened[stop - count : stop] for count, stop in zip(counts, stops.tolist(), strict=True)
+    )
+
+
 def with_coefficients(
-    active: ActiveEffects, counts: tuple[int, ...], whitened: Array, slew: SlewContext
+    active: ActiveEffects, whitened: tuple[Array, ...], slew: SlewContext
 ) -> ActiveEffects:
     """Effects with the coefficients of one slew in place of the parameters that fix their prior.
 
@@ -69,10 +95,8 @@ def with_coefficients(
     ----------
     active : ActiveEffects
         Effects and their parameters.
-    counts : tuple of int
-        From `coefficient_counts`.
-    whitened : (n_random,) array
-        z of this slew, effect by effect.
+    whitened : tuple of (k,) arrays
+        z of this slew, one an effect, see `each_effects_coefficients`.
     slew : SlewContext
         The slew.
 
@@ -81,13 +105,12 @@ def with_coefficients(
     ActiveEffects
         What the hooks are called with.
     """
-    values, start = dict(active.values), 0
-    for (effect, p), count in zip(active, counts, strict=True):
+    values = dict(active.values)
+    for (effect, p), z in zip(active, whitened, strict=True):
         if isinstance(effect, StochasticEffect):
-            z, start = whitened[start : start + count], start + count
-            blocks = _blocks(effect, p, slew, count)
+            blocks = _blocks(effect, p, slew, len(z))
             shaped = z.reshape(*blocks.shape[:2], 1)
-            values[effect.name] = {"coefficients": (blocks @ shaped).reshape(count)}
+            values[effect.name] = {"coefficients": (blocks @ shaped).reshape(len(z))}
     return ActiveEffects(active.effects, values)
 
 

@@ -24,6 +24,8 @@ from bayes_inertia.physics.step_drive import at_output, known_momentum
 
 # Hooks that make more than the attitude change during a slew.
 MOVING_HOOKS = ("wheel_torque", "body_torque", "initial_state", "internal_momentum")
+# Hooks that decide how the body and its wheels move: all that the simulator calls.
+BODY_HOOKS = ("inertia", "wheel_axes", "delivered_torque", *MOVING_HOOKS, "state_rate")
 # Hooks that are given the whole slew, and may look between its rows.
 LOOKING_BACK = ("rate_output", "attitude_output", "momentum_output")
 

@@ -18,7 +18,7 @@ from bayes_inertia.diagnosis.prior_of_sets import cost_of_further
 from bayes_inertia.diagnosis.result import AlternativeEffect, NamelessShape, Step
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.inference.residual_tests import chi2_test
-from bayes_inertia.physics.effects import TorqueNoise
+from bayes_inertia.physics.effects import StarTrackerLowFrequency, TorqueNoise
 
 # Nothing without a name comes near.
 FAR = Rival("body torque", -20.0, 0)
@@ -75,6 +75,20 @@ def test_a_name_that_something_without_a_name_equals_is_one_of_a_set():
     )
     assert ambiguous_sets(steps, Rules(log_evidence_margin=1.0), near) == ()
     assert ambiguous_sets(steps, Rules(), FAR) == ()
+
+
+def test_one_effect_in_place_of_several_is_in_all_their_sets():
+    """And several in place of one are in its set together."""
+    fit = SimpleNamespace(model=SimpleNamespace(effects=(StarTrackerLowFrequency(),)))
+    name = "star_tracker_low_frequency"
+    wheel = "wheel_friction"
+    one = AlternativeEffect(name, fit, 19.0, math.nan, replaces=(wheel,))
+    shift = Step("star_tracker_shift", fit, fit, 20.0, (one,))
+    steps = (shift, Step(wheel, fit, fit, 6.0), Step("rate_bias", fit, fit, 9.0))
+    assert ambiguous_sets(steps, Rules(), FAR) == ((shift.added, name), (wheel, name))
+    both = AlternativeEffect(shift.added, fit, 19.0, math.nan, beside=(wheel,))
+    instead = Step(name, fit, fit, 20.0, (both,), stochastic=True)
+    assert ambiguous_sets((instead,), Rules(), FAR) == ((name, shift.added, wheel),)
 
 
 def test_names_beside_what_may_have_no_name_may_each_hold_a_part_of_it():

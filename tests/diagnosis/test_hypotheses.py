@@ -93,3 +93,20 @@ def test_each_further_effect_must_bring_more_than_it_costs():
     ]
     told = _probabilities(levels, [Step("lag", FIT, FIT, 40.0)], 0.4, 12)
     assert told[("lag", "friction", "bias")] == pytest.approx(told[("lag",)])
+
+
+def test_one_effect_in_place_of_several_is_a_set_of_its_own():
+    """Neither with the effects that it makes needless, nor two of several without each other."""
+    levels = [
+        Level((), 0.0, {"shift": 20.0, "friction": 3.0, "low": 24.0}, ()),
+        Level(("shift",), 20.0, {"friction": 6.0, "low": 1.0}, ()),
+        Level(("shift", "friction"), 26.0, {"low": -1.0}, ()),
+    ]
+    low = AlternativeEffect("low", FIT, 19.0, 0.0, replaces=("friction",))
+    pair = [Step("shift", FIT, FIT, 20.0, (low,)), Step("friction", FIT, FIT, 6.0)]
+    both = AlternativeEffect("shift", FIT, 23.0, 0.0, beside=("friction",))
+    alone = [Step("low", FIT, FIT, 24.0, (both,), stochastic=True)]
+    told = [_probabilities(levels, steps, 0.4, 12) for steps in (pair, alone)]
+    cost = cost_of_further(1, 1, 13)
+    for rows in told:
+        assert rows[("low",)] / rows[("shift", "friction")] == pytest.approx(np.exp(cost - 2.0))

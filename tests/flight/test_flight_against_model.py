@@ -64,7 +64,7 @@ def predicted_minus_flown(
         )
     )
     bias = (jnp.asarray(craft.bias) - model.data.sensors.bias) / model.data.scale.bias
-    nothing = jnp.zeros(model.structure.n_local)
+    nothing = structure.nuisances(jnp.zeros(structure.n_local))
 
     def one(slew, telemetry, reference):
         return predict(structure, theta, nothing, bias, slew, telemetry, reference, model.data)

@@ -12,10 +12,11 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.inference.likelihood import residuals, sensitivities
+from bayes_inertia.inference.likelihood import padded_sensitivities, residuals, sensitivities
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.point import Point
+from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.prediction import predict_all
 
@@ -252,3 +253,19 @@ def test_tachometer_noise_is_accounted_for_as_process_noise(attitude_chi2, chann
     assert abs(chi2 / dof - 1.0) < 4.0 * np.sqrt(2.0 / dof), chi2 / dof
     chi2, dof = attitude_chi2["ignored"][2 * channel : 2 * channel + 2]
     assert chi2 / dof - 1.0 > 4.0 * np.sqrt(2.0 / dof), chi2 / dof
+
+
+def test_coefficients_that_only_sensors_feel_need_no_motion_of_their_own(small_flown):
+    """They stand before and after others, and their columns are those of all taken together."""
+    names = ("rate_remainder", "torque_noise", "star_tracker_low_frequency")
+    model = Model(small_flown.campaign, by_name(names))
+    assert model.structure.only_sensed == (True, False, True)
+    local = np.random.default_rng(4).normal(size=(model.n_slews, model.structure.n_local))
+    theta = model.space.mean
+    at = model.structure, Point(theta, np.zeros(3), 0.1 * local), model.data
+    white = whitening(model, theta)
+    ours = padded_sensitivities(model, at[1], white, np.arange(model.space.size)).jacobian
+    every = sensitivities(*at, white).jacobian
+    for channel, taken_together in zip(ours, every, strict=True):
+        p, scale = taken_together.shape[-1], np.abs(taken_together).max(initial=1.0)
+        assert np.asarray(channel)[..., :p] == pytest.approx(taken_together, abs=1e-9 * scale)

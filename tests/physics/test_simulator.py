@@ -22,7 +22,9 @@ from support.slews import (
 )
 
 from bayes_inertia.maths import quaternion
+from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.packing import refined_grid
+from bayes_inertia.physics.simulator import BODY_HOOKS, LOOKING_BACK
 from bayes_inertia.physics.slew_input import Start
 
 
@@ -213,3 +215,10 @@ def test_the_measured_drive_needs_no_torque_and_ignores_it(slew_of):
         slew_of(time, None, SKEWED, np.full(4, 0.02), momentum), start_with(4), drive="measured"
     )
     np.testing.assert_array_equal(with_torque.rate_B, without.rate_B)
+
+
+def test_every_method_of_an_effect_is_a_hook_or_says_what_it_is():
+    """What the simulator does not call cannot move the body: fits save its motion."""
+    about = {"parameters", "max_step", "looks_between_rows", "afterwards", "acts"}
+    methods = {k for k, v in vars(Effect).items() if callable(v) and not k.startswith("_")}
+    assert methods - about == {*BODY_HOOKS, *LOOKING_BACK}
