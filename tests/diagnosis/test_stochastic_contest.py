@@ -1,0 +1,78 @@
+"""Effects without a fixed shape against several steps of a search."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bayes_inertia.diagnosis import stochastic_contest
+from bayes_inertia.diagnosis.prior_of_sets import cost_of_further
+from bayes_inertia.diagnosis.result import Step
+from bayes_inertia.diagnosis.rules import Rules
+from bayes_inertia.diagnosis.stochastic_candidates import StochasticCandidate
+from bayes_inertia.physics.effects import StarTrackerLowFrequency
+
+SHIFT, FRICTION, LOW = "star_tracker_shift", "wheel_friction", "star_tracker_low_frequency"
+CANDIDATES = 24
+# What a second effect must bring: with "no name" and the random effect there are two more.
+COST = cost_of_further(1, 1, CANDIDATES + 2)
+
+
+def _fit(*names):
+    effects = tuple(SimpleNamespace(name=name) for name in names)
+    model = SimpleNamespace(effects=effects)
+    return SimpleNamespace(model=model, discount=np.ones((1, 3)))
+
+
+@pytest.fixture
+def settled(monkeypatch):
+    """The contest of two steps worth 20 and 10 with a random effect of this log evidence."""
+    monkeypatch.setattr(stochastic_contest, "with_stochastic", lambda *_: _fit(LOW))
+
+    def settle(evidence):
+        none, shift, both = _fit(), _fit(SHIFT), _fit(SHIFT, FRICTION)
+        steps = [Step(SHIFT, none, shift, 20.0), Step(FRICTION, shift, both, 10.0)]
+        nameless = StochasticCandidate("", "star tracker", -5.0)
+        low = StochasticCandidate(LOW, "star tracker", evidence)
+        rounds = [
+            SimpleNamespace(
+                estimate=fit, stochastic=at, threshold=1e-3, candidates=(None,) * CANDIDATES
+            )
+            for fit, at in ((none, (low, nameless)), (shift, (nameless,)), (both, (nameless,)))
+        ]
+        effects = (StarTrackerLowFrequency(),)
+        return stochastic_contest.contest(steps, both, rounds, effects, Rules())
+
+    return settle
+
+
+@pytest.mark.parametrize("lead", [1.0, 2.9])
+def test_steps_that_one_effect_hardly_beats_stay_beside_it_together(settled, lead):
+    (step,) = settled(30.0 - COST + lead).steps
+    assert step.added == LOW
+    pair = step.alternatives[0]
+    assert (pair.effect, pair.beside) == (SHIFT, (FRICTION,))
+    assert pair.log_bayes_factor == pytest.approx(step.log_bayes_factor - lead)
+    assert [e.name for e in pair.estimate.model.effects] == [SHIFT, FRICTION]
+
+
+def test_steps_that_one_effect_beats_clearly_give_way(settled):
+    outcome = settled(30.0 - COST + 3.1)
+    (step,) = outcome.steps
+    assert step.added == LOW
+    assert step.alternatives == ()
+    assert [e.name for e in outcome.displaced] == [SHIFT, FRICTION]
+
+
+@pytest.mark.parametrize("lead", [-0.1, -2.9])
+def test_one_effect_that_hardly_loses_to_several_stands_beside_them(settled, lead):
+    first, second = settled(30.0 - COST + lead).steps
+    assert (first.added, second.added) == (SHIFT, FRICTION)
+    (low,) = first.alternatives
+    assert (low.effect, low.replaces) == (LOW, (FRICTION,))
+    assert low.log_bayes_factor == pytest.approx(20.0 + lead)
+    assert second.alternatives == ()
+
+
+def test_one_effect_that_clearly_loses_to_several_is_not_listed(settled):
+    assert all(step.alternatives == () for step in settled(30.0 - COST - 3.1).steps)
