@@ -13,6 +13,7 @@ from bayes_inertia.report.diagnosis_wording import (
     nameless_signal,
     nameless_text,
     step_text,
+    together_texts,
     window_text,
 )
 from bayes_inertia.report.dirt_wording import dirt_sentences
@@ -168,6 +169,8 @@ def _on_next_slews(content: Mapping[str, Any]) -> list[str]:
             f"{listed([plain(name) for name in names]).capitalize()} would look so alike "
             "in this campaign that naming one of them would be a guess."
         )
+    if content["ambiguous_with"]:
+        sentences += [text for step in content["steps"] for text in together_texts(step)]
     return sentences + [separating_text(slew) for slew in content.get("separating", [])]
 
 

@@ -269,6 +269,36 @@ def step_text(step: Mapping[str, Any], candidates: Sequence[Mapping[str, Any]]) 
     return f"{text}."
 
 
+def together_texts(step: Mapping[str, Any]) -> list[str]:
+    """Where one effect may stand in place of several, or several together in place of one.
+
+    Parameters
+    ----------
+    step : mapping
+        An entry of `steps` of diagnosis.json.
+
+    Returns
+    -------
+    list of str
+        A sentence for each such alternative.
+
+    Examples
+    --------
+    >>> together_texts({"added": "torque_noise", "alternatives": [
+    ...     {"effect": "viscous_torque", "beside": ["magnetic_dipole"], "replaces": []}]})
+    ['Instead of torque noise there would be viscous torque and magnetic dipole together.']
+    """
+    texts = []
+    for other in step["alternatives"]:
+        if other.get("beside"):
+            names = listed([plain(name) for name in (other["effect"], *other["beside"])])
+            texts.append(f"Instead of {plain(step['added'])} there would be {names} together.")
+        if other.get("replaces"):
+            names = listed([plain(name) for name in (step["added"], *other["replaces"])])
+            texts.append(f"Instead of {names} there would be {plain(other['effect'])} alone.")
+    return texts
+
+
 def parameters_text(parameters: Mapping[str, Mapping[str, Any]]) -> str:
     """The parameters of an effect with their sds, in a sentence.
 

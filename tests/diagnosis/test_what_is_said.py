@@ -12,6 +12,7 @@ from bayes_inertia.diagnosis.residual_scan import Window, scan_residuals
 from bayes_inertia.diagnosis.unexplained import unexplained_signal
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
 from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict, headline
+from bayes_inertia.report.diagnosis_wording import together_texts
 
 
 def test_noise_is_worded_as_noise():
@@ -32,6 +33,16 @@ def test_ambiguity_is_worded_as_such():
         headline(content) == "Something is missing: either wheel friction or viscous torque. "
         "This campaign cannot tell which. Besides: rate bias."
     )
+
+
+def test_one_effect_and_several_are_not_worded_as_single_ones():
+    low = {"effect": "star_tracker_low_frequency", "beside": [], "replaces": ["wheel_friction"]}
+    plain = {"effect": "rate_bias", "correlation": 0.9}
+    step = {"added": "star_tracker_shift", "alternatives": [low, plain]}
+    assert together_texts(step) == [
+        "Instead of star tracker shift and wheel friction there would be "
+        "star tracker low frequency alone."
+    ]
 
 
 @pytest.mark.slow
