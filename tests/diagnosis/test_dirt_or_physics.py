@@ -11,6 +11,7 @@ from scipy.signal import lfilter
 
 from bayes_inertia.diagnosis.candidates import candidate_effects
 from bayes_inertia.diagnosis.clean_start import clean_start, measured_again
+from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.physics.effects import (
     LIBRARY,
@@ -151,7 +152,7 @@ def test_a_strong_process_of_the_bias_is_named_alone(clean):
     Walks as strong are diagnosed by `analyses/naming_study.py`.
     """
     size = 10.0 * clean.rate_sensor.sigma[0]
-    diagnosis = diagnose(wandering(clean, size, 1), library=TEMPTING)
+    diagnosis = diagnose(wandering(clean, size, 1), library=TEMPTING, rules=Rules(max_effects=1))
     name = "rate_bias_instability"
     assert (diagnosis.verdict, diagnosis.named) == ("named", (name,))
     assert [e.name for e in diagnosis.final.effects_fitted] == [name]

@@ -76,14 +76,12 @@ def test_a_drift_of_its_own_in_each_slew_is_named_and_measured(
         replace(s, rate=s.rate + (s.time - s.time[0])[:, None] * drift)
         for s, drift in zip(clean.slews, drifts, strict=True)
     ]
-    # What could imitate it.
-    library = [e for e in rigid_library if e.name in ("rate_bias_drift", "constant_torque")]
-    found = diagnose(replace(clean, slews=tuple(slews)), library=library)
+    found = diagnose(replace(clean, slews=tuple(slews)), library=rigid_library)
     assert (found.verdict, found.named) == ("named", ("rate_bias_slew_drift",))
     assert found.steps[-1].stochastic
     assert found.nameless_lead < -found.rules.log_evidence_margin
     content = content_of(found)
-    check_contract(content, library)
+    check_contract(content, rigid_library)
     rows = {c["effect"]: c["parameters"] for c in content["candidates"]}
     assert 0.5 < rows["rate_bias_slew_drift"]["sd"]["mean"] / np.sqrt(np.mean(drifts**2)) < 2.0
     assert [e.name for e in next_fit_from(content).effects] == ["rate_bias_slew_drift"]
