@@ -34,9 +34,11 @@ library. Then random effects of the size that an ideal test finds, clean campaig
 stated noise, after two further changes: a random walk is weighed as one process over the campaign,
 and what has no fixed shape needs no significance of its own where a step of the search shows that
 something is missing. Both were made with the first random walks and star trackers of these rows:
-four walks in eight were called `rate_bias_drift` before, one star tracker still is taken for two
-effects of a fixed shape. Older code had named 136 of 140 with tachometers, 56 of 60 without, a
-wrong name without the truth in 1 and 3.
+four walks in eight were called `rate_bias_drift` before. Random effects of the size that an ideal
+test finds were flown once more, the first 41 campaigns and 17 new ones, after a third change: one
+prior decides what a further effect must bring. It was made with one star tracker of these rows,
+which had been taken for two effects of a fixed shape. Older code had named 136 of 140 with
+tachometers, 56 of 60 without, a wrong name without the truth in 1 and 3.
 
 Not flown again since: two thirds of the size, effects of a fixed shape beside wandering noise and
 outliers, stated noise without tachometers."""
