@@ -41,6 +41,7 @@ from bayes_inertia.files import (
 
 # Errors below these shares of the noise of one reading are not told by all readings together.
 _OF_RATE_NOISE, _OF_ATTITUDE_NOISE = 0.02, 0.1
+_SHORTEST_SLEW = 1e-9  # [s]; what is divided by it stays finite
 # A record without rows, and the times [s] that it concerns.
 _TimedDirt = tuple[Dirt, np.ndarray]
 
@@ -313,6 +314,6 @@ def _negligible_impulse(time: np.ndarray, hardware: dict[str, Any]) -> float:
     rate = _OF_RATE_NOISE * min(hardware["rate_sensor"].sigma)
     tracker = hardware["star_tracker"]
     if tracker is not None:
-        duration = max(float(time[-1] - time[0]), np.finfo(float).tiny)
+        duration = max(float(time[-1] - time[0]), _SHORTEST_SLEW)
         rate = min(rate, _OF_ATTITUDE_NOISE * tracker.sigma_cross / duration)
     return inertia * rate

@@ -174,3 +174,13 @@ def test_any_campaign_survives_writing(tmp_path, campaign):
     # Random numbers may look like coarse readings: that is recorded, and changes nothing.
     assert_same(campaign, replace(again, dirt=()))
     write_campaign(again, folder)  # identical to the last byte, or it would refuse
+
+
+def test_the_shortest_step_that_numbers_hold_is_read(tmp_path):
+    """Nothing that is divided by the length of a slew overflows."""
+    slew = Slew("", 0.0, np.array([0.0, 2.3e-309]), rate=np.zeros((2, 3)))
+    prior, sensor = InertiaPrior(np.diag([3.0, 2.0, 2.0]), 1.0, 1.0), RateSensor(sigma=1.0)
+    tracker = StarTracker((0.0, 0.0, 1.0), 40.0, 1.0)
+    campaign = Campaign("", prior, (), sensor, tracker, (slew,))
+    again = read_campaign(write_campaign(campaign, tmp_path / "short"))
+    assert again.slews[0].time.tolist() == slew.time.tolist()
