@@ -65,13 +65,14 @@ def filtered_effects(
         empty where another one is fitted.
     """
     most = max((own.log_bayes_factor for own in on_knots.values()), default=0.0)
-    least = max(_STRONG, _SHARE_OF_BEST * most)
     if noise_between_knots(fit.model, fit.point.theta):
         return ()
     return tuple(
         effect
         for effect, own in on_knots.items()
-        if own.log_bayes_factor >= least and _is_of_rates(effect, fit.model.campaign)
+        if is_strong(own)
+        and own.log_bayes_factor >= _SHARE_OF_BEST * most
+        and _is_of_rates(effect, fit.model.campaign)
     )
 
 

@@ -102,30 +102,34 @@ def contest(
         step = _named(levels[k], at, effects, rules)
         before, step = _without_needless(kept[:k], step, weighed, effects, members)
         if before == k:
-            step = _beside_what_gave_way(step, kept[k:], lead, rules)
+            step = _with_displaced_beside(step, kept[k:], lead, rules)
         instances = {effect.name: effect for effect in final.model.effects}
         displaced = tuple(instances[s.added] for s in kept[before:])
         return Contest((*kept[:before], step), step.after, weighed, displaced)
     if near and k < len(kept) and lead > -rules.log_evidence_margin:
         other = _alternative(levels[k], near, effects)
-        kept = (*kept[:k], *_beside_one_instead(kept[k:], other, lead, rules))
+        kept = (*kept[:k], *_with_one_for_all_beside(kept[k:], other, lead, rules))
     return Contest(kept, final, weighed)
 
 
-def _beside_what_gave_way(step: Step, gone: Sequence[Step], lead: float, rules: Rules) -> Step:
+def _with_displaced_beside(
+    step: Step, displaced: Sequence[Step], lead: float, rules: Rules
+) -> Step:
     """An effect without a fixed shape, with the steps that it hardly beats as alternatives."""
     margin = rules.log_evidence_margin
-    if gone and abs(step.log_bayes_factor - gone[0].log_bayes_factor) < margin:
-        step = _with_alternative(step, _as_alternative(gone[0]), rules)
-    if len(gone) < 2 or lead > margin:
+    if displaced and abs(step.log_bayes_factor - displaced[0].log_bayes_factor) < margin:
+        step = _with_alternative(step, _as_alternative(displaced[0]), rules)
+    if len(displaced) < 2 or lead > margin:
         return step
-    first, *others = (s.added for s in gone)
+    first, *others = (s.added for s in displaced)
     weight = step.log_bayes_factor - lead
-    together = AlternativeEffect(first, gone[-1].after, weight, _NOT_COMPARED, beside=tuple(others))
+    together = AlternativeEffect(
+        first, displaced[-1].after, weight, _NOT_COMPARED, beside=tuple(others)
+    )
     return _with_alternative(step, together, rules)
 
 
-def _beside_one_instead(
+def _with_one_for_all_beside(
     steps: Sequence[Step], other: AlternativeEffect, lead: float, rules: Rules
 ) -> tuple[Step, ...]:
     """Steps that an effect without a fixed shape hardly loses to, with it as their alternative."""

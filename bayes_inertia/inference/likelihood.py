@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jax.flatten_util import ravel_pytree
 
 from bayes_inertia.inference.kept_programs import KeptProgram
 from bayes_inertia.inference.noise_memory import Memory, innovations
@@ -207,18 +208,18 @@ def _plain_sensitivities(
 @KeptProgram
 def _sensor_columns(structure: Structure, point: Point, data: Data, white: Whitening) -> Residuals:
     """Derivatives by the coefficients that only sensors feel: the motion is simulated once."""
-    chosen = structure.only_sensed
-    stops = np.cumsum(
-        [n for n, sensed in zip(structure.coefficients, chosen, strict=True) if sensed]
-    )
+    sensed = structure.only_sensed
 
     def of_slew(local, slew, telemetry, reference, white_of_slew):
         start, coefficients = structure.nuisances(local)
+        flat, unflatten = ravel_pytree(
+            [c for c, chosen in zip(coefficients, sensed, strict=True) if chosen]
+        )
 
         def parts(z):
-            cut = iter(jnp.split(z, stops[:-1]))
+            moved = iter(unflatten(z))
             mixed = tuple(
-                next(cut) if sensed else c for c, sensed in zip(coefficients, chosen, strict=True)
+                next(moved) if chosen else c for c, chosen in zip(coefficients, sensed, strict=True)
             )
             nuisances = Nuisances(start, mixed)
             prediction = predict(
@@ -226,10 +227,8 @@ def _sensor_columns(structure: Structure, point: Point, data: Data, white: White
             )
             return whitened(structure, prediction, telemetry, white_of_slew)
 
-        pieces = zip(coefficients, chosen, strict=True)
-        sensed = jnp.concatenate([c for c, is_sensed in pieces if is_sensed])
-        columns = jax.vmap(lambda v: jax.jvp(parts, (sensed,), (v,))[1], out_axes=-1)
-        return columns(jnp.eye(len(sensed)))
+        columns = jax.vmap(lambda v: jax.jvp(parts, (flat,), (v,))[1], out_axes=-1)
+        return columns(jnp.eye(len(flat)))
 
     return jax.vmap(of_slew)(point.local, *data.arrays, white)
 
@@ -265,12 +264,13 @@ def padded_sensitivities(
         With at least f + 3 + n_local columns; what follows those is padding.
     """
     structure, d = model.structure, model.space.size
-    sensed = _is_only_sensed(structure)
     columns = np.concatenate([free, np.arange(d, d + 3 + structure.n_local)])
-    moving = columns[: len(columns) - len(sensed)]
-    moving = np.concatenate([moving, columns[len(moving) :][~sensed]])
+    sensed = np.zeros(len(columns), dtype=bool)
+    of_effects = np.repeat(np.array(structure.only_sensed, dtype=bool), structure.coefficients)
+    sensed[len(columns) - len(of_effects) :] = of_effects
+    moving = np.flatnonzero(~sensed)
     padding = -len(moving) % _COLUMNS_AT_ONCE
-    groups = np.concatenate([moving, np.repeat(moving[-1:], padding)])
+    groups = columns[np.concatenate([moving, np.repeat(moving[-1:], padding)])]
     point = jax.tree.map(on_device, point)
     parts = [
         sensitivities(structure, point, model.data, white, on_device(group))
@@ -279,31 +279,17 @@ def padded_sensitivities(
     jacobians = [part.jacobian for part in parts]
     if sensed.any():
         jacobians.append(_sensor_sensitivities(structure, point, model.data, white))
-    by_channel = [jnp.concatenate(pieces, -1) for pieces in zip(*jacobians, strict=True)]
+    jacobian = Residuals(*(jnp.concatenate(pieces, -1) for pieces in zip(*jacobians, strict=True)))
     if sensed.any():
-        by_channel = [
-            _in_order(j, on_device(_order(sensed, len(moving), padding))) for j in by_channel
-        ]
-    return Sensitivities(parts[0].residuals, Residuals(*by_channel))
-
-
-def _is_only_sensed(structure: Structure) -> np.ndarray:
-    """Of each coefficient of a slew (n_random,)."""
-    return np.repeat(np.array(structure.only_sensed, dtype=bool), structure.coefficients)
-
-
-def _order(sensed: np.ndarray, moving: int, padding: int) -> np.ndarray:
-    """Where each column stands among (moving ones, padding, sensed ones); padding comes last."""
-    place = np.empty(len(sensed), dtype=int)
-    before = moving - np.count_nonzero(~sensed)
-    place[~sensed] = np.arange(before, moving)
-    place[sensed] = moving + padding + np.arange(np.count_nonzero(sensed))
-    return np.concatenate([np.arange(before), place, np.arange(moving, moving + padding)])
+        padded = len(columns) + np.arange(padding)
+        stacked = np.concatenate([moving, padded, np.flatnonzero(sensed)])
+        jacobian = _in_order(jacobian, on_device(np.argsort(stacked)))
+    return Sensitivities(parts[0].residuals, jacobian)
 
 
 @jax.jit
-def _in_order(columns: Array, order: Array) -> Array:
-    return jnp.take(columns, order, axis=-1)
+def _in_order(jacobian: Residuals, order: Array) -> Residuals:
+    return Residuals(*(jnp.take(columns, order, axis=-1) for columns in jacobian))
 
 
 def unpadded_sensitivities(

@@ -13,7 +13,7 @@ from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.predicted_telemetry import drawn_nuisances, thinned_draws
 from bayes_inertia.inference.sampler import Chains
 from bayes_inertia.physics.prediction import Structure
-from bayes_inertia.physics.random_inputs import each_effects_coefficients, with_coefficients
+from bayes_inertia.physics.random_inputs import with_coefficients
 from bayes_inertia.physics.slew_context import SlewContext
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
@@ -103,9 +103,8 @@ def _signals(
     """Signals (slews, instants, components) of these effects at one draw."""
     active = structure.active_effects(theta)
 
-    def of_slew(slew: SlewContext, whitened: Array, t: Array) -> tuple[Array, ...]:
-        coefficients = each_effects_coefficients(structure.coefficients, whitened)
-        acting = with_coefficients(active, coefficients, slew)
+    def of_slew(slew: SlewContext, local: Array, t: Array) -> tuple[Array, ...]:
+        acting = with_coefficients(active, structure.nuisances(local).coefficients, slew)
         return tuple(e.signal(p, slew, t) for e, p in acting if e.name in names)  # type: ignore[attr-defined]
 
-    return jax.vmap(of_slew)(contexts, local[:, structure.n_start :], times)
+    return jax.vmap(of_slew)(contexts, local, times)

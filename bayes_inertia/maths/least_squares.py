@@ -17,8 +17,8 @@ from scipy import linalg
 _CORRECTION_DAMPING, _MOST_CORRECTIONS = 1e-2, 5
 # A descent ends when so many steps together gained less than so many tolerances.
 _STALL_STEPS, _STALL_TOLERANCES = 5, 100.0
-# Gauss-Newton converges the more slowly the larger the misfit: so many times the tolerance at most.
-_SLOWEST = 30.0
+# Gauss-Newton converges the more slowly the larger the misfit, which counts up to so many times.
+_MOST_MISFIT_COUNTED = 30.0
 # Half-width of the trust region, in sizes of the coordinates: at first, and where no step is short
 # enough.
 _FIRST_RADIUS, _SMALLEST_RADIUS = 1.0, 1e-12
@@ -154,16 +154,15 @@ def dogleg[X](
         promised = model.gain(step)
         if not np.isfinite(promised):
             break
-        misfit = max(1.0, best / expected)
-        counted = tolerance * misfit * min(misfit, _SLOWEST)
         trial, reached = problem.at(move(x, step * size))
-        if promised > _STALL_TOLERANCES * counted:
+        if promised > _STALL_TOLERANCES * _counted(tolerance, best / expected):
             wanted = best - _DISAPPOINTING_SHARE * promised
             trial, reached = problem.corrected(trial, reached, wanted)
         radius = _next_radius(radius, step, (best - reached) / max(promised, 1e-300))
         if np.isfinite(reached) and reached <= best:
             x, best = trial, reached
             reached_before = [*reached_before[1:], best]
+            counted = _counted(tolerance, best / expected)
             stalled = reached_before[0] - best < _STALL_TOLERANCES * counted
             if stalled or model.gain(model.newton) < counted:
                 break
@@ -171,6 +170,12 @@ def dogleg[X](
         if promised < 1e-3 * tolerance or radius < _SMALLEST_RADIUS:
             break
     return x, best
+
+
+def _counted(tolerance: float, misfit: float) -> float:
+    """The tolerance of an objective that is so many times what noise alone makes."""
+    larger = max(1.0, misfit)
+    return tolerance * larger * min(larger, _MOST_MISFIT_COUNTED)
 
 
 def _next_radius(radius: float, step: np.ndarray, share: float) -> float:

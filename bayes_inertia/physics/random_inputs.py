@@ -80,10 +80,8 @@ def each_effects_coefficients(counts: tuple[int, ...], whitened: Array) -> tuple
     >>> [z.tolist() for z in each_effects_coefficients((1, 0, 2), jnp.array([5.0, 6.0, 7.0]))]
     [[5.0], [], [6.0, 7.0]]
     """
-    stops = np.cumsum(counts)
-    return tuple(
-        whitened[stop - count : stop] for count, stop in zip(counts, stops.tolist(), strict=True)
-    )
+    # What follows the last effect is empty.
+    return tuple(jnp.split(whitened, np.cumsum(counts, dtype=int))[:-1])
 
 
 def with_coefficients(
