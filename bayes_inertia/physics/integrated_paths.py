@@ -10,7 +10,7 @@ from jax import Array
 
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.active_effects import ActiveEffects
-from bayes_inertia.physics.components import Components, runge_kutta_6, unit
+from bayes_inertia.physics.components import Components, computed_once, runge_kutta_6, unit
 from bayes_inertia.physics.dense_output import attitude_derivatives, cubic, quintic, turned
 from bayes_inertia.physics.equations_of_motion import (
     MassProperties,
@@ -85,7 +85,7 @@ def attitude_path(
         def slope_of(fraction: float, q: Components) -> Components:
             momentum_B = quaternion.to_body_components(unit(q), momentum_N)
             rate = wheels.rate(momentum_B, value(tuple(cubic_B), fraction))
-            return quaternion.rate_of_components(q, rate)
+            return quaternion.rate_of_components(q, computed_once(rate))
 
         return unit(runge_kutta_6(slope_of, attitude, duration)), attitude
 
@@ -98,7 +98,7 @@ def attitude_path(
     q0, body0 = wheels.derivatives(begin, momentum_N, length, 0.0)
     q1, body1 = wheels.derivatives(_followed(begin, last), momentum_N, length, 1.0)
     angle = _within_step(mass, known)
-    q0, q1, body0, body1, angle = _once((q0, q1, body0, body1, angle))
+    q0, q1, body0, body1, angle = computed_once((q0, q1, body0, body1, angle))
     if known.fixes is None:
         attitude = turned(_at_rows(q0, q1, known), angle)
     else:
@@ -137,10 +137,11 @@ class _WheelsInBody(NamedTuple):
         wheels = [tuple(self.cubic_B[:, k, i] for k in range(4)) for i in range(3)]
         momentum_B = quaternion.to_body_components(attitude, momentum_N)
         rate = self.rate(momentum_B, [value(p, s) for p in wheels])
-        rate = tuple(length * w for w in rate)
+        rate = computed_once(tuple(length * w for w in rate))
         turn = quaternion.cross_components(momentum_B, rate)
         change = [t - value(derivative(p), s) for t, p in zip(turn, wheels, strict=True)]
         rate_change = tuple(length * w for w in rate_of_momentum(self.mass, change))
+        turn, rate_change = computed_once((turn, rate_change))
         of_turn = quaternion.cross_components(turn, rate)
         of_change = quaternion.cross_components(momentum_B, rate_change)
         bend = [a + b for a, b in zip(of_turn, of_change, strict=True)]
@@ -202,7 +203,7 @@ def full_path(
         return attitude_derivatives(state.attitude, rate, rate_change), change
 
     final = _followed(begin, last)
-    (q0, change0), (q1, change1) = _once((end(begin, 0.0), end(final, 1.0)))
+    (q0, change0), (q1, change1) = computed_once((end(begin, 0.0), end(final, 1.0)))
     attitude = turned(_at_rows(q0, q1, known), _within_step(mass, known))
     rest = _cubics_at_rows(begin, change0, final, change1, known.steps.fraction)
     momentum_B = quaternion.to_body_components([q.reshape(-1) for q in attitude], rest.momentum_N)
@@ -264,14 +265,6 @@ def _spin(
     moved = mass.axes_B @ gained + bend
     free = [turn[i] + torque[i] - moved[i] for i in range(3)]
     return rate, tuple(row.length * w for w in rate_of_momentum(mass, free))
-
-
-def _once(ends: Any) -> Any:
-    """What holds at the ends of the steps, computed once.
-
-    Compiled code would compute it anew at every row, and take half as long again to compile.
-    """
-    return jax.lax.optimization_barrier(ends)
 
 
 def _followed(begin: Any, last: Any) -> Any:

@@ -15,6 +15,7 @@ from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.components import (
     Components,
     columns,
+    computed_once,
     following,
     runge_kutta_4,
     stacked,
@@ -117,11 +118,11 @@ def state_slope(
         Change per second; of the wheels, beyond the commands.
     """
     wheel = wheel_momentum_at(fraction, x, inputs, drive)
-    attitude = unit(x.attitude)
+    attitude, wheel = computed_once((unit(x.attitude), wheel))
     internal = None
     if active.act("internal_momentum"):
         internal = internal_momentum(active, context, x.effect_states)
-    rate = rate_components(mass, attitude, x.momentum_N, wheel, internal)
+    rate = computed_once(rate_components(mass, attitude, x.momentum_N, wheel, internal))
     attitude_rate = quaternion.rate_of_components(x.attitude, rate)
     if not active:
         return SlewState(attitude_rate, _zeros(x.momentum_N), _zeros(x.wheel), ())
