@@ -1,6 +1,7 @@
 # `make demo` and `make test` are all the set-up there is: each makes the environment it needs.
 # `make test-all` adds the slow tests, the formatter, the type checker and the documentation, which
-# `make docs` writes to build/docs/index.html; its tutorials are run.
+# `make docs` writes to build/docs/index.html; its tutorials are run. `make test-long` runs the few
+# tests that take more than half a minute each: before a release, and after changes to a search.
 # PYTHON=... chooses an interpreter; otherwise the first that is 3.12 or newer.
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.14 python3 python; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 12))' 2>/dev/null && echo $$p && break; done)
@@ -13,10 +14,12 @@ DEMO ?= demo_run
 compile_modules = @$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib bayes_inertia || true
 
 # The tests of one environment share compiled code: two workers, fast tests and slow ones.
-test test-all docs: export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/$(VENV)/jax_cache
-test test-all docs: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.3
+test test-all test-long docs: export JAX_COMPILATION_CACHE_DIR ?= $(CURDIR)/$(VENV)/jax_cache
+test test-all test-long docs: export JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS ?= 0.3
+# Compiling is most of what tests do: a tenth of it is unrolling loops.
+test test-all test-long: export XLA_FLAGS ?= --xla_backend_extra_options=xla_cpu_disable_loop_unrolling
 
-.PHONY: demo test test-all lint types docs clean
+.PHONY: demo test test-all test-long lint types docs clean
 
 demo: $(VENV)/ready
 	$(BIN)/bayes-inertia demo -o $(DEMO)
@@ -29,8 +32,11 @@ test: $(VENV)/ready-test
 # cores idle.
 test-all: test lint $(VENV)/ready-docs
 	$(MAKE) types docs & checked=$$!; \
-	$(BIN)/python -m pytest -q -n 2 --dist worksteal -m slow; tested=$$?; \
+	$(BIN)/python -m pytest -q -n 2 --dist worksteal -m "slow and not long"; tested=$$?; \
 	wait $$checked && exit $$tested
+
+test-long: $(VENV)/ready-test
+	$(BIN)/python -m pytest -q -n 2 --dist worksteal -m long
 
 lint: $(VENV)/ready-test
 	$(BIN)/ruff check .

@@ -161,6 +161,7 @@ def test_the_baseline_flies_what_the_package_flies(benchmark):
     assert by_hand(np.array([9.0, 1.0, 1.0, 0, 0, 0, 1, 1, 1])) == -np.inf
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_quick_benchmark_writes_its_results(benchmark, tmp_path):
     found = benchmark.main(["--quick", "--out", str(tmp_path)])

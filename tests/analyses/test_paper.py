@@ -40,6 +40,7 @@ def quick(load, tmp_path_factory):
     return found, out
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_quick_variants_say_what_the_full_ones_say(quick):
     found, _ = quick
@@ -63,6 +64,7 @@ def test_quick_variants_say_what_the_full_ones_say(quick):
     )
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_figure_drawn_again_has_the_same_bytes(load, quick, tmp_path):
     _, out = quick
@@ -73,6 +75,7 @@ def test_a_figure_drawn_again_has_the_same_bytes(load, quick, tmp_path):
     assert b"tIME" not in path.read_bytes()
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_page_names_every_analysis_and_figure_and_is_idempotent(load, quick):
     _, out = quick

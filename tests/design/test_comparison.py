@@ -11,6 +11,7 @@ from bayes_inertia.studies.plan_comparison import compare_plans
 from bayes_inertia.studies.simulated_fits import fit_simulated_campaigns, simulated_fits
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_comparison_predicts_what_simulated_campaigns_achieve(designed, mission):
     plans = {"paper": paper_like_plan(), "designed": designed.plan}

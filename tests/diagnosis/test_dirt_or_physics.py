@@ -145,6 +145,7 @@ def wandering(campaign, sd, seed):
     return changed(campaign, change)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_strong_process_of_the_bias_is_named_alone(clean):
     """Names and noise are of one search: nothing of an earlier one stands beside it.

@@ -19,8 +19,8 @@ from bayes_inertia.diagnosis.model_averaging import (
 )
 from bayes_inertia.diagnosis.residual_scan import scan_residuals
 from bayes_inertia.diagnosis.result import AlternativeEffect, Step
-from bayes_inertia.diagnosis.stochastic_candidates import STOCHASTIC_CANDIDATES, medians
-from bayes_inertia.diagnosis.stochastic_contest import with_stochastic
+from bayes_inertia.diagnosis.stochastic_candidates import STOCHASTIC_CANDIDATES
+from bayes_inertia.inference.optimizer import move_to
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.settings import Settings
 from bayes_inertia.physics.effects import ConstantTorque
@@ -110,8 +110,7 @@ def test_what_has_no_shape_is_exchanged_beside_another_effect_too(lagging):
     (first,), at = lagging.steps, lagging.final
     torque = refitted(at, "constant_torque").estimate
     noise = next(e for e in STOCHASTIC_CANDIDATES if e.name == "torque_noise")
-    start = medians(Model(at.model.campaign, (noise,)))[9:]
-    random = with_stochastic(at, noise, start)
+    random = move_to(at, Model(at.model.campaign, (*at.effects_fitted, noise)))
     beside = (AlternativeEffect("constant_torque", torque, -1.0, math.nan),)
     steps = (first, Step("torque_noise", at, random, 0.0, beside, stochastic=True))
     ambiguous = replace(lagging, verdict="ambiguous", steps=steps, final=random)

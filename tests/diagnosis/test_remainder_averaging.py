@@ -100,6 +100,7 @@ def test_what_a_random_effect_displaced_is_fitted_where_that_explains_nothing_ei
     assert (kept.steps[0].added, kept.displaced) == ("wheel_command_lag", ())
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_what_is_quoted_holds_the_truth_whatever_the_verdict(pumped, pumped_truth, lagging):
     named = quoted_parameters(lagging)

@@ -66,6 +66,7 @@ def test_a_lag_is_named_and_measured(lagging, content_of, check_contract):
     assert [e.name for e in next_fit_from(content).effects] == ["wheel_command_lag"]
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_drift_of_its_own_in_each_slew_is_named_and_measured(
     clean, content_of, check_contract, rigid_library
