@@ -322,6 +322,7 @@ def test_a_subset_keeps_its_own_dirt(tmp_path):
     assert campaign.subset([0]).dirt == campaign.dirt
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_lost_rows_move_the_estimate_by_less_than_one_sd(tmp_path):
     rng = np.random.default_rng(3)

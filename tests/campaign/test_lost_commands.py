@@ -112,6 +112,7 @@ def test_a_model_takes_lost_commands_where_commands_drive_it(tmp_path):
     assert Model(whole).structure.coefficients == ()
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_lost_commands_move_the_estimate_by_less_than_its_sd(tmp_path):
     """And widen it by what the noise of the lost commands explains, not by what a cut costs."""

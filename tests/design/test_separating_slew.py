@@ -30,6 +30,7 @@ def test_no_slew_is_proposed_that_the_wheels_cannot_fly():
         separating_slew(one, ConstantTorque(), StarTrackerShift())
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_separating_slew_starts_from_what_the_fingerprints_say(craft, prior):
     """Without tachometers friction and a constant torque look alike.

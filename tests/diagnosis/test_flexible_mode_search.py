@@ -82,6 +82,7 @@ def test_noise_gains_what_the_p_value_says(searched):
     assert sum(p_value(f) < 0.5 for f in found) >= stats.binom.ppf(0.001, n, 0.25)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_an_optimizer_that_stayed_at_zero_coupling_begins_again_at_the_ringing():
     plan = replace(paper_like_plan(), telemetry_period=0.5)

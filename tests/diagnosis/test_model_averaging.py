@@ -105,6 +105,37 @@ def test_a_set_beside_another_effect_is_exchanged_with_that_effect_kept(lagging)
 
 
 @pytest.mark.slow
+def test_one_in_place_of_several_leaves_these_out_and_several_in_place_of_one_stand_together(
+    lagging,
+):
+    """The lag and a constant torque were named; the delay alone, or both, do as well."""
+    (first,), model = lagging.steps, lagging.base.model
+    torque = refitted(lagging.final, "constant_torque").estimate
+    alone = fitted_with(model, "rate_sensor_delay")
+    both = fitted_with(model, "rate_sensor_delay", "constant_torque")
+    weight = first.log_bayes_factor
+    rivals = (
+        AlternativeEffect(
+            "rate_sensor_delay", alone, weight, math.nan, replaces=("constant_torque",)
+        ),
+        AlternativeEffect("rate_sensor_delay", both, weight, math.nan, beside=("constant_torque",)),
+    )
+    steps = (
+        replace(first, alternatives=rivals),
+        Step("constant_torque", lagging.final, torque, 0.0),
+    )
+    named = replace(lagging, verdict="ambiguous", steps=steps, final=torque)
+    one, several = alternative_parameters(named)
+    assert (one.effect, several.effect) == (
+        "rate_sensor_delay",
+        "rate_sensor_delay and constant_torque",
+    )
+    for other, direct in ((one, alone), (several, both)):
+        assert np.all(np.abs(other.mean - direct.theta[:9]) < 0.01 * direct.sd[:9])
+    assert np.any(np.abs(one.mean - several.mean) > 0.1 * both.sd[:9])
+
+
+@pytest.mark.slow
 def test_what_has_no_shape_is_exchanged_beside_another_effect_too(lagging):
     """The lag was named; after it a random torque, or as well a constant one."""
     (first,), at = lagging.steps, lagging.final

@@ -47,6 +47,7 @@ def test_the_next_slew_is_flown_with_the_tensor_after_its_change(flight, rigid_l
     assert len({found.promised, found.expected, found.updated}) == 3
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_what_differs_from_slew_to_slew_is_drawn_from_its_prior_in_the_next_slew(clean):
     """It was as in the first slew; what the next slew will have, only the prior tells."""
