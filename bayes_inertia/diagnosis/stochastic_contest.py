@@ -102,17 +102,17 @@ def contest(
         step = _named(levels[k], at, effects, rules)
         before, step = _without_needless(kept[:k], step, weighed, effects, members)
         if before == k:
-            step = _with_displaced_beside(step, kept[k:], lead, rules)
+            step = _with_displaced_as_alternatives(step, kept[k:], lead, rules)
         instances = {effect.name: effect for effect in final.model.effects}
         displaced = tuple(instances[s.added] for s in kept[before:])
         return Contest((*kept[:before], step), step.after, weighed, displaced)
     if near and k < len(kept) and lead > -rules.log_evidence_margin:
         other = _alternative(levels[k], near, effects)
-        kept = (*kept[:k], *_with_one_for_all_beside(kept[k:], other, lead, rules))
+        kept = (*kept[:k], *_with_common_alternative(kept[k:], other, lead, rules))
     return Contest(kept, final, weighed)
 
 
-def _with_displaced_beside(
+def _with_displaced_as_alternatives(
     step: Step, displaced: Sequence[Step], lead: float, rules: Rules
 ) -> Step:
     """An effect without a fixed shape, with the steps that it hardly beats as alternatives."""
@@ -129,7 +129,7 @@ def _with_displaced_beside(
     return _with_alternative(step, together, rules)
 
 
-def _with_one_for_all_beside(
+def _with_common_alternative(
     steps: Sequence[Step], other: AlternativeEffect, lead: float, rules: Rules
 ) -> tuple[Step, ...]:
     """Steps that an effect without a fixed shape hardly loses to, with it as their alternative."""

@@ -30,8 +30,8 @@ from bayes_inertia.inference.shared_unknowns import shared_first
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.reading_noise import ReadingNoise
 
-# Sets of processes that are filtered at once, compiled code having one shape: a size and a time,
-# and their neighbours on both sides.
+# Sets of processes that are filtered at once: compiled code has one shape. A slope along a size and
+# a time needs a point and its four neighbours.
 _BATCH = 5
 # Numbers to filter beyond which they are filtered one after the other, to save memory.
 _MOST_AT_ONCE = 1_000_000

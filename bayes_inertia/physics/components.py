@@ -215,9 +215,6 @@ def runge_kutta_6(slope: Callable[[Any, Any], Any], x: Any, step: Array) -> Any:
 
 def _moved(x: Any, slopes: Any, shares: Array) -> Any:
     """The state, moved along the slopes of all stages (7, ...) by so much of each."""
-
-    # A product and a sum become part of what comes next; `tensordot` is a call of its own.
-    def moved(a: Array, k: Array) -> Array:
-        return a + jnp.sum(shares.reshape(-1, *[1] * a.ndim) * k, 0)
-
-    return jax.tree.map(moved, x, slopes)
+    # Products and a sum become part of what comes next; `tensordot` is a call of its own.
+    of_all = jax.vmap(jnp.multiply)
+    return jax.tree.map(lambda a, k: a + jnp.sum(of_all(shares, k), 0), x, slopes)

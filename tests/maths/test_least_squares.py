@@ -86,6 +86,11 @@ def test_dogleg_survives_points_without_derivatives():
         np.ones(1),
     )
     assert x[0] == 5.0
+    # Nor does a start without an objective, whose derivatives are finite.
+    x, objective = dogleg(
+        lambda x: np.inf, lambda x: (np.eye(1), x), lambda x, s: x + s, np.array([5.0]), np.ones(1)
+    )
+    assert (x[0], objective) == (5.0, np.inf)
     # A start without an objective is left behind, and the descent goes on.
     x, _ = dogleg(
         lambda x: 0.5 * x[0] ** 2 if x[0] < 4.5 else np.inf,
@@ -96,11 +101,6 @@ def test_dogleg_survives_points_without_derivatives():
         expected=1.0,
     )
     assert x[0] == pytest.approx(0.0, abs=1e-6)
-    # Nor does a start without an objective, whose derivatives are finite.
-    x, objective = dogleg(
-        lambda x: np.inf, lambda x: (np.eye(1), x), lambda x, s: x + s, np.array([5.0]), np.ones(1)
-    )
-    assert (x[0], objective) == (5.0, np.inf)
 
 
 @pytest.mark.parametrize("misfit", [0.0, 3.0])
