@@ -95,26 +95,32 @@ def median_size(kind: str) -> float:
     return float(np.exp(effect.parameters(template_campaign())[0].priors[0].mean))
 
 
-def size_found(kind: str, campaign: Campaign) -> float:
-    """The size of an effect that an ideal test finds in 99 % of such campaigns [its unit]."""
-    (effect,) = by_name([kind])
-    powers = eigenvalues(plain_fit(campaign), effect, _TIME, _MIDDLE)
-    return ideal_size(powers, POWER, LEVEL) * median_size(kind)
+@dataclass(frozen=True)
+class RandomSize:
+    """A random effect's size: so many times that which an ideal test finds with a power."""
+
+    power: float = POWER
+    times: float = 1.0
+
+    def of(self, kind: str, campaign: Campaign) -> float:
+        """The size of an effect in such campaigns [its unit]."""
+        (effect,) = by_name([kind])
+        powers = eigenvalues(plain_fit(campaign), effect, _TIME, _MIDDLE)
+        return self.times * ideal_size(powers, self.power, LEVEL) * median_size(kind)
 
 
 def random_campaign(
-    kind: str, times: float, seed: np.random.SeedSequence, tachometers: bool
+    kind: str, size_found: RandomSize, seed: np.random.SeedSequence, tachometers: bool
 ) -> tuple[Flight, Campaign, float]:
     """A flight, its telemetry with one random effect, and the effect's size [its unit].
 
-    The size is so many times that which an ideal test finds in this flight. The kind "clean" has
-    none.
+    The kind "clean" has none.
     """
     flown, noise, path = seed.spawn(3)
     flight, rng = draw(flown, (), {}, True), np.random.default_rng(path)
     process = wiener(rng) if kind.endswith("walk") else gauss_markov(rng)
     of_test = flight.campaign if tachometers else without_tachometers(flight.campaign)
-    size = times * size_found(kind, of_test) if kind in RANDOM else 0.0
+    size = size_found.of(kind, of_test) if kind in RANDOM else 0.0
     signal = RandomSignal(size, kind, process)
     known = flight.campaign.slews
     pushed = flight

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from naming_campaigns import RANDOM
+from naming_campaigns import POWER, RANDOM
 from outside_kinds import SHAPELESS
 from page_table import table_lines
 from scipy import stats
@@ -97,8 +97,8 @@ def _summary(rows: Sequence[dict]) -> list[str]:
     shaped = [row for row in outside if row["label"] not in SHAPELESS]
     shapeless = [row for row in outside if row["label"] in SHAPELESS]
     table: list[tuple[str, str]] = []
-    for times in sorted({row["times"] for row in hidden}):
-        table += _of_size(times, [row for row in hidden if row["times"] == times])
+    for size in sorted({_size(row) for row in hidden}):
+        table += _of_size(size, [row for row in hidden if _size(row) == size])
     beside = [row for row in rows if row["kind"] == "beside"]
     table += _counted(
         "effects of a fixed shape beside noise that wanders as stated and outliers", beside
@@ -143,10 +143,16 @@ def _summary(rows: Sequence[dict]) -> list[str]:
     return [*table_lines(("", "measured"), counted), ""]
 
 
-def _of_size(times: float, rows: Sequence[dict]) -> list[tuple[str, str]]:
+def _size(row: dict) -> tuple[float, float]:
+    """Power of the ideal test, and the size over that which it finds."""
+    return row.get("power", POWER), row["times"]
+
+
+def _of_size(size: tuple[float, float], rows: Sequence[dict]) -> list[tuple[str, str]]:
     """Rows of random effects of one size."""
-    size = "ideal power 0.99" if times == 1.0 else f"{times:g} times that size"
-    return _counted(f"random effects, {size}", rows)
+    power, times = size
+    of_size = f"ideal power {power:g}" if times == 1.0 else f"{times:g} times that size"
+    return _counted(f"random effects, {of_size}", rows)
 
 
 def _counted(title: str, rows: Sequence[dict]) -> list[tuple[str, str]]:
@@ -224,10 +230,17 @@ def _wrong_beside(row: dict) -> bool:
 def _by_label(rows: Sequence[dict]) -> list[str]:
     table = []
     for row in rows:
-        size = f"{row['times']:g}" if row["kind"] == "random" else ""
+        power, times = _size(row)
+        size = f"{power:g}, {times:g}" if row["kind"] == "random" else ""
         sets = "; ".join(" or ".join(names) for names in row.get("ambiguous_with", []))
         said = sets or ", ".join(row.get("named", [])) or row.get("source", "")
         table.append((row["label"], size, row.get("verdict", "error"), said))
-    columns = ("hidden", "times", "verdict", "named, or where the nameless shape sits", "campaigns")
+    columns = (
+        "hidden",
+        "power, times",
+        "verdict",
+        "named, or where the nameless shape sits",
+        "campaigns",
+    )
     counted = [(*row, str(count)) for row, count in sorted(Counter(table).items())]
     return [*table_lines(columns, counted), ""]

@@ -1,14 +1,16 @@
 """How well the diagnosis names what has no fixed shape.
 
-    python analyses/naming_study.py --kind random --each 20 [--times 3] [--without-tachometers]
+    python analyses/naming_study.py --kind random --each 20 [--power 0.9] [--times 3]
+        [--without-tachometers]
     python analyses/naming_study.py --page
 
 Campaigns of another simulator (`independent.py`), each with its own J, K, bias, slews and noise.
 `random`: every effect without a fixed shape, as large as an ideal test finds in 99 % of such
-campaigns, or so many times as large. `outside`: disturbances from outside the library. `clean`:
-nothing hidden; `stated`: noise that wanders as the campaign says. `beside`: an effect of a fixed
-shape in such noise, with outliers, flown by the package's own simulator. `--work` keeps the rows
-of a killed study. Writes `analyses/results/naming_KIND_TACHO.jsonl` and, with --page, `naming.md`.
+campaigns (`--power`), or so many times as large. `outside`: disturbances from outside the library.
+`clean`: nothing hidden; `stated`: noise that wanders as the campaign says. `beside`: an effect of a
+fixed shape in such noise, with outliers, flown by the package's own simulator. `--first`: number of
+the first campaign of each, other campaigns have other numbers. `--work` keeps the rows of a killed
+study. Writes `analyses/results/naming_KIND_TACHO.jsonl` and, with --page, `naming.md`.
 """
 
 from __future__ import annotations
@@ -24,7 +26,14 @@ from diagnosis_campaigns import draw, without_tachometers
 from diagnosis_study import NAMES, quoted_z, truth_of
 from independent import replayed
 from naming_beside import beside_campaign
-from naming_campaigns import OF_TACHOMETERS, RANDOM, random_campaign, stated_campaign
+from naming_campaigns import (
+    OF_TACHOMETERS,
+    POWER,
+    RANDOM,
+    RandomSize,
+    random_campaign,
+    stated_campaign,
+)
 from naming_page import write_page
 from outside_kinds import KINDS, outside
 
@@ -42,11 +51,13 @@ RESULTS = Path(__file__).parent / "results"
 class NamedOrNot:
     """The task: one campaign simulated and diagnosed. Ids are "label/index".
 
-    `times`: the size of a random effect over that which an ideal test finds.
+    `power`: of the ideal test of a random effect. `times`: the effect's size over that which the
+    test finds with this power.
     """
 
     kind: str
     tachometers: bool
+    power: float = POWER
     times: float = 1.0
 
     def __call__(self, task_id: str, seed: np.random.SeedSequence) -> Row:
@@ -64,9 +75,10 @@ class NamedOrNot:
         elif self.kind == "beside":
             flight, campaign, size = beside_campaign(label, seed, self.tachometers)
         else:
-            flight, campaign, size = random_campaign(label, self.times, seed, self.tachometers)
+            found = RandomSize(self.power, self.times)
+            flight, campaign, size = random_campaign(label, found, seed, self.tachometers)
         row = {"kind": self.kind, "label": label, "index": int(index)}
-        row |= {"times": self.times, "size": size}
+        row |= {"power": self.power, "times": self.times, "size": size}
         began = process_time()
         try:
             answer = _summary(diagnose(campaign, seed=int(index)), truth_of(flight))
@@ -113,6 +125,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--kind", choices=["random", "outside", "clean", "stated", "beside"])
     parser.add_argument("--each", type=int, default=1, help="campaigns of each label")
+    parser.add_argument("--first", type=int, default=0, help="number of the first of them")
+    parser.add_argument("--power", type=float, default=POWER, help="of the ideal test")
     parser.add_argument("--times", type=float, default=1.0, help="size over that of the ideal test")
     parser.add_argument("--without-tachometers", action="store_true")
     parser.add_argument("--work", type=Path, default=Path("naming_run"))
@@ -122,13 +136,14 @@ def main() -> None:
     if options.kind:
         tachometers = not options.without_tachometers
         factor = "" if options.times == 1.0 else f"_x{options.times:g}"
+        factor += "" if options.power == POWER else f"_{options.power:g}"
         name = f"naming_{options.kind}{factor}_{'tacho' if tachometers else 'notacho'}"
         ids = tuple(
             f"{label}/{i}"
-            for i in range(options.each)
+            for i in range(options.first, options.first + options.each)
             for label in labels(options.kind, tachometers)
         )
-        task = NamedOrNot(options.kind, tachometers, options.times)
+        task = NamedOrNot(options.kind, tachometers, options.power, options.times)
         work = Work("campaigns", task, ids, options={"name": name})
         execution = Execution(
             jobs=options.jobs, progress=lambda *told: print(*told, flush=True), notice=print

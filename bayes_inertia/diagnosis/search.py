@@ -38,7 +38,9 @@ from bayes_inertia.diagnosis.result import Diagnosis, Step
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.diagnosis.stochastic_candidates import (
     STOCHASTIC_CANDIDATES,
+    p_values_decide,
     stochastic_candidates,
+    with_p_values,
 )
 from bayes_inertia.diagnosis.stochastic_contest import contest
 from bayes_inertia.diagnosis.torque_response import torque_response
@@ -51,9 +53,8 @@ from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 _MAX_NOISE_ROUNDS = 3
-# As how many tests all effects without a fixed shape count together. Their p-values are bounds by
-# Markov's inequality, p = 1/B: in clean campaigns the largest Bayes factor B of all is above 1/p in
-# less than a share p of them (analyses/results/random_null.md).
+# As how many tests all effects without a fixed shape count together: their p-values are of the
+# largest Bayes factor of all, or bounds of that.
 _RANDOM_TESTS = 1
 
 
@@ -198,4 +199,6 @@ def _score(
     # Where nothing is significant nobody asks for what has no name.
     significant = any(c.p_value < threshold for c in ranked)
     weighed = stochastic_candidates(estimate, effects, fit, response, nameless=significant)
+    if not significant and p_values_decide(weighed):
+        weighed = with_p_values(weighed, effects, fit, response, rng.spawn(1)[0])
     return ScoredRound(estimate, tests, ranked, threshold, mode, weighed)

@@ -19,7 +19,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.special import logsumexp
 
 from bayes_inertia.diagnosis.prior_sizes import WIDEST, WRONG_PRIOR, sizes_with_weights
@@ -60,6 +59,25 @@ class ProjectedSignal:
         return ProjectedSignal(
             self.gradient.sum(0, keepdims=True), self.matrix.sum((0, 2))[None, :, None]
         )
+
+
+@array_dataclass
+class SignalPrior:
+    """What a signal may be like before the data are seen.
+
+    Parameters
+    ----------
+    roots : sequence of (slews, k, k) or (slews k, slews k) arrays
+        T, one for each shape: of each slew, or of all slews where these are not independent.
+    odds : (shapes,) array
+        Prior odds of the shapes.
+    largest : float
+        Largest size that the prior has, in units of T.
+    """
+
+    roots: Sequence[np.ndarray]
+    odds: np.ndarray
+    largest: float
 
 
 @dataclass(frozen=True)
@@ -134,21 +152,15 @@ def projected_signal(fit: LinearisedFit, columns: np.ndarray) -> ProjectedSignal
     return ProjectedSignal(fitted - gradient, matrix)
 
 
-def signal_evidence(
-    signal: ProjectedSignal, roots: Sequence[np.ndarray], odds: ArrayLike, largest: float
-) -> SignalEvidence:
+def signal_evidence(signal: ProjectedSignal, prior: SignalPrior) -> SignalEvidence:
     """Weigh a random signal against none.
 
     Parameters
     ----------
     signal : ProjectedSignal
         Its coefficients.
-    roots : sequence of (slews, k, k) or (slews k, slews k) arrays
-        T, one for each shape: of each slew, or of all slews where these are not independent.
-    odds : (shapes,) array
-        Prior odds of the shapes.
-    largest : float
-        Largest size that the prior has, in units of T.
+    prior : SignalPrior
+        What it may be like.
 
     Returns
     -------
@@ -158,23 +170,22 @@ def signal_evidence(
     --------
     >>> silent = ProjectedSignal(np.array([[0.3]]), np.full((1, 1, 1, 1), 1e2))
     >>> loud = ProjectedSignal(np.array([[60.0]]), np.full((1, 1, 1, 1), 1e2))
-    >>> values = [signal_evidence(x, [np.ones((1, 1, 1))], [1.0], 20.0) for x in (silent, loud)]
+    >>> prior = SignalPrior([np.ones((1, 1, 1))], np.ones(1), 20.0)
+    >>> values = [signal_evidence(x, prior) for x in (silent, loud)]
     >>> [bool(x.log_bayes_factor > 0.0) for x in values]
     [False, True]
     """
     tables, sizes = [], []
-    for root in roots:
-        powers, along = _directions(signal, root)
-        least = _INVISIBLE / np.sqrt(max(powers.max(initial=0.0), 1e-300))
-        least = min(least, _LARGEST_START * largest)
-        tried, likely = sizes_with_weights(least, largest, _SIZES)
+    for root in prior.roots:
+        own = signal_directions(signal.matrix, root)
+        tried, likely = tried_sizes(own.powers, prior.largest)
         sizes.append(tried)
-        tables.append(_of_sizes(powers, along, tried) + np.log(likely))
-    weights = np.log(np.asarray(odds, float))[:, None]
+        tables.append(own.of_sizes(signal.gradient, tried) + np.log(likely))
+    weights = np.log(prior.odds)[:, None]
     values = np.array(tables) + weights
     shape, size = np.unravel_index(np.argmax(values), values.shape)
     total = logsumexp(values) - logsumexp(weights)
-    ends = float(sizes[shape][0]), float(largest)
+    ends = float(sizes[shape][0]), float(prior.largest)
     return SignalEvidence(float(total), float(sizes[shape][size]), int(shape), ends)
 
 
@@ -204,27 +215,113 @@ def gain_of_one_process(
     >>> bool(gain_of_one_process(signal, same, own)(np.ones(1))[0] > 0.5)
     True
     """
-    together, apart = _directions(signal, joint), _directions(signal, each)
-    return lambda sizes: _of_sizes(*together, sizes) - _of_sizes(*apart, sizes)
+    together, apart = (signal_directions(signal.matrix, root) for root in (joint, each))
+    own = signal.gradient
+    return lambda sizes: together.of_sizes(own, sizes) - apart.of_sizes(own, sizes)
 
 
-def _of_sizes(powers: np.ndarray, along: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Log evidence of each size (n,)."""
-    variance = sizes[:, None] ** 2
-    gain = variance * along**2 / (1.0 + variance * powers)
-    return 0.5 * (gain - np.log1p(variance * powers)).sum(1)
+@array_dataclass
+class SignalDirections:
+    """Independent directions of a signal of one shape.
+
+    Parameters
+    ----------
+    root : (slews, k, k) or (slews k, slews k) array
+        T.
+    powers : (n,) array
+        Eigenvalues of T^T A T.
+    vectors : (n, n) array
+        Its eigenvectors, in columns.
+    """
+
+    root: np.ndarray
+    powers: np.ndarray
+    vectors: np.ndarray
+
+    def of_sizes(self, gradient: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+        """Log evidence of each size.
+
+        Parameters
+        ----------
+        gradient : (slews, k, ...) array
+            g, of one campaign or of several.
+        sizes : (n,) array
+
+        Returns
+        -------
+        (n, ...) array
+        """
+        back = self.root.T if self.root.ndim == 2 else np.swapaxes(self.root, 1, 2)
+        turned = _times(back, gradient)
+        along = self.vectors.T @ turned.reshape(-1, *turned.shape[2:])
+        variance = sizes[:, None] ** 2
+        visible = variance * self.powers
+        gain = (variance / (1.0 + visible)) @ along**2
+        penalty = np.log1p(visible).sum(1)
+        return 0.5 * (gain - penalty.reshape(-1, *[1] * (gain.ndim - 1)))
+
+    def coefficients(self, normal: np.ndarray) -> np.ndarray:
+        """Coefficients T z of a signal of unit size.
+
+        Parameters
+        ----------
+        normal : (slews, k, ...) array
+            z: standard normal numbers.
+
+        Returns
+        -------
+        (slews, k, ...) array
+        """
+        return _times(self.root, normal)
 
 
-def _directions(signal: ProjectedSignal, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalues of T^T A T, and T^T g along its eigenvectors."""
-    slews, k = signal.gradient.shape
+def _times(root: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """A root, of each slew or of all slews together, times values (slews, k, ...)."""
     if root.ndim == 2:
-        turned = root.T @ signal.matrix.reshape(slews * k, -1) @ root
-        powers, directions = np.linalg.eigh(turned)
-        return np.maximum(powers, 0.0), directions.T @ (root.T @ signal.gradient.ravel())
-    half = np.stack([signal.matrix[:, :, s].reshape(-1, k) @ own for s, own in enumerate(root)], 1)
-    half = half.reshape(slews, k, slews * k)
-    turned = np.concatenate([own.T @ rows for own, rows in zip(root, half, strict=True)])
-    powers, directions = np.linalg.eigh(turned)
-    along = np.einsum("sji,sj->si", root, signal.gradient).ravel()
-    return np.maximum(powers, 0.0), directions.T @ along
+        return (root @ values.reshape(len(root), -1)).reshape(values.shape)
+    slews, k = values.shape[:2]
+    return (root @ values.reshape(slews, k, -1)).reshape(values.shape)
+
+
+def signal_directions(matrix: np.ndarray, root: np.ndarray) -> SignalDirections:
+    """Find the independent directions of a signal.
+
+    Parameters
+    ----------
+    matrix : (slews, k, slews, k) array
+        A, of a `ProjectedSignal`.
+    root : (slews, k, k) or (slews k, slews k) array
+        T.
+
+    Returns
+    -------
+    SignalDirections
+    """
+    slews, k = matrix.shape[:2]
+    if root.ndim == 2:
+        turned = root.T @ matrix.reshape(slews * k, -1) @ root
+    else:
+        half = np.stack([matrix[:, :, s].reshape(-1, k) @ own for s, own in enumerate(root)], 1)
+        half = half.reshape(slews, k, slews * k)
+        turned = np.concatenate([own.T @ rows for own, rows in zip(root, half, strict=True)])
+    powers, vectors = np.linalg.eigh(turned)
+    return SignalDirections(root, np.maximum(powers, 0.0), vectors)
+
+
+def tried_sizes(powers: np.ndarray, largest: float) -> tuple[np.ndarray, np.ndarray]:
+    """Sizes over which evidence is averaged, from one that the campaign can just not see.
+
+    Parameters
+    ----------
+    powers : (n,) array
+        Of a signal's directions.
+    largest : float
+        The largest size of its prior.
+
+    Returns
+    -------
+    sizes, weights : (m,) arrays
+        Weights add up to one.
+    """
+    least = _INVISIBLE / np.sqrt(max(powers.max(initial=0.0), 1e-300))
+    return sizes_with_weights(min(least, _LARGEST_START * largest), largest, _SIZES)

@@ -9,8 +9,7 @@ sense of a candidate is neither.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import ClassVar
+from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -22,14 +21,17 @@ from bayes_inertia.diagnosis.filtered_candidates import (
     filtered_effects,
     is_strong,
 )
+from bayes_inertia.diagnosis.random_significance import RandomSignal, p_values_of_largest
 from bayes_inertia.diagnosis.signal_evidence import (
     GainOfSizes,
     ProjectedSignal,
     SignalEvidence,
+    SignalPrior,
     gain_of_one_process,
     projected_signal,
     signal_evidence,
 )
+from bayes_inertia.diagnosis.tachometer_shape import TachometerShape
 from bayes_inertia.diagnosis.torque_response import TorqueResponse, torque_response
 from bayes_inertia.inference.coefficients import prior_roots
 from bayes_inertia.inference.compiled_programs import forget_surplus
@@ -37,16 +39,7 @@ from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import REMAINDERS, STOCHASTIC
-from bayes_inertia.physics.effects.scales import sd_and_time
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.random_basis import (
-    hat_functions,
-    on_axes,
-    on_each_axis,
-    ornstein_uhlenbeck_root,
-    slew_duration,
-    slew_fraction,
-)
 from bayes_inertia.physics.stated_noise import stated_terms
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
@@ -65,36 +58,17 @@ _LARGEST = 2.0
 # Length scales of a smooth signal: from this share of the knots' spacing to the whole slew.
 _SHORTEST, _LENGTHS = 0.7, 6
 _JITTER = 1e-9  # of the smooth kernel's variance
+# Largest log evidence of all: below the first nothing is found, and above the second the bound by
+# Markov's inequality is enough. Between them p-values are simulated.
+_WEAK, _CLEAR = 1.5, 9.0
 # Effects of more numbers than these in their columns are left out, to save memory.
 _MOST_NUMBERS = 5e7
+# P-values are not simulated if that takes matrices of more numbers, to save memory.
+_LARGEST_MATRICES = 5e7
 
 STOCHASTIC_CANDIDATES: tuple[StochasticEffect, ...] = tuple(
     e for e in STOCHASTIC if isinstance(e, StochasticEffect) and e not in REMAINDERS
 )
-
-
-@dataclass(frozen=True)
-class TachometerShape(StochasticEffect):
-    """An error of the tachometers on knots: the shape without a name where no effect has knots."""
-
-    name: ClassVar[str] = "tachometer_shape"
-    knots: int = 17
-
-    def parameters(self, campaign):
-        sigma = [wheel.momentum_sigma for wheel in campaign.wheels if wheel.momentum_sigma]
-        return sd_and_time(campaign, "N m s", max(sigma), None, 1.5) if sigma else ()
-
-    def coefficient_count(self, campaign):
-        return len(campaign.wheels) * self.knots if self.parameters(campaign) else 0
-
-    def coefficient_root(self, p, slew, count):
-        spacing = slew_duration(slew) / (self.knots - 1)
-        root = ornstein_uhlenbeck_root(p["sd"], p["time"], spacing, self.knots)
-        return on_each_axis(root, count // self.knots)
-
-    def momentum_output(self, p, slew, trajectory, momentum):
-        hats = hat_functions(slew_fraction(slew, slew.time), self.knots)
-        return momentum + on_axes(hats, p["coefficients"], momentum.shape[1])
 
 
 @dataclass(frozen=True)
@@ -111,12 +85,30 @@ class StochasticCandidate:
         Log evidence against nothing, to first order.
     start : tuple of float
         The effect's parameters where the evidence is largest; empty without a name.
+    simulated_p_value : float
+        Probability that any effect without a fixed shape has such evidence where there is none;
+        None if that was not simulated.
     """
 
     effect: str
     source: str
     log_bayes_factor: float
     start: tuple[float, ...] = ()
+    simulated_p_value: float | None = None
+
+    @property
+    def p_value(self) -> float:
+        """Probability of such evidence where nothing is random.
+
+        If it was not simulated an upper bound by Markov's inequality: the expectation of a Bayes
+        factor is one.
+
+        >>> round(StochasticCandidate("rate_random_walk", "rate sensor", 7.0).p_value, 4)
+        0.0009
+        """
+        if self.simulated_p_value is not None:
+            return self.simulated_p_value
+        return float(np.exp(-max(self.log_bayes_factor, 0.0)))
 
 
 def stochastic_candidates(
@@ -176,6 +168,74 @@ def stochastic_candidates(
         else:
             candidates.append(_weighed(effect, model, evidence))
     return tuple(sorted(candidates, key=lambda c: -c.log_bayes_factor))
+
+
+def p_values_decide(weighed: Sequence[StochasticCandidate]) -> bool:
+    """Whether bounds of the p-values leave open what is significant.
+
+    Parameters
+    ----------
+    weighed : sequence of StochasticCandidate
+        Of one fit.
+
+    Returns
+    -------
+    bool
+        False where the largest evidence is weak, or so clear that its bound is enough.
+
+    Examples
+    --------
+    >>> of = [StochasticCandidate("torque_noise", "body torque", x) for x in (0.5, 5.0, 50.0)]
+    >>> [p_values_decide([candidate]) for candidate in of]
+    [False, True, False]
+    """
+    largest = max((c.log_bayes_factor for c in weighed if c.effect), default=0.0)
+    return _WEAK < largest < _CLEAR
+
+
+def with_p_values(
+    weighed: Sequence[StochasticCandidate],
+    effects: Sequence[StochasticEffect],
+    fit: LinearisedFit,
+    response: TorqueResponse,
+    rng: np.random.Generator,
+) -> tuple[StochasticCandidate, ...]:
+    """Simulate how probable such evidence is where nothing is random.
+
+    Parameters
+    ----------
+    weighed : sequence of StochasticCandidate
+        What `stochastic_candidates` returned at the fit.
+    effects : sequence of StochasticEffect
+        All candidates.
+    fit : LinearisedFit
+        Of the fit.
+    response : TorqueResponse
+        Of the fit.
+    rng : numpy.random.Generator
+        Source of the simulated campaigns.
+
+    Returns
+    -------
+    tuple of StochasticCandidate
+        The same with p-values; in campaigns of very many slews they stay bounds, to save memory.
+    """
+    kept = usable(effects, fit.model, fit.residual.size)
+    counts = [e.coefficient_count(fit.model.campaign) for e in kept]
+    squares = len(_SHAPES) * (len(fit.residual) * np.array(counts)) ** 2
+    if not kept or squares.sum() > _LARGEST_MATRICES:
+        return tuple(weighed)
+    model = Model(fit.model.campaign, kept, fit.model.structure.drive)
+    roots = [_roots_at(model, x) for x in _SHAPES]
+    signals = []
+    for i, effect in enumerate(kept):
+        columns = coefficient_columns(response, effect)
+        if columns.any():
+            own = [of_all[i] for of_all in roots]
+            signals.append(RandomSignal(columns, _prior(effect, model, own)))
+    values = np.array([c.log_bayes_factor for c in weighed])
+    p_values = p_values_of_largest(fit, signals, values, rng).tolist()
+    return tuple(replace(c, simulated_p_value=p) for c, p in zip(weighed, p_values, strict=True))
 
 
 def usable(
@@ -257,9 +317,14 @@ def _on_knots(
     effect: StochasticEffect, model: Model, signal: ProjectedSignal, roots: list[CandidateRoots]
 ) -> SignalEvidence:
     """Evidence of an effect; `roots` are its own at each of `_SHAPES`."""
+    return signal_evidence(signal, _prior(effect, model, roots))
+
+
+def _prior(effect: StochasticEffect, model: Model, roots: list[CandidateRoots]) -> SignalPrior:
+    """What an effect may be like; `roots` are its own at each of `_SHAPES`."""
     shapes, largest = _settings(effect, model)
     best = [own.best for own in roots[: len(shapes)]]
-    return signal_evidence(signal, best, np.exp(-0.5 * shapes**2), largest)
+    return SignalPrior(best, np.exp(-0.5 * shapes**2), largest)
 
 
 def _weighed(effect: StochasticEffect, model: Model, own: SignalEvidence) -> StochasticCandidate:
@@ -299,9 +364,10 @@ def _without_a_name(
         return []
     shapes, largest = _settings(effect, model)
     once = [dense(b[:1]) for b in blocks]
-    same = signal_evidence(signal.repeated(), once, np.exp(-0.5 * shapes**2), largest)
+    of_shapes = SignalPrior(once, np.exp(-0.5 * shapes**2), largest)
+    same = signal_evidence(signal.repeated(), of_shapes)
     smooth = [dense(b) for b in _smooth(blocks[len(blocks) // 2])]
-    free = signal_evidence(signal, smooth, np.ones(len(smooth)), largest)
+    free = signal_evidence(signal, SignalPrior(smooth, np.ones(len(smooth)), largest))
     source = _source(effect)
     return [StochasticCandidate("", source, x.log_bayes_factor) for x in (same, free)]
 

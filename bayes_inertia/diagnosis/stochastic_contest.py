@@ -210,7 +210,7 @@ def standing(best: Sequence[StochasticCandidate | None], threshold: float) -> li
     last = len(best) - 1
     return [
         c.log_bayes_factor
-        if c is not None and (k < last or p_value(c) < threshold)
+        if c is not None and (k < last or c.p_value < threshold)
         else -float("inf")
         for k, c in enumerate(best)
     ]
@@ -254,27 +254,6 @@ def best_level(
     return level, float(totals[level] - alone)
 
 
-def p_value(candidate: StochasticCandidate) -> float:
-    """An upper bound of the probability of such evidence without the effect.
-
-    Parameters
-    ----------
-    candidate : StochasticCandidate
-        What was weighed.
-
-    Returns
-    -------
-    float
-        By Markov's inequality: the expectation of a Bayes factor is one.
-
-    Examples
-    --------
-    >>> round(p_value(StochasticCandidate("rate_random_walk", "rate sensor", 7.0)), 4)
-    0.0009
-    """
-    return float(np.exp(-max(candidate.log_bayes_factor, 0.0)))
-
-
 def as_candidates(weighed: Sequence[StochasticCandidate]) -> tuple[Candidate, ...]:
     """The rows of effects without a fixed shape among those of the library.
 
@@ -293,7 +272,7 @@ def as_candidates(weighed: Sequence[StochasticCandidate]) -> tuple[Candidate, ..
             effect=c.effect,
             dof=len(c.start),
             score=max(2.0 * c.log_bayes_factor, 0.0),
-            p_value=p_value(c),
+            p_value=c.p_value,
             log_bayes_factor=c.log_bayes_factor,
         )
         for c in weighed

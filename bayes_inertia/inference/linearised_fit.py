@@ -254,15 +254,15 @@ class LinearisedFit:
 
         Parameters
         ----------
-        signal : (slews, numbers) array
-            What is added to the whitened data.
+        signal : (slews, numbers, ...) array
+            What is added to the whitened data; of one signal or of several.
 
         Returns
         -------
-        (slews, numbers) array
+        (slews, numbers, ...) array
             The part that the fit cannot imitate.
         """
-        projected_gradient = np.zeros(len(self.covariance))
+        projected_gradient = np.zeros((len(self.covariance), *signal.shape[2:]))
         for s, change in enumerate(signal):
             projected_gradient[self.index(s)] += self.columns[s].T @ change
         answer = self.covariance @ projected_gradient

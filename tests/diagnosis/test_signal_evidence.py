@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from bayes_inertia.diagnosis.signal_evidence import (
+    SignalPrior,
     gain_of_one_process,
     projected_signal,
     signal_evidence,
@@ -58,7 +59,7 @@ def drawn(rng, fitted, columns, size):
 def evidence(fitted, columns, data, unit=1.0, largest=LARGEST):
     roots = [np.broadcast_to(unit * scale * np.eye(K), (SLEWS, K, K)) for scale in (1.0, 2.0)]
     signal = projected_signal(fit_of(fitted, data), columns)
-    return signal_evidence(signal, roots, [1.0, 0.5], largest)
+    return signal_evidence(signal, SignalPrior(roots, np.array([1.0, 0.5]), largest))
 
 
 def test_without_a_signal_the_bayes_factor_is_one_on_average(design):
@@ -101,8 +102,8 @@ def test_a_signal_that_repeats_is_told_from_one_that_does_not(design):
         coefficients = rng.normal(size=(1 if same else SLEWS, K)) * np.ones((SLEWS, 1))
         data = drawn(rng, fitted, columns, 0.0) + np.einsum("snk,sk->sn", columns, coefficients)
         signal = projected_signal(fit_of(fitted, data), columns)
-        once = signal_evidence(signal.repeated(), [unit[:1]], [1.0], LARGEST)
-        each = signal_evidence(signal, [unit], [1.0], LARGEST)
+        once = signal_evidence(signal.repeated(), SignalPrior([unit[:1]], np.ones(1), LARGEST))
+        each = signal_evidence(signal, SignalPrior([unit], np.ones(1), LARGEST))
         leads.append(once.log_bayes_factor - each.log_bayes_factor)
     assert leads[0] > 3.0
     assert leads[1] < -3.0

@@ -10,9 +10,11 @@ from bayes_inertia.diagnosis.coefficient_columns import coefficient_columns
 from bayes_inertia.diagnosis.prior_of_sets import cost_of_further
 from bayes_inertia.diagnosis.stochastic_candidates import (
     STOCHASTIC_CANDIDATES,
+    StochasticCandidate,
     medians,
     stochastic_candidates,
     usable,
+    with_p_values,
 )
 from bayes_inertia.diagnosis.stochastic_contest import best_level
 from bayes_inertia.diagnosis.torque_response import torque_response
@@ -71,6 +73,33 @@ def test_of_a_clean_campaign_nothing_random_is_significant(plain):
     weighed = stochastic_candidates(plain, STOCHASTIC_CANDIDATES)
     assert {c.effect for c in weighed} == {"", *(e.name for e in STOCHASTIC_CANDIDATES)}
     assert max(c.log_bayes_factor for c in weighed) < 5.0
+
+
+def test_p_values_of_a_fit_are_of_the_whole_family_and_below_the_bound(plain):
+    """Each is of the largest of all Bayes factors: it falls with the evidence, and lies at a small
+    share of Markov's bound where that is small. A campaign of too many slews keeps the bound.
+    """
+    fit, response = plain.linearised(), torque_response(plain)
+    some = [e for e in STOCHASTIC_CANDIDATES if e.name in ("rate_random_walk", "torque_noise")]
+    levels = [-2.0, 0.0, 2.0, 4.0, 6.0]
+    asked = [StochasticCandidate("torque_noise", "body torque", level) for level in levels]
+    p, bound = (
+        np.array([c.p_value for c in candidates])
+        for candidates in (
+            with_p_values(asked, some, fit, response, np.random.default_rng(1)),
+            asked,
+        )
+    )
+    assert np.all(np.diff(p) < 0.0)
+    assert p[0] > 0.5
+    assert np.all(p[2:] < 0.5 * bound[2:])
+    assert np.all(p > 0.0)
+    one = with_p_values(asked, some[:1], fit, response, np.random.default_rng(1))
+    assert one[2].p_value < p[2]
+    with pytest.MonkeyPatch.context() as patched:
+        module = sys.modules[with_p_values.__module__]
+        patched.setattr(module, "_LARGEST_MATRICES", 1.0)
+        assert with_p_values(asked, some, fit, response, np.random.default_rng(1)) == tuple(asked)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,121 @@
+"""p-values of the largest Bayes factor: those of brute force, and uniform where nothing is random.
+
+Tolerances are four Monte Carlo errors of brute force.
+"""
+
+from types import MethodType, SimpleNamespace
+
+import numpy as np
+import pytest
+
+from bayes_inertia.diagnosis.random_significance import RandomSignal, p_values_of_largest
+from bayes_inertia.diagnosis.signal_evidence import (
+    ProjectedSignal,
+    SignalPrior,
+    projected_signal,
+    signal_evidence,
+)
+from bayes_inertia.inference.linearised_fit import LinearisedFit
+from bayes_inertia.maths.linear_algebra import inverse_root
+
+SLEWS, NUMBERS, SHARED, LOCAL, K = 3, 30, 2, 1, 4
+CAMPAIGNS = 800
+LOG_B = np.array([-1.0, 0.0, 1.0, 2.0])
+
+
+@pytest.fixture(scope="module")
+def fit():
+    """A fit of a linear model with standard normal priors."""
+    columns = np.random.default_rng(1).normal(size=(SLEWS, NUMBERS, SHARED + LOCAL))
+    index = lambda s: np.r_[:SHARED, SHARED + LOCAL * s : SHARED + LOCAL * (s + 1)]  # noqa: E731
+    hessian = np.eye(SHARED + SLEWS * LOCAL)
+    for s in range(SLEWS):
+        hessian[np.ix_(index(s), index(s))] += columns[s].T @ columns[s]
+    made = SimpleNamespace(
+        columns=columns,
+        index=index,
+        n_shared=SHARED,
+        n_local=LOCAL,
+        prior_precision=np.ones(SHARED),
+        covariance=np.linalg.inv(hessian),
+        inverse_root=inverse_root(hessian),
+        whitened_gradient=np.zeros(len(hessian)),
+        residual=np.zeros((SLEWS, NUMBERS)),
+        valid=np.ones((SLEWS, NUMBERS)),
+    )
+    made.replicates = MethodType(LinearisedFit.replicates, made)
+    made.unfitted = MethodType(LinearisedFit.unfitted, made)
+    return made
+
+
+@pytest.fixture(scope="module")
+def signals(fit):
+    """Two signals that are alike, one that goes on between slews, and that the fit imitates."""
+    rng = np.random.default_rng(2)
+    first = rng.normal(size=(SLEWS, NUMBERS, K))
+    second = first + 0.5 * rng.normal(size=first.shape)
+    first[..., 0] = fit.columns[..., 0]
+    each = [np.broadcast_to(scale * np.eye(K), (SLEWS, K, K)) for scale in (1.0, 2.0)]
+    shared = np.linalg.cholesky(0.7 + 0.3 * np.eye(SLEWS))
+    return (
+        RandomSignal(first, SignalPrior(each, np.array([1.0, 0.5]), 3.0)),
+        RandomSignal(second, SignalPrior([np.kron(shared, np.eye(K))], np.ones(1), 3.0)),
+    )
+
+
+def brute_force(fit, signals, added, seed):
+    """Largest log Bayes factor (n,) of campaigns with a signal added or with none."""
+    rng = np.random.default_rng(seed)
+    residual = fit.replicates(rng, CAMPAIGNS, np.ones((SLEWS, NUMBERS)))
+    residual = residual + fit.unfitted(added * rng.normal(size=residual.shape))
+    largest = np.full(CAMPAIGNS, -np.inf)
+    for signal in signals:
+        matrix = projected_signal(fit, signal.columns).matrix
+        gradient = np.einsum("snk,snd->dsk", signal.columns, residual)
+        values = [
+            signal_evidence(ProjectedSignal(g, matrix), signal.prior).log_bayes_factor
+            for g in gradient
+        ]
+        largest = np.maximum(largest, values)
+    return largest
+
+
+def test_p_values_are_those_of_many_campaigns_without_a_signal(fit, signals):
+    largest = brute_force(fit, signals, 0.0, 3)
+    shares = (largest[:, None] >= LOG_B).mean(0)
+    told = p_values_of_largest(fit, signals, LOG_B, np.random.default_rng(4), 4000)
+    error = np.sqrt(told * (1.0 - told) / CAMPAIGNS)
+    assert np.all(shares > 0.0)
+    assert np.all(np.abs(shares - told) < 4.0 * error + 0.02 * told)
+    # The bound by Markov's inequality is far above, and one candidate alone is not the family.
+    assert np.all(np.exp(-LOG_B[2:]) > shares[2:] + 4.0 * error[2:])
+    alone = p_values_of_largest(fit, signals[:1], LOG_B, np.random.default_rng(4), 4000)
+    assert alone[1] < 0.8 * told[1]
+
+
+def test_p_values_of_campaigns_without_a_signal_are_uniform_and_with_one_small(fit, signals):
+    levels = np.array([0.02, 0.1])
+    limit = 4.0 * np.sqrt(levels * (1.0 - levels) / CAMPAIGNS)
+    for added, holds in ((0.0, True), (1.0, False)):
+        largest = brute_force(fit, signals, added, 5)
+        p = p_values_of_largest(fit, signals, largest, np.random.default_rng(6), 4000)
+        shares = (p[:, None] < levels).mean(0)
+        assert np.all(np.abs(shares - levels) < limit + 0.05 * levels) is np.bool_(holds)
+
+
+def test_a_simulation_in_batches_is_as_exact(fit, signals, monkeypatch):
+    def repeated(first_seed):
+        return np.array(
+            [
+                p_values_of_largest(fit, signals, LOG_B, np.random.default_rng(seed))
+                for seed in range(first_seed, first_seed + 8)
+            ]
+        )
+
+    whole = repeated(10)
+    module = "bayes_inertia.diagnosis.random_significance._AT_ONCE"
+    monkeypatch.setattr(module, SLEWS * NUMBERS * 300)
+    parts = repeated(20)
+    error = np.hypot(whole.std(0), parts.std(0)) / np.sqrt(len(whole))
+    assert np.all(np.abs(whole.mean(0) - parts.mean(0)) < 4.0 * error)
+    assert np.all(error < 0.1 * whole.mean(0))
