@@ -134,9 +134,7 @@ class TorqueResponse:
 
 def _innovations(of_rate: Any, memory: Memory | None) -> Any:
     """Changes (slews, n, 3, k) of the whitened rates, without what the noise before tells."""
-    if memory is None:
-        return of_rate
-    return np.moveaxis(np.asarray(innovations(jnp.moveaxis(of_rate, -1, 0), memory)), 0, -1)
+    return of_rate if memory is None else np.asarray(innovations(jnp.asarray(of_rate), memory))
 
 
 def torque_response(estimate: Estimate) -> TorqueResponse:

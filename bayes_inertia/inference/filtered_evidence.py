@@ -27,14 +27,9 @@ from bayes_inertia.inference.noise_memory import Memory, innovations
 from bayes_inertia.inference.noise_model import Whitening, rate_noise_covariance
 from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.inference.shared_unknowns import shared_first
+from bayes_inertia.maths.at_once import at_once
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.reading_noise import ReadingNoise
-
-# Sets of processes that are filtered at once: compiled code has one shape. A slope along a size and
-# a time needs a point and its four neighbours.
-_BATCH = 5
-# Numbers to filter beyond which they are filtered one after the other, to save memory.
-_MOST_AT_ONCE = 1_000_000
 
 
 class _Rows(NamedTuple):
@@ -126,39 +121,34 @@ class FilteredEvidence:
         (len(settings),) array
             Up to one constant.
         """
-        spare = -len(settings) % _BATCH
-        padded = [*settings, *[settings[-1]] * spare]
-        values = []
-        for begin in range(0, len(padded), _BATCH):
-            batch = padded[begin : begin + _BATCH]
-            values.append(self._of_batch(batch, 1.0 / self.level**2 if as_stated else 1.0))
-        return np.concatenate(values)[: len(settings)]
-
-    def _of_batch(self, batch: Sequence[Sequence[ReadingNoise]], white: float) -> np.ndarray:
         covariance = self.level**2 * rate_noise_covariance(self.model, self.point.theta)
-        memories = rate_noise_memories(self.model, covariance, batch, white=white)
-        valid = self.model.data.arrays.telemetry.rate_valid
+        white = 1.0 / self.level**2 if as_stated else 1.0
+        memories = rate_noise_memories(self.model, covariance, settings, white=white)
         if memories is None:
-            return np.full(len(batch), float(_of_white_noise(self._rows)))
-        one_by_one = self._rows.rate.size > _MOST_AT_ONCE
-        return np.asarray(_log_evidence(one_by_one, self._rows, memories, valid))
+            return np.full(len(settings), float(_of_white_noise(self._rows)))
+        valid = self.model.data.arrays.telemetry.rate_valid
+        # One filter a call: compiled code has one shape, and a batch of them is no faster.
+        each = (Memory(*(x[i] for x in memories)) for i in range(len(settings)))
+        return np.array(at_once([partial(_log_evidence, self._rows, own, valid) for own in each]))
 
 
-@partial(jax.jit, static_argnums=0)
-def _log_evidence(one_by_one: bool, rows: _Rows, memories: Memory, valid: Array) -> Array:
-    """Of each of several filters (batch,), all at once or one after the other."""
-
-    def of_one(memory: Memory) -> Array:
-        filtered = innovations(jnp.moveaxis(rows.rate, -1, 0), memory)
-        norm = jnp.sum(jnp.where(valid, jnp.log(memory.scale), 0.0))
-        return norm + _integral(rows, jnp.einsum("psnc,qsnc->spq", filtered, filtered))
-
-    return jax.lax.map(of_one, memories) if one_by_one else jax.vmap(of_one)(memories)
+@jax.jit
+def _log_evidence(rows: _Rows, memory: Memory, valid: Array) -> Array:
+    """Of one filter."""
+    filtered = innovations(rows.rate, memory)
+    norm = jnp.sum(jnp.where(valid, jnp.log(memory.scale), 0.0))
+    return norm + _integral(rows, _products(filtered))
 
 
 @jax.jit
 def _of_white_noise(rows: _Rows) -> Array:
-    return _integral(rows, jnp.einsum("sncp,sncq->spq", rows.rate, rows.rate))
+    return _integral(rows, _products(rows.rate))
+
+
+def _products(rate: Array) -> Array:
+    """Products (slews, p, p) of columns (slews, n, 3, p)."""
+    columns = rate.reshape(rate.shape[0], -1, rate.shape[-1])
+    return jnp.einsum("snp,snq->spq", columns, columns)
 
 
 def _integral(rows: _Rows, of_rates: Array) -> Array:

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy import optimize
 
 from bayes_inertia.inference.effect_noise import effects_between_knots
 from bayes_inertia.inference.filtered_evidence import FilteredEvidence
@@ -15,14 +14,20 @@ from bayes_inertia.inference.hyperparameters import with_sizes
 from bayes_inertia.inference.learnt_parameters import LearntParameters
 from bayes_inertia.inference.noise_model import Whitening, rate_noise_covariance
 from bayes_inertia.inference.point import Point
+from bayes_inertia.maths.central_differences import quadratic_at
+from bayes_inertia.maths.least_squares import dogleg
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.reading_noise import ReadingNoise
 
-# Step of the differences that give slopes, and curvatures [prior sd].
+# Step of the differences on the way to the peak, and of those that tell its width [prior sd].
 _STEP, _WIDE_STEP = 0.01, 0.1
 _FARTHEST = 8.0  # prior sds from the centre
 # Of the log evidence: less decides nothing.
 _TOLERANCE = 1e-3
+# A move counts in prior sds, or in fifths of a parameter's own sd where these are larger.
+_OWN_SHARE = 0.2
+# Least curvature along every direction [prior sd^-2]: a fourth of the prior's.
+_LEAST_CURVATURE = 0.25
 
 # From standardised parameters (h,) to the processes that they stand for.
 Processes = Callable[[np.ndarray], tuple[ReadingNoise, ...]]
@@ -38,22 +43,21 @@ class EvidencePeak:
         There [prior sd].
     log_evidence : float
         There, with the log prior that was asked for.
-    slope : callable
-        From parameters (h,) to minus the derivatives (h,) of the log evidence.
+    sd : (h,) array
+        How well the parameters are known [prior sd], by the curvature next to it.
+    values : callable
+        From parameters (n, h) to log evidence (n,).
     """
 
     at: np.ndarray
     log_evidence: float
-    slope: Callable[[np.ndarray], np.ndarray]
+    sd: np.ndarray
+    values: Callable[[np.ndarray], np.ndarray]
 
     @cached_property
     def curvature(self) -> np.ndarray:
         """Minus its second derivatives (h, h), no less than a quarter along every direction."""
-        steps = _WIDE_STEP * np.eye(len(self.at))
-        rows = [self.slope(self.at + step) - self.slope(self.at - step) for step in steps]
-        curvature = np.array(rows) / (2.0 * _WIDE_STEP)
-        powers, directions = np.linalg.eigh(0.5 * (curvature + curvature.T))
-        return (directions * np.maximum(powers, 0.25)) @ directions.T
+        return _lifted(-quadratic_at(self.values, self.at, _WIDE_STEP).hessian)
 
 
 def evidence_peak(
@@ -86,8 +90,6 @@ def evidence_peak(
     -------
     EvidencePeak
     """
-    h = len(begin)
-    unit = np.eye(h)
 
     def values(points: np.ndarray) -> np.ndarray:
         found = evidence.log_evidence([processes(x) for x in points], as_stated=as_stated)
@@ -95,21 +97,34 @@ def evidence_peak(
             found = found + between_slews(points)
         return found - 0.5 * np.sum(prior_precision * points**2, axis=1)
 
-    def negative(x: np.ndarray) -> tuple[float, np.ndarray]:
-        here, *around = values(np.concatenate([x[None], x + _STEP * unit, x - _STEP * unit]))
-        slope = (np.array(around[:h]) - np.array(around[h:])) / (2.0 * _STEP)
-        return -float(here), -slope
+    known: dict[bytes, float] = {}
+    curvature = np.eye(len(begin))
 
-    begin = np.asarray(begin, float)
-    best = optimize.minimize(
+    def negative(x: np.ndarray) -> float:
+        known[x.tobytes()] = -float(values(x[None])[0])
+        return known[x.tobytes()]
+
+    def equations(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        nonlocal curvature
+        near = quadratic_at(values, x, _STEP, value=-known[x.tobytes()])
+        curvature = _lifted(-near.hessian)
+        return curvature, -near.gradient
+
+    at, lowest = dogleg(
         negative,
-        begin,
-        jac=True,
-        method="L-BFGS-B",
-        bounds=[(-_FARTHEST, _FARTHEST)] * h,
-        options={"ftol": _TOLERANCE / max(abs(negative(begin)[0]), 1.0)},
+        equations,
+        lambda x, step: np.clip(x + step, -_FARTHEST, _FARTHEST),
+        np.asarray(begin, float),
+        np.ones(len(begin)),
+        tolerance=_TOLERANCE,
     )
-    return EvidencePeak(best.x, -float(best.fun), lambda x: negative(x)[1])
+    return EvidencePeak(at, -lowest, np.sqrt(np.diag(np.linalg.inv(curvature))), values)
+
+
+def _lifted(curvature: np.ndarray) -> np.ndarray:
+    """The nearest matrix without a direction that is flatter than a peak may be."""
+    powers, directions = np.linalg.eigh(curvature)
+    return (directions * np.maximum(powers, _LEAST_CURVATURE)) @ directions.T
 
 
 def filtered_parameters(model: Model, theta: np.ndarray) -> np.ndarray:
@@ -149,7 +164,8 @@ def with_filtered_sizes(
     point : Point
         Its coefficients are what they were, whitened anew.
     change : float
-        By how much the parameters moved, the largest [prior sd]; 0 without such effects.
+        By how much the parameters moved, the largest [prior sd, or a fifth of its own sd where
+        that is larger]; 0 without such effects.
     """
     learnt = np.intersect1d(filtered_parameters(model, point.theta), free)
     if not len(learnt):
@@ -167,7 +183,7 @@ def with_filtered_sizes(
     level = noise_level_used(model, point, white)
     evidence = FilteredEvidence(model, point, white, free, level, filtered)
     peak = evidence_peak(evidence, processes, begin, np.ones(len(learnt)))
-    change = float(np.abs(peak.at - begin).max())
+    change = float(np.max(np.abs(peak.at - begin) / np.maximum(peak.sd / _OWN_SHARE, 1.0)))
     return with_sizes(model, point, parameters.put(point.theta, peak.at)), change
 
 

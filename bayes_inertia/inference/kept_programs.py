@@ -15,7 +15,7 @@ import pickle
 import warnings
 import zlib
 from collections.abc import Callable, Hashable
-from functools import cache, partial, update_wrapper
+from functools import cache, update_wrapper
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -60,15 +60,14 @@ class KeptProgram:
 
     def __call__(self, structure: Any, *arrays: Any) -> Any:
         leaves, tree = jax.tree.flatten(arrays)
-        kept = _kept_entries()
-        if kept is None or any(isinstance(x, jax.core.Tracer) for x in leaves):
+        if any(isinstance(x, jax.core.Tracer) for x in leaves):
             return self._traced(structure, *arrays)
         form = (structure, tree, tuple(_form(x) for x in leaves))
         program = self._ready.get(form)
         if program is None:
             # A program that two threads want is compiled by one.
             with self._preparing.setdefault(form, Lock()):
-                program = self._ready.get(form) or self._prepared(kept, form, arrays)
+                program = self._ready.get(form) or self._prepared(form, arrays)
                 self._ready[form] = program
         return program(*arrays)
 
@@ -81,12 +80,13 @@ class KeptProgram:
     def _cache_size(self) -> int:
         return len(self._ready) + self._traced._cache_size()
 
-    def _prepared(self, kept: Any, form: tuple, arrays: tuple) -> Callable[..., Any]:
+    def _prepared(self, form: tuple, arrays: tuple) -> Callable[..., Any]:
         """The program of a form: kept, or compiled now."""
-        key = _key(self._function, form)
+        kept = _kept_entries()
+        key = None if kept is None else _key(self._function, form)
         content = None if key is None else _read(kept, key)
         if key is None or content == _NOT_KEPT:
-            return partial(self._traced, form[0])
+            return self._compiled(form, arrays)
         if content is not None:
             try:
                 return _loaded(content, arrays)
@@ -94,10 +94,14 @@ class KeptProgram:
                 # As JAX says it of its own entries.
                 what = "Error reading persistent compilation cache entry for"
                 warnings.warn(f"{what} '{key.split('-')[0]}': {error}", stacklevel=4)
-        compiled = self._traced.trace(form[0], *arrays).lower().compile()
+        compiled = self._compiled(form, arrays)
         if content is None:
             _write(kept, key, _proved(compiled, arrays))
         return compiled
+
+    def _compiled(self, form: tuple, arrays: tuple) -> Any:
+        # Not by a call: two threads would compile the same program twice.
+        return self._traced.trace(form[0], *arrays).lower().compile()
 
 
 def _kept_entries() -> Any:

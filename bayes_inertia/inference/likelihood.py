@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,6 +17,7 @@ from bayes_inertia.inference.noise_memory import Memory, innovations
 from bayes_inertia.inference.noise_model import Whitening, n_data
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import quaternion
+from bayes_inertia.maths.at_once import at_once
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.nuisances import Nuisances
@@ -143,9 +146,8 @@ def _remembered(plain: Residuals, memory: Memory) -> Residuals:
     It is linear: one compiled model serves white and correlated noise.
     """
     shape = plain.rate.shape
-    columns = jnp.moveaxis(plain.rate.reshape(shape[0], shape[1] // 3, 3, -1), -1, 0)
-    rate = jnp.moveaxis(innovations(columns, memory), 0, -1).reshape(shape)
-    return plain._replace(rate=rate)
+    rate = innovations(plain.rate.reshape(shape[0], shape[1] // 3, 3, *shape[2:]), memory)
+    return plain._replace(rate=rate.reshape(shape))
 
 
 def sensitivities(
@@ -272,13 +274,15 @@ def padded_sensitivities(
     padding = -len(moving) % _COLUMNS_AT_ONCE
     groups = columns[np.concatenate([moving, np.repeat(moving[-1:], padding)])]
     point = jax.tree.map(on_device, point)
-    parts = [
-        sensitivities(structure, point, model.data, white, on_device(group))
+    tasks: list[Callable[[], Any]] = [
+        partial(sensitivities, structure, point, model.data, white, on_device(group))
         for group in groups.reshape(-1, _COLUMNS_AT_ONCE)
     ]
-    jacobians = [part.jacobian for part in parts]
     if sensed.any():
-        jacobians.append(_sensor_sensitivities(structure, point, model.data, white))
+        tasks.append(partial(_sensor_sensitivities, structure, point, model.data, white))
+    parts = at_once(tasks)
+    # Of the sensors' coefficients there are derivatives alone.
+    jacobians = [part.jacobian if isinstance(part, Sensitivities) else part for part in parts]
     jacobian = Residuals(*(jnp.concatenate(pieces, -1) for pieces in zip(*jacobians, strict=True)))
     if sensed.any():
         padded = len(columns) + np.arange(padding)

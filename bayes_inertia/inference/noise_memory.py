@@ -41,14 +41,14 @@ def innovations(rate: Array, memory: Memory) -> Array:
 
     Parameters
     ----------
-    rate : (..., n, 3) array
-        Whitened residuals, zero where nothing was measured.
+    rate : (n, 3, ...) or (slews, n, 3, ...) array
+        Whitened residuals, or columns of their derivatives; zero where nothing was measured.
     memory : Memory
         Of one slew, or of all with a leading axis.
 
     Returns
     -------
-    (..., n, 3) array
+    (n, 3, ...) or (slews, n, 3, ...) array
 
     Examples
     --------
@@ -56,19 +56,21 @@ def innovations(rate: Array, memory: Memory) -> Array:
     >>> innovations(jnp.ones((2, 3)), Memory(decay, gain, jnp.full((2, 3), 1.25)))[:, 0].tolist()
     [1.25, 0.5]
     """
+    rows, known = memory.scale.ndim - 2, memory.scale.ndim
+    # Columns stand last, side by side in memory: a step is one pass over them.
+    columns = rate.reshape(*rate.shape[:known], -1)
 
     def step(expected: Array, row: tuple[Array, Array, Array]) -> tuple[Array, Array]:
         reading, decay, gain = row
-        new = reading - expected.sum(-1)
-        return decay * (expected + gain * new[..., None]), new
+        new = reading - expected.sum(-2)
+        return decay[..., None] * (expected + gain[..., None] * new[..., None, :]), new
 
-    shape = rate.shape[:-2]
-    decay = jnp.moveaxis(jnp.broadcast_to(memory.decay, (*shape, *memory.decay.shape[-3:])), -3, 0)
-    gain = jnp.moveaxis(jnp.broadcast_to(memory.gain, (*shape, *memory.gain.shape[-3:])), -3, 0)
-    rows = (jnp.moveaxis(rate, -2, 0), decay, gain)
-    _, new = jax.lax.scan(step, jnp.zeros_like(decay[0]), rows)
-    measured = memory.gain.sum(-1) > 0.0
-    return memory.scale * jnp.where(measured, jnp.moveaxis(new, 0, -2), rate)
+    reading, decay, gain = (jnp.moveaxis(x, rows, 0) for x in (columns, memory.decay, memory.gain))
+    nothing = jnp.zeros((*decay.shape[1:], columns.shape[-1]))
+    _, new = jax.lax.scan(step, nothing, (reading, decay, gain))
+    measured = (memory.gain.sum(-1) > 0.0)[..., None]
+    whitened = memory.scale[..., None] * jnp.where(measured, jnp.moveaxis(new, 0, rows), columns)
+    return whitened.reshape(rate.shape)
 
 
 def correlated_noise(white_noise: np.ndarray, memory: Memory) -> np.ndarray:

@@ -49,6 +49,8 @@ from bayes_inertia.physics.forward_model import Model
 # The discount has settled once no slew's factor changes by more than this share; rounds at most.
 _DISCOUNT_SETTLED = 0.02
 _DISCOUNT_ROUNDS = 10
+# Tolerance of the objective on the way there; the last descent is exact.
+_TOLERANCE_OF_DISCOUNT = 1e-4
 # Descents with processes that are filtered between their knots: each with the sizes before it.
 _ROUNDS_OF_SIZES = 2
 # Squares that exceed what noise predicts by so many sds are worth another descent.
@@ -283,7 +285,9 @@ def _discounted_fit(
 ) -> Estimate:
     """Repeat the estimate, each slew counted as its own residuals scatter, until both agree."""
     for _ in range(_DISCOUNT_ROUNDS):
-        point, _, stated = _optimum_with_noise(model, point, factors, free, rounds=1)
+        point, _, stated = _optimum_with_noise(
+            model, point, factors, free, rounds=1, tolerance=_TOLERANCE_OF_DISCOUNT
+        )
         previous, factors = factors, np.where(channels, _dispersions(model, point, stated), 1.0)
         if np.all(np.abs(np.log(factors / previous)) < _DISCOUNT_SETTLED):
             break
