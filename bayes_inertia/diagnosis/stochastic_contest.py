@@ -107,8 +107,10 @@ def contest(
         displaced = tuple(instances[s.added] for s in kept[before:])
         return Contest((*kept[:before], step), step.after, weighed, displaced)
     if near and k < len(kept) and lead > -rules.log_evidence_margin:
-        other = _alternative(levels[k], near, effects)
-        kept = (*kept[:k], *_with_common_alternative(kept[k:], other, lead, rules))
+        least = near.log_bayes_factor - lead - rules.log_evidence_margin
+        rivals = [c for c in weighed[k] if c.effect and c.log_bayes_factor > least]
+        others = [_alternative(levels[k], c, effects) for c in rivals[: rules.max_alternatives]]
+        kept = (*kept[:k], *_with_common_alternatives(kept[k:], others, lead, rules))
     return Contest(kept, final, weighed)
 
 
@@ -129,14 +131,23 @@ def _with_displaced_as_alternatives(
     return _with_alternative(step, together, rules)
 
 
-def _with_common_alternative(
-    steps: Sequence[Step], other: AlternativeEffect, lead: float, rules: Rules
+def _with_common_alternatives(
+    steps: Sequence[Step], others: Sequence[AlternativeEffect], lead: float, rules: Rules
 ) -> tuple[Step, ...]:
-    """Steps that an effect without a fixed shape hardly loses to, with it as their alternative."""
+    """Steps that effects without a fixed shape hardly lose to, with these as their alternatives.
+
+    `lead` is that of the first of them. It stays in the set; the others stand behind what explains
+    the data better.
+    """
     first, *later = steps
-    weight = first.log_bayes_factor + lead
-    other = replace(other, log_bayes_factor=weight, replaces=tuple(s.added for s in later))
-    return (_with_alternative(first, other, rules), *later)
+    replaced = tuple(s.added for s in later)
+    gap = first.log_bayes_factor + lead - others[0].log_bayes_factor
+    best, *further = (
+        replace(other, log_bayes_factor=other.log_bayes_factor + gap, replaces=replaced)
+        for other in others
+    )
+    ranked = sorted((*first.alternatives, *further), key=lambda a: -a.log_bayes_factor)
+    return (_with_alternative(replace(first, alternatives=tuple(ranked)), best, rules), *later)
 
 
 def _without_needless(

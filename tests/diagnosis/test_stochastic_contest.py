@@ -10,12 +10,13 @@ from bayes_inertia.diagnosis.prior_of_sets import cost_of_further
 from bayes_inertia.diagnosis.result import Step
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.diagnosis.stochastic_candidates import StochasticCandidate
-from bayes_inertia.physics.effects import StarTrackerLowFrequency
+from bayes_inertia.physics.effects import RateRandomWalk, StarTrackerLowFrequency, TorqueNoise
 
 SHIFT, FRICTION, LOW = "star_tracker_shift", "wheel_friction", "star_tracker_low_frequency"
+TORQUE, WALK = "torque_noise", "rate_random_walk"
 CANDIDATES = 24
-# What a second effect must bring: with "no name" and the random effect there are two more.
-COST = cost_of_further(1, 1, CANDIDATES + 2)
+# What a second effect must bring: with "no name" and the random effects there are four more.
+COST = cost_of_further(1, 1, CANDIDATES + 4)
 
 
 def _fit(*names):
@@ -29,18 +30,23 @@ def settled(monkeypatch):
     """The contest of two steps worth 20 and 10 with a random effect of this log evidence."""
     monkeypatch.setattr(stochastic_contest, "with_stochastic", lambda *_: _fit(LOW))
 
-    def settle(evidence):
+    def settle(evidence, others=()):
         none, shift, both = _fit(), _fit(SHIFT), _fit(SHIFT, FRICTION)
         steps = [Step(SHIFT, none, shift, 20.0), Step(FRICTION, shift, both, 10.0)]
         nameless = StochasticCandidate("", "star tracker", -5.0)
         low = StochasticCandidate(LOW, "star tracker", evidence)
+        behind = [StochasticCandidate(name, "", evidence - gap) for name, gap in others]
         rounds = [
             SimpleNamespace(
                 estimate=fit, stochastic=at, threshold=1e-3, candidates=(None,) * CANDIDATES
             )
-            for fit, at in ((none, (low, nameless)), (shift, (nameless,)), (both, (nameless,)))
+            for fit, at in (
+                (none, (low, *behind, nameless)),
+                (shift, (nameless,)),
+                (both, (nameless,)),
+            )
         ]
-        effects = (StarTrackerLowFrequency(),)
+        effects = (StarTrackerLowFrequency(), TorqueNoise(), RateRandomWalk())
         return stochastic_contest.contest(steps, both, rounds, effects, Rules())
 
     return settle
@@ -72,6 +78,15 @@ def test_one_effect_that_hardly_loses_to_several_stands_beside_them(settled, lea
     assert (low.effect, low.replaces) == (LOW, (FRICTION,))
     assert low.log_bayes_factor == pytest.approx(20.0 + lead)
     assert second.alternatives == ()
+
+
+def test_further_random_effects_that_hardly_lose_stand_beside_the_first_of_them(settled):
+    first, _ = settled(30.0 - COST - 1.0, [(TORQUE, 1.5), (WALK, 1.9)]).steps
+    assert [a.effect for a in first.alternatives] == [LOW, TORQUE]
+    assert [a.log_bayes_factor for a in first.alternatives] == pytest.approx([19.0, 17.5])
+    assert first.alternatives[1].replaces == (FRICTION,)
+    first, _ = settled(30.0 - COST - 1.0, [(TORQUE, 2.1)]).steps
+    assert [a.effect for a in first.alternatives] == [LOW]
 
 
 def test_one_effect_that_clearly_loses_to_several_is_not_listed(settled):
