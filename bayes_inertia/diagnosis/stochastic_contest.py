@@ -29,6 +29,9 @@ from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
+# Log evidence that a fit loses without the last step beyond which it would lose it without more
+# steps, too: these explain no more, and their fewer parameters gain tens at most.
+_HOPELESS = 100.0
 # Of signals rather than of named effects there is no correlation.
 _NOT_COMPARED = float("nan")
 
@@ -162,26 +165,44 @@ def _without_needless(
     Where the misfit is large a fit without any effect is far from the truth, and evidence to first
     order around it is rough. So the effect is refitted without the steps before it, and both fits
     are compared by evidence around themselves. The refit stays if it loses less than each of these
-    steps costs.
+    steps costs. If one step less is far too much already, less than that is not tried.
     """
-    level = step.after.discount[0] ** -0.5
-    for k, first in enumerate(() if step.alternatives else before):
+    last, refitted = len(before) - 1, {}
+    for k in dict.fromkeys((last, *range(len(before)))) if not step.alternatives else ():
         same = next((c for c in weighed[k] if c.effect == step.added), None)
         if same is None:
             continue
-        fitted = with_stochastic(first.before, _instances(effects)[step.added], same.start)
-        fitted = with_noise(fitted, dict(zip(CHANNELS, level, strict=True)))
-        gain = log_evidence_of_fit(fitted) - log_evidence_of_fit(step.after)
-        if gain + cost_of_further(k + 1, len(before) - k, members) > 0.0:
+        after, gain = _refit_before(before[k], step, same, effects)
+        spared = cost_of_further(k + 1, len(before) - k, members)
+        if k == last and gain + spared < -_HOPELESS:
+            break
+        if gain + spared > 0.0:
             claimed = sum(s.log_bayes_factor for s in (*before[k:], step)) + gain
-            return k, replace(
+            shown = _nameless(weighed[k])
+            refitted[k] = replace(
                 step,
-                before=first.before,
-                after=fitted,
+                before=before[k].before,
+                after=after,
                 log_bayes_factor=claimed,
-                nameless=_nameless(weighed[k]),
+                nameless=shown,
             )
-    return len(before), step
+            if k < last:
+                break
+    least = min(refitted, default=len(before))
+    return least, refitted.get(least, step)
+
+
+def _refit_before(
+    first: Step,
+    step: Step,
+    same: StochasticCandidate,
+    effects: Sequence[StochasticEffect],
+) -> tuple[Estimate, float]:
+    """A fit with a step's effect without the steps from `first` on, and what it gains by that."""
+    level = dict(zip(CHANNELS, step.after.discount[0] ** -0.5, strict=True))
+    fitted = with_stochastic(first.before, _instances(effects)[step.added], same.start)
+    fitted = with_noise(fitted, level)
+    return fitted, log_evidence_of_fit(fitted) - log_evidence_of_fit(step.after)
 
 
 def _with_alternative(step: Step, alternative: AlternativeEffect, rules: Rules) -> Step:

@@ -1,5 +1,6 @@
 """Effects without a fixed shape against several steps of a search."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -91,3 +92,50 @@ def test_further_random_effects_that_hardly_lose_stand_beside_the_first_of_them(
 
 def test_one_effect_that_clearly_loses_to_several_is_not_listed(settled):
     assert all(step.alternatives == () for step in settled(30.0 - COST - 3.1).steps)
+
+
+@pytest.mark.parametrize(
+    ("evidence", "kept", "refits"),
+    [
+        # Of the fits with the effect after no step, after one, and after both.
+        ((999.0, 1000.0, 1000.0), [LOW], 2),
+        ((900.0, 999.0, 1000.0), [SHIFT, LOW], 2),
+        ((900.0, 950.0, 1000.0), [SHIFT, FRICTION, LOW], 2),
+        ((1000.0, 800.0, 1000.0), [SHIFT, FRICTION, LOW], 1),
+    ],
+)
+def test_steps_before_a_random_effect_stay_if_the_fit_needs_them(
+    monkeypatch, evidence, kept, refits
+):
+    """Without the last step first: a fit that misses that by far is not tried without more."""
+    none, shift, both = _fit(), _fit(SHIFT), _fit(SHIFT, FRICTION)
+    fits, asked = {0: _fit(LOW), 1: _fit(SHIFT, LOW), 2: _fit(SHIFT, FRICTION, LOW)}, []
+
+    def fitted(before, *_):
+        asked.append(len(before.model.effects))
+        return fits[asked[-1]]
+
+    monkeypatch.setattr(stochastic_contest, "with_stochastic", fitted)
+    monkeypatch.setattr(stochastic_contest, "with_noise", lambda fit, _: fit)
+    monkeypatch.setattr(
+        stochastic_contest,
+        "log_evidence_of_fit",
+        lambda fit: evidence[len(fit.model.effects) - 1],
+    )
+    steps = [Step(SHIFT, none, shift, 20.0), Step(FRICTION, shift, both, 10.0)]
+    at = (
+        StochasticCandidate(LOW, "star tracker", 500.0),
+        StochasticCandidate("", "star tracker", -5.0),
+    )
+    # First-order evidence prefers the effect after both steps.
+    last = (replace(at[0], log_bayes_factor=600.0), at[1])
+    rounds = [
+        SimpleNamespace(estimate=fit, stochastic=s, threshold=1e-3, candidates=(None,) * CANDIDATES)
+        for fit, s in ((none, at), (shift, at), (both, last))
+    ]
+    effects = (StarTrackerLowFrequency(),)
+    outcome = stochastic_contest.contest(steps, both, rounds, effects, Rules())
+    assert [step.added for step in outcome.steps] == kept
+    # The first fit is that after both steps.
+    assert len(asked) == 1 + refits
+    assert [e.name for e in outcome.displaced] == [SHIFT, FRICTION][len(kept) - 1 :]
