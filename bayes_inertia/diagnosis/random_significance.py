@@ -22,6 +22,7 @@ from scipy.special import logsumexp
 from bayes_inertia.diagnosis.signal_evidence import (
     SignalDirections,
     SignalPrior,
+    imitated_share,
     projected_signal,
     signal_directions,
     tried_sizes,
@@ -94,6 +95,7 @@ class _Mixture:
     """All shapes and sizes that one signal may have, with their probabilities."""
 
     of_slews: tuple[int, int]  # slews, and coefficients of each
+    imitated: np.ndarray
     shapes: Sequence[SignalDirections]
     sizes: np.ndarray
     log_probability: np.ndarray
@@ -121,7 +123,8 @@ def _mixture(fit: LinearisedFit, signal: RandomSignal) -> _Mixture:
     shapes = [signal_directions(matrix, root) for root in prior.roots]
     sizes, weights = zip(*(tried_sizes(x.powers, prior.largest) for x in shapes), strict=True)
     probability = (prior.odds / prior.odds.sum())[:, None] * np.array(weights)
-    return _Mixture(matrix.shape[:2], shapes, np.array(sizes), np.log(probability))
+    imitated = imitated_share(fit, signal.columns)
+    return _Mixture(matrix.shape[:2], imitated, shapes, np.array(sizes), np.log(probability))
 
 
 def _simulated(
@@ -132,16 +135,37 @@ def _simulated(
     n: int,
 ) -> np.ndarray:
     """Log Bayes factors (signals, n) in campaigns that have one of the signals each."""
-    residual = fit.replicates(rng, n, np.ones_like(fit.residual))
-    added = np.zeros_like(residual)
+    data = rng.standard_normal((*fit.residual.shape, n)) * fit.valid[..., None]
     owner = np.arange(n) % len(signals)
     for i, (signal, mixture) in enumerate(zip(signals, mixtures, strict=True)):
         own = mixture.coefficients(rng, int(np.sum(owner == i)))
-        added[..., owner == i] = signal.columns @ own
-    residual = residual + fit.unfitted(added)
+        data[..., owner == i] += signal.columns @ own
+    taken = _taken_by_the_fit(fit, data, rng)
     return np.stack(
         [
-            mixture.log_bayes_factor(np.swapaxes(signal.columns, 1, 2) @ residual)
+            mixture.log_bayes_factor(_gradient(signal, mixture, data, taken))
             for signal, mixture in zip(signals, mixtures, strict=True)
         ]
     )
+
+
+def _taken_by_the_fit(fit: LinearisedFit, data: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """What fits of simulated data (slews, numbers, n) find, whitened (unknowns, n).
+
+    True values are not drawn: where priors are wide they are so large that their difference to what
+    is fitted is lost in rounding. What priors tell instead is noise of their own precision.
+    """
+    slews, _, n = data.shape
+    precision = np.concatenate([fit.prior_precision, np.ones(slews * fit.n_local)])
+    total = np.sqrt(precision)[:, None] * rng.standard_normal((len(precision), n))
+    for s, change in enumerate(data):
+        total[fit.index(s)] += fit.columns[s].T @ change
+    return fit.inverse_root @ total
+
+
+def _gradient(
+    signal: RandomSignal, mixture: _Mixture, data: np.ndarray, taken: np.ndarray
+) -> np.ndarray:
+    """Projected gradients (slews, k, n) of a candidate in simulated data."""
+    along = np.swapaxes(signal.columns, 1, 2) @ data
+    return along - (mixture.imitated.T @ taken).reshape(along.shape)

@@ -140,16 +140,36 @@ def projected_signal(fit: LinearisedFit, columns: np.ndarray) -> ProjectedSignal
     ProjectedSignal
     """
     slews, _, k = columns.shape
-    coupled = np.zeros((len(fit.inverse_root), slews, k))
     gradient, matrix = np.zeros((slews, k)), np.zeros((slews, k, slews, k))
     for s, own in enumerate(columns):
-        coupled[fit.index(s), s] = fit.columns[s].T @ own
         gradient[s] = own.T @ fit.residual[s]
         matrix[s, :, s] = own.T @ own
-    imitated = fit.inverse_root @ coupled.reshape(len(coupled), -1)
+    imitated = imitated_share(fit, columns)
     matrix -= (imitated.T @ imitated).reshape(matrix.shape)
     fitted = (imitated.T @ fit.whitened_gradient).reshape(slews, k)
     return ProjectedSignal(fitted - gradient, matrix)
+
+
+def imitated_share(fit: LinearisedFit, columns: np.ndarray) -> np.ndarray:
+    """The share of each slew's columns that the fit imitates.
+
+    Parameters
+    ----------
+    fit : LinearisedFit
+        Of an estimate.
+    columns : (slews, numbers, k) array
+        As of `projected_signal`.
+
+    Returns
+    -------
+    (unknowns, slews k) array
+        Its square is what projecting takes away.
+    """
+    slews, _, k = columns.shape
+    coupled = np.zeros((len(fit.inverse_root), slews, k))
+    for s, own in enumerate(columns):
+        coupled[fit.index(s), s] = fit.columns[s].T @ own
+    return fit.inverse_root @ coupled.reshape(len(coupled), -1)
 
 
 def signal_evidence(signal: ProjectedSignal, prior: SignalPrior) -> SignalEvidence:

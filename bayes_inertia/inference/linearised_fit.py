@@ -276,7 +276,7 @@ class LinearisedFit:
         Parameters
         ----------
         rng : numpy.random.Generator
-            Source of the noise, and of the true values, which are drawn from their priors.
+            Source of the noise, and of true values from their priors.
         n : int
             How many.
         noise : (slews, numbers) array
@@ -287,17 +287,13 @@ class LinearisedFit:
         (slews, numbers, n) array
         """
         e = rng.standard_normal((*self.residual.shape, n)) * (noise * self.valid)[..., None]
-        truth = np.concatenate(
-            [
-                rng.standard_normal((self.n_shared, n)) / np.sqrt(self.prior_precision)[:, None],
-                rng.standard_normal((len(e) * self.n_local, n)),
-            ]
-        )
-        projected_gradient = np.zeros_like(truth)
+        precision = np.concatenate([self.prior_precision, np.ones(len(e) * self.n_local)])
+        # True values are not drawn: under wide priors they are so large that what fits leave of
+        # them is rounding. Noise of the priors' own precision tells the same.
+        found = np.sqrt(precision)[:, None] * rng.standard_normal((len(precision), n))
         for s in range(len(e)):
-            e[s] -= self.columns[s] @ truth[self.index(s)]
-            projected_gradient[self.index(s)] += self.columns[s].T @ e[s]
-        answer = self.covariance @ projected_gradient
+            found[self.index(s)] += self.columns[s].T @ e[s]
+        answer = self.covariance @ found
         for s in range(len(e)):
             e[s] -= self.columns[s] @ answer[self.index(s)]
         return e

@@ -23,10 +23,10 @@ CAMPAIGNS = 800
 LOG_B = np.array([-1.0, 0.0, 1.0, 2.0])
 
 
-@pytest.fixture(scope="module")
-def fit():
-    """A fit of a linear model with standard normal priors."""
-    columns = np.random.default_rng(1).normal(size=(SLEWS, NUMBERS, SHARED + LOCAL))
+def linear_fit(width=1.0):
+    """A fit of a linear model whose priors are so wide; two of its columns are alike then."""
+    columns = width * np.random.default_rng(1).normal(size=(SLEWS, NUMBERS, SHARED + LOCAL))
+    columns[..., 1] = columns[..., 0] + columns[..., 1] / np.sqrt(width)
     index = lambda s: np.r_[:SHARED, SHARED + LOCAL * s : SHARED + LOCAL * (s + 1)]  # noqa: E731
     hessian = np.eye(SHARED + SLEWS * LOCAL)
     for s in range(SLEWS):
@@ -46,6 +46,12 @@ def fit():
     made.replicates = MethodType(LinearisedFit.replicates, made)
     made.unfitted = MethodType(LinearisedFit.unfitted, made)
     return made
+
+
+@pytest.fixture(scope="module")
+def fit():
+    """A fit of a linear model with standard normal priors."""
+    return linear_fit()
 
 
 @pytest.fixture(scope="module")
@@ -119,3 +125,26 @@ def test_a_simulation_in_batches_is_as_exact(fit, signals, monkeypatch):
     error = np.hypot(whole.std(0), parts.std(0)) / np.sqrt(len(whole))
     assert np.all(np.abs(whole.mean(0) - parts.mean(0)) < 4.0 * error)
     assert np.all(error < 0.1 * whole.mean(0))
+
+
+def test_wide_priors_lose_nothing_in_rounding(signals):
+    """Where the fit imitates a signal but for a trace, and truths are far apart."""
+    few, many = (
+        np.array(
+            [
+                p_values_of_largest(
+                    linear_fit(width), signals, LOG_B, np.random.default_rng(seed), 2000
+                )
+                for seed in range(first, first + 6)
+            ]
+        )
+        for width, first in ((1e3, 30), (1e7, 40))
+    )
+    error = np.hypot(few.std(0), many.std(0)) / np.sqrt(len(few))
+    assert np.all(np.abs(few.mean(0) - many.mean(0)) < 4.0 * error)
+    assert np.all(error < 0.1 * few.mean(0))
+    left = [
+        linear_fit(width).replicates(np.random.default_rng(1), 500, np.ones((SLEWS, NUMBERS)))
+        for width in (1e3, 1e7)
+    ]
+    np.testing.assert_allclose(left[1], left[0], rtol=0.0, atol=1e-2)
