@@ -167,8 +167,10 @@ def _without_needless(
     are compared by evidence around themselves. The refit stays if it loses less than each of these
     steps costs. If one step less is far too much already, less than that is not tried.
     """
+    if step.alternatives or not before:
+        return len(before), step
     last, refitted = len(before) - 1, {}
-    for k in dict.fromkeys((last, *range(len(before)))) if not step.alternatives else ():
+    for k in dict.fromkeys((last, *range(last))):
         same = next((c for c in weighed[k] if c.effect == step.added), None)
         if same is None:
             continue

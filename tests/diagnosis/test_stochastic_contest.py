@@ -94,6 +94,21 @@ def test_one_effect_that_clearly_loses_to_several_is_not_listed(settled):
     assert all(step.alternatives == () for step in settled(30.0 - COST - 3.1).steps)
 
 
+def test_a_random_effect_where_the_search_added_nothing_is_named_alone(monkeypatch):
+    monkeypatch.setattr(stochastic_contest, "with_stochastic", lambda *_: _fit(LOW))
+    none = _fit()
+    low = StochasticCandidate(LOW, "star tracker", 9.0)
+    nameless = StochasticCandidate("", "star tracker", -5.0)
+    rounds = [
+        SimpleNamespace(
+            estimate=none, stochastic=(low, nameless), threshold=1e-3, candidates=(None,) * 9
+        )
+    ]
+    outcome = stochastic_contest.contest([], none, rounds, (StarTrackerLowFrequency(),), Rules())
+    assert [step.added for step in outcome.steps] == [LOW]
+    assert outcome.displaced == ()
+
+
 @pytest.mark.parametrize(
     ("evidence", "kept", "refits"),
     [
