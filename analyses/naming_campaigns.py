@@ -110,7 +110,7 @@ class RandomSize:
 
 
 def random_campaign(
-    kind: str, size_found: RandomSize, seed: np.random.SeedSequence, tachometers: bool
+    kind: str, size_of_test: RandomSize, seed: np.random.SeedSequence, tachometers: bool
 ) -> tuple[Flight, Campaign, float]:
     """A flight, its telemetry with one random effect, and the effect's size [its unit].
 
@@ -120,7 +120,7 @@ def random_campaign(
     flight, rng = draw(flown, (), {}, True), np.random.default_rng(path)
     process = wiener(rng) if kind.endswith("walk") else gauss_markov(rng)
     of_test = flight.campaign if tachometers else without_tachometers(flight.campaign)
-    size = size_found.of(kind, of_test) if kind in RANDOM else 0.0
+    size = size_of_test.of(kind, of_test) if kind in RANDOM else 0.0
     signal = RandomSignal(size, kind, process)
     known = flight.campaign.slews
     pushed = flight

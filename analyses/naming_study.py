@@ -75,8 +75,8 @@ class NamedOrNot:
         elif self.kind == "beside":
             flight, campaign, size = beside_campaign(label, seed, self.tachometers)
         else:
-            found = RandomSize(self.power, self.times)
-            flight, campaign, size = random_campaign(label, found, seed, self.tachometers)
+            of_test = RandomSize(self.power, self.times)
+            flight, campaign, size = random_campaign(label, of_test, seed, self.tachometers)
         row = {"kind": self.kind, "label": label, "index": int(index)}
         row |= {"power": self.power, "times": self.times, "size": size}
         began = process_time()

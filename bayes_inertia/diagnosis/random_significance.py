@@ -119,11 +119,11 @@ class _Mixture:
 
 
 def _mixture(fit: LinearisedFit, signal: RandomSignal) -> _Mixture:
-    matrix, prior = projected_signal(fit, signal.columns).matrix, signal.prior
+    imitated, prior = imitated_share(fit, signal.columns), signal.prior
+    matrix = projected_signal(fit, signal.columns, imitated).matrix
     shapes = [signal_directions(matrix, root) for root in prior.roots]
     sizes, weights = zip(*(tried_sizes(x.powers, prior.largest) for x in shapes), strict=True)
     probability = (prior.odds / prior.odds.sum())[:, None] * np.array(weights)
-    imitated = imitated_share(fit, signal.columns)
     return _Mixture(matrix.shape[:2], imitated, shapes, np.array(sizes), np.log(probability))
 
 
@@ -140,32 +140,18 @@ def _simulated(
     for i, (signal, mixture) in enumerate(zip(signals, mixtures, strict=True)):
         own = mixture.coefficients(rng, int(np.sum(owner == i)))
         data[..., owner == i] += signal.columns @ own
-    taken = _taken_by_the_fit(fit, data, rng)
+    fitted = fit.inverse_root @ fit.simulated_gradient(rng, data)
     return np.stack(
         [
-            mixture.log_bayes_factor(_gradient(signal, mixture, data, taken))
+            mixture.log_bayes_factor(_gradient(signal, mixture, data, fitted))
             for signal, mixture in zip(signals, mixtures, strict=True)
         ]
     )
 
 
-def _taken_by_the_fit(fit: LinearisedFit, data: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """What fits of simulated data (slews, numbers, n) find, whitened (unknowns, n).
-
-    True values are not drawn: where priors are wide they are so large that their difference to what
-    is fitted is lost in rounding. What priors tell instead is noise of their own precision.
-    """
-    slews, _, n = data.shape
-    precision = np.concatenate([fit.prior_precision, np.ones(slews * fit.n_local)])
-    total = np.sqrt(precision)[:, None] * rng.standard_normal((len(precision), n))
-    for s, change in enumerate(data):
-        total[fit.index(s)] += fit.columns[s].T @ change
-    return fit.inverse_root @ total
-
-
 def _gradient(
-    signal: RandomSignal, mixture: _Mixture, data: np.ndarray, taken: np.ndarray
+    signal: RandomSignal, mixture: _Mixture, data: np.ndarray, fitted: np.ndarray
 ) -> np.ndarray:
-    """Projected gradients (slews, k, n) of a candidate in simulated data."""
+    """Projected gradients (slews, k, n) of a candidate in data of which a fit explains a part."""
     along = np.swapaxes(signal.columns, 1, 2) @ data
-    return along - (mixture.imitated.T @ taken).reshape(along.shape)
+    return along - (mixture.imitated.T @ fitted).reshape(along.shape)

@@ -7,8 +7,8 @@ evidence. What the data cannot tell apart from the best stays beside it as an al
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from bayes_inertia.diagnosis.stochastic_candidates import StochasticCandidate
 from bayes_inertia.diagnosis.wide_prior import within_prior
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import move_to, re_estimate
+from bayes_inertia.maths.at_once import at_once
 from bayes_inertia.physics.effects import FlexibleMode
 from bayes_inertia.physics.forward_model import Model
 
@@ -29,7 +30,6 @@ _FIRST_ORDER_ERROR = 2.0
 # Tolerance of the objective for refits that are only compared. What is left of it is a hundredth at
 # most, while evidence is weighed in units.
 _COMPARISON_TOLERANCE = 1e-5
-_REFITS_AT_ONCE = 2
 _MAX_AMPLITUDE = 10.0  # [prior sd] of an effect at the start of its refit
 
 
@@ -130,8 +130,7 @@ def best_step(scored: ScoredRound, dropped: set[str], rules: Rules) -> Step | No
 
 def _refitted(scored: ScoredRound, candidates: Sequence[Candidate], rules: Rules) -> list[Refit]:
     """Candidates refitted, two at a time: compiled code needs no interpreter lock."""
-    with ThreadPoolExecutor(_REFITS_AT_ONCE) as pool:
-        return list(pool.map(lambda candidate: refit(scored, candidate, rules), candidates))
+    return at_once([partial(refit, scored, candidate, rules) for candidate in candidates])
 
 
 def refit(scored: ScoredRound, candidate: Candidate, rules: Rules) -> Refit:

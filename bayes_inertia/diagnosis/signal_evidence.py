@@ -125,7 +125,9 @@ class SignalEvidence:
         return float(np.log((1.0 - WRONG_PRIOR) / np.log(largest / smallest)))
 
 
-def projected_signal(fit: LinearisedFit, columns: np.ndarray) -> ProjectedSignal:
+def projected_signal(
+    fit: LinearisedFit, columns: np.ndarray, imitated: np.ndarray | None = None
+) -> ProjectedSignal:
     """Project everything fitted off a signal.
 
     Parameters
@@ -134,6 +136,8 @@ def projected_signal(fit: LinearisedFit, columns: np.ndarray) -> ProjectedSignal
         Of an estimate.
     columns : (slews, numbers, k) array
         Changes of its whitened residuals by the coefficients of each slew.
+    imitated : (unknowns, slews k) array, optional
+        Their `imitated_share`, if it is known already.
 
     Returns
     -------
@@ -144,7 +148,7 @@ def projected_signal(fit: LinearisedFit, columns: np.ndarray) -> ProjectedSignal
     for s, own in enumerate(columns):
         gradient[s] = own.T @ fit.residual[s]
         matrix[s, :, s] = own.T @ own
-    imitated = imitated_share(fit, columns)
+    imitated = imitated_share(fit, columns) if imitated is None else imitated
     matrix -= (imitated.T @ imitated).reshape(matrix.shape)
     fitted = (imitated.T @ fit.whitened_gradient).reshape(slews, k)
     return ProjectedSignal(fitted - gradient, matrix)

@@ -85,7 +85,7 @@ class StochasticCandidate:
         Log evidence against nothing, to first order.
     start : tuple of float
         The effect's parameters where the evidence is largest; empty without a name.
-    simulated_p_value : float
+    simulated_p_value : float or None
         Probability that any effect without a fixed shape has such evidence where there is none;
         None if that was not simulated.
     """

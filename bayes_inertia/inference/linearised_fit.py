@@ -254,15 +254,15 @@ class LinearisedFit:
 
         Parameters
         ----------
-        signal : (slews, numbers, ...) array
-            What is added to the whitened data; of one signal or of several.
+        signal : (slews, numbers) array
+            What is added to the whitened data.
 
         Returns
         -------
-        (slews, numbers, ...) array
+        (slews, numbers) array
             The part that the fit cannot imitate.
         """
-        projected_gradient = np.zeros((len(self.covariance), *signal.shape[2:]))
+        projected_gradient = np.zeros(len(self.covariance))
         for s, change in enumerate(signal):
             projected_gradient[self.index(s)] += self.columns[s].T @ change
         answer = self.covariance @ projected_gradient
@@ -287,16 +287,34 @@ class LinearisedFit:
         (slews, numbers, n) array
         """
         e = rng.standard_normal((*self.residual.shape, n)) * (noise * self.valid)[..., None]
-        precision = np.concatenate([self.prior_precision, np.ones(len(e) * self.n_local)])
-        # True values are not drawn: under wide priors they are so large that what fits leave of
-        # them is rounding. Noise of the priors' own precision tells the same.
-        found = np.sqrt(precision)[:, None] * rng.standard_normal((len(precision), n))
-        for s in range(len(e)):
-            found[self.index(s)] += self.columns[s].T @ e[s]
-        answer = self.covariance @ found
+        answer = self.covariance @ self.simulated_gradient(rng, e)
         for s in range(len(e)):
             e[s] -= self.columns[s] @ answer[self.index(s)]
         return e
+
+    def simulated_gradient(self, rng: np.random.Generator, data: np.ndarray) -> np.ndarray:
+        """Gradient from which a fit of simulated data begins, true values drawn from their priors.
+
+        The true values themselves are not drawn: under wide priors they are so large that what fits
+        leave of them is rounding. Noise of the priors' own precision tells the same.
+
+        Parameters
+        ----------
+        rng : numpy.random.Generator
+            Source of what the priors tell.
+        data : (slews, numbers, n) array
+            Whitened data of n campaigns, beyond what the true values make of them.
+
+        Returns
+        -------
+        (unknowns, n) array
+        """
+        slews, _, n = data.shape
+        precision = np.concatenate([self.prior_precision, np.ones(slews * self.n_local)])
+        gradient = np.sqrt(precision)[:, None] * rng.standard_normal((len(precision), n))
+        for s, change in enumerate(data):
+            gradient[self.index(s)] += self.columns[s].T @ change
+        return gradient
 
     @cached_property
     def _row_equations(self) -> tuple[np.ndarray, np.ndarray]:

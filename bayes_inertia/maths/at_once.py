@@ -11,7 +11,7 @@ _THREADS = 2
 
 
 def at_once[T](tasks: Sequence[Callable[[], T]]) -> list[T]:
-    """Call functions that return arrays of JAX, two at a time.
+    """Call functions that work in compiled code, two at a time.
 
     Compiled code runs beside other threads of Python. Results do not depend on how many there are.
 
@@ -23,7 +23,7 @@ def at_once[T](tasks: Sequence[Callable[[], T]]) -> list[T]:
     Returns
     -------
     list
-        What they return, in their order, computed.
+        What they return, in their order; arrays of JAX are computed.
 
     Examples
     --------

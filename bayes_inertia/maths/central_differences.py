@@ -61,9 +61,9 @@ def quadratic_at(
     unit, pairs = step * np.eye(n), list(combinations(range(n), 2))
     away = np.array([*unit, *(unit[i] + unit[j] for i, j in pairs)])
     centre = x[None] if value is None else x[None][:0]
-    found = function(np.concatenate([centre, x + away, x - away]))
-    here = found[0] if value is None else value
-    up, down = np.split(found[len(centre) :], 2)
+    values = function(np.concatenate([centre, x + away, x - away]))
+    here = values[0] if value is None else value
+    up, down = np.split(values[len(centre) :], 2)
     second = (up + down - 2.0 * here) / step**2
     hessian = np.diag(second[:n])
     for (i, j), along_both in zip(pairs, second[n:], strict=True):

@@ -44,7 +44,7 @@ def linear_fit(width=1.0):
         valid=np.ones((SLEWS, NUMBERS)),
     )
     made.replicates = MethodType(LinearisedFit.replicates, made)
-    made.unfitted = MethodType(LinearisedFit.unfitted, made)
+    made.simulated_gradient = MethodType(LinearisedFit.simulated_gradient, made)
     return made
 
 
@@ -72,8 +72,8 @@ def signals(fit):
 def brute_force(fit, signals, added, seed):
     """Largest log Bayes factor (n,) of campaigns with a signal added or with none."""
     rng = np.random.default_rng(seed)
-    residual = fit.replicates(rng, CAMPAIGNS, np.ones((SLEWS, NUMBERS)))
-    residual = residual + fit.unfitted(added * rng.normal(size=residual.shape))
+    noise = np.full((SLEWS, NUMBERS), np.hypot(1.0, added))
+    residual = fit.replicates(rng, CAMPAIGNS, noise)
     largest = np.full(CAMPAIGNS, -np.inf)
     for signal in signals:
         matrix = projected_signal(fit, signal.columns).matrix
