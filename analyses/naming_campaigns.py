@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from diagnosis_campaigns import draw, plain_fit, template_campaign, without_tachometers
@@ -95,8 +96,21 @@ def median_size(kind: str) -> float:
     return float(np.exp(effect.parameters(template_campaign())[0].priors[0].mean))
 
 
+def powers_of(kind: str, campaign: Campaign) -> np.ndarray:
+    """Information of a random effect as large as its median, by its own directions."""
+    (effect,) = by_name([kind])
+    return eigenvalues(plain_fit(campaign), effect, _TIME, _MIDDLE)
+
+
+class RandomSize(Protocol):
+    """How large a random effect is."""
+
+    def of(self, kind: str, campaign: Campaign) -> float:
+        """The size of an effect in such campaigns [its unit]."""
+
+
 @dataclass(frozen=True)
-class RandomSize:
+class SizeOfTest:
     """A random effect's size: so many times that which an ideal test finds with a power."""
 
     power: float = POWER
@@ -104,13 +118,12 @@ class RandomSize:
 
     def of(self, kind: str, campaign: Campaign) -> float:
         """The size of an effect in such campaigns [its unit]."""
-        (effect,) = by_name([kind])
-        powers = eigenvalues(plain_fit(campaign), effect, _TIME, _MIDDLE)
+        powers = powers_of(kind, campaign)
         return self.times * ideal_size(powers, self.power, LEVEL) * median_size(kind)
 
 
 def random_campaign(
-    kind: str, size_of_test: RandomSize, seed: np.random.SeedSequence, tachometers: bool
+    kind: str, random_size: RandomSize, seed: np.random.SeedSequence, tachometers: bool
 ) -> tuple[Flight, Campaign, float]:
     """A flight, its telemetry with one random effect, and the effect's size [its unit].
 
@@ -120,7 +133,7 @@ def random_campaign(
     flight, rng = draw(flown, (), {}, True), np.random.default_rng(path)
     process = wiener(rng) if kind.endswith("walk") else gauss_markov(rng)
     of_test = flight.campaign if tachometers else without_tachometers(flight.campaign)
-    size = size_of_test.of(kind, of_test) if kind in RANDOM else 0.0
+    size = random_size.of(kind, of_test) if kind in RANDOM else 0.0
     signal = RandomSignal(size, kind, process)
     known = flight.campaign.slews
     pushed = flight

@@ -60,6 +60,8 @@ def write_page(folder: Path) -> None:
         for path in sorted(folder.glob("naming_*.jsonl"))
         for line in path.read_text().splitlines()
     ]
+    # Those drawn from the prior judge probabilities: `reliability.py`.
+    rows = [row for row in rows if row["kind"] != "prior"]
     lines = ["# What has no fixed shape: how often it is named", "", _ABOUT, ""]
     for tachometers, title in ((True, "With tachometers"), (False, "Without tachometers")):
         some = [row for row in rows if row["tachometers"] is tachometers]

@@ -8,7 +8,8 @@ Campaigns of another simulator (`independent.py`), each with its own J, K, bias,
 `random`: every effect without a fixed shape, as large as an ideal test finds in 99 % of such
 campaigns (`--power`), or so many times as large. `outside`: disturbances from outside the library.
 `clean`: nothing hidden; `stated`: noise that wanders as the campaign says. `beside`: an effect of a
-fixed shape in such noise, with outliers, flown by the package's own simulator. `--first`: number of
+fixed shape in such noise, with outliers, flown by the package's own simulator. `prior`: whatever
+the prior of a diagnosis may hide, each as often (`prior_campaigns.py`). `--first`: number of
 the first campaign of each, other campaigns have other numbers. `--work` keeps the rows of a killed
 study. Writes `analyses/results/naming_KIND_TACHO.jsonl` and, with --page, `naming.md`.
 """
@@ -30,12 +31,13 @@ from naming_campaigns import (
     OF_TACHOMETERS,
     POWER,
     RANDOM,
-    RandomSize,
+    SizeOfTest,
     random_campaign,
     stated_campaign,
 )
 from naming_page import write_page
 from outside_kinds import KINDS, outside
+from prior_campaigns import prior_campaign
 
 from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.search import diagnose
@@ -45,6 +47,7 @@ from bayes_inertia.studies.engine import Execution
 from bayes_inertia.studies.work import Row, Work
 
 RESULTS = Path(__file__).parent / "results"
+KINDS_OF_CAMPAIGNS = ("random", "outside", "clean", "stated", "beside", "prior")
 
 
 @dataclass(frozen=True)
@@ -63,8 +66,11 @@ class NamedOrNot:
     def __call__(self, task_id: str, seed: np.random.SeedSequence) -> Row:
         """Its row."""
         label, index = task_id.split("/")
-        size = 0.0
-        if self.kind == "outside":
+        size, hidden = 0.0, (label,)
+        if self.kind == "prior":
+            flight, campaign, hidden, sizes = prior_campaign(seed, self.tachometers)
+            size = max(sizes, default=0.0)
+        elif self.kind == "outside":
             flown, noise, path = seed.spawn(3)
             flight = draw(flown, (), {}, True)
             missing = outside(label, np.random.default_rng(path))
@@ -75,9 +81,9 @@ class NamedOrNot:
         elif self.kind == "beside":
             flight, campaign, size = beside_campaign(label, seed, self.tachometers)
         else:
-            of_test = RandomSize(self.power, self.times)
+            of_test = SizeOfTest(self.power, self.times)
             flight, campaign, size = random_campaign(label, of_test, seed, self.tachometers)
-        row = {"kind": self.kind, "label": label, "index": int(index)}
+        row = {"kind": self.kind, "label": label, "index": int(index), "hidden": list(hidden)}
         row |= {"power": self.power, "times": self.times, "size": size}
         began = process_time()
         try:
@@ -111,7 +117,7 @@ def _summary(diagnosis: Diagnosis, truth: np.ndarray) -> dict:
 
 def labels(kind: str, tachometers: bool) -> tuple[str, ...]:
     """Labels of the campaigns of a kind."""
-    if kind in ("clean", "stated"):
+    if kind in ("clean", "stated", "prior"):
         return (kind,)
     if kind == "outside":
         return tuple(KINDS)
@@ -123,7 +129,7 @@ def labels(kind: str, tachometers: bool) -> tuple[str, ...]:
 def main() -> None:
     """Simulate and diagnose."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("--kind", choices=["random", "outside", "clean", "stated", "beside"])
+    parser.add_argument("--kind", choices=KINDS_OF_CAMPAIGNS)
     parser.add_argument("--each", type=int, default=1, help="campaigns of each label")
     parser.add_argument("--first", type=int, default=0, help="number of the first of them")
     parser.add_argument("--power", type=float, default=POWER, help="of the ideal test")

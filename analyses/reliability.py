@@ -6,8 +6,10 @@ Takes rows of `diagnosis_study.py` and `naming_study.py` (all of `analyses/resul
 hold the hypotheses of each diagnosis. A statement is one hypothesis of one campaign, with its
 probability; it is true if just that is hidden. Draws `figures/diagnosis_reliability.png` and writes
 `analyses/results/reliability.md`: shares of true statements by stated probability, with exact
-binomial bands of 95 %, and the temperature of the evidence that describes the rows best, fitted to
-one half of the campaigns. If it is not one, the other half judges.
+binomial bands of 95 %. Campaigns drawn from the prior that the statements assume
+(`naming_study.py --kind prior`) have a table of their own. The temperature of the evidence that
+describes the other rows best is fitted to one half of the campaigns. If it is not one, the other
+half judges.
 """
 
 from __future__ import annotations
@@ -34,6 +36,8 @@ NAMES = {effect.name for effect in (*LIBRARY, *STOCHASTIC)}
 # Bins of the stated probability.
 EDGES = np.array([0.0, 0.02, 0.1, 0.3, 0.5, 0.7, 0.9, 0.97, 1.0])
 _TEMPERATURES = (1.0, 20.0)
+OF_PRIOR = "prior"  # the kind of rows whose campaigns are drawn from it
+_MARKERS = ("o", "s")
 # Flown by another simulator, and yet an effect of the library since it was written.
 _SAME = {"outside_wander": "star_tracker_low_frequency"}
 
@@ -130,14 +134,12 @@ def reliability(campaigns: Iterable[Campaign], temperature: float = 1.0) -> list
 
 
 @style.styled
-def picture(before: Sequence[Bin], after: Sequence[Bin]) -> Figure:
-    """The reliability diagram: evidences as they are, and at the fitted temperature."""
+def picture(series: Mapping[str, Sequence[Bin]]) -> Figure:
+    """The reliability diagram of several sets of campaigns, by what each is called."""
     figure = Figure(figsize=(5.2, 4.8), layout="constrained")
     axes = figure.subplots()
     axes.plot([0, 1], [0, 1], color=style.MUTED, lw=1.0)
-    series = [(before, "as stated", "o"), (after, "temperature fitted", "s")]
-    # At a temperature of one both are the same.
-    for bins, label, marker in series if list(before) != list(after) else series[:1]:
+    for (label, bins), marker in zip(series.items(), _MARKERS, strict=False):
         low, high = np.array([b.band for b in bins]).T
         share = np.array([b.share for b in bins])
         errors = np.clip([share - low, high - share], 0.0, None)
@@ -160,50 +162,93 @@ def table(bins: Sequence[Bin]) -> list[str]:
     return lines
 
 
-def read(paths: Iterable[Path]) -> list[Campaign]:
+@dataclass(frozen=True)
+class Rows:
+    """Campaigns drawn from the prior, and those of all other studies."""
+
+    of_prior: list[Campaign]
+    others: list[Campaign]
+
+
+def read(paths: Iterable[Path]) -> Rows:
     """All campaigns of files of rows that hold hypotheses."""
     rows = [json.loads(line) for path in paths for line in path.read_text().splitlines()]
-    return [campaign_of(row) for row in rows if row.get("hypotheses")]
+    rows = [row for row in rows if row.get("hypotheses")]
+    return Rows(
+        [campaign_of(row) for row in rows if row.get("kind") == OF_PRIOR],
+        [campaign_of(row) for row in rows if row.get("kind") != OF_PRIOR],
+    )
+
+
+def fitted_temperature(campaigns: Sequence[Campaign]) -> float:
+    """The best temperature; exactly one where that is best."""
+    temperature = best_temperature(campaigns)
+    return temperature if temperature > _TEMPERATURES[0] + 0.01 else _TEMPERATURES[0]
+
+
+def of_prior_section(bins: Sequence[Bin], count: int) -> list[str]:
+    """What campaigns drawn from the prior say."""
+    return [
+        "## Campaigns drawn from the prior",
+        "",
+        f"{count} campaigns hide what the statements assume beforehand: nothing in half of them, "
+        "one thing in 45 %, several in the rest; any effect of the library, or a disturbance from "
+        "outside of it, of any size from what cannot be seen up to the prior's "
+        "(`prior_campaigns.py`).",
+        "",
+        *table(bins),
+        "",
+    ]
+
+
+def page(rows: Rows, bins_of_prior: Sequence[Bin], temperature: float) -> list[str]:
+    """The lines of the page."""
+    changed = temperature != _TEMPERATURES[0]
+    # At a temperature of one nothing was taken from any campaign: all may judge.
+    judged = rows.others[1::2] if changed else rows.others
+    at_fitted = [
+        f"### At temperature {temperature:.2f}",
+        "",
+        *table(reliability(judged, temperature)),
+        "",
+    ]
+    return [
+        "# Are stated probabilities of answers reliable?",
+        "",
+        "A statement is one answer of one campaign with its probability. Made by "
+        "`analyses/reliability.py`.",
+        "",
+        *(of_prior_section(bins_of_prior, len(rows.of_prior)) if bins_of_prior else []),
+        "## Campaigns of all other studies",
+        "",
+        f"{len(rows.others)} campaigns. Hidden effects of most of them are as large as an ideal "
+        "test finds in 99 %, or larger, and one effect is hidden far more often than several. "
+        "The diagnosis cannot know that: it must be cautious here.",
+        f"The temperature of the evidence that fits one half of the campaigns best is "
+        f"{temperature:.2f} (from {_TEMPERATURES[0]:g}: evidence is never sharpened); the tables "
+        f"are of {'the other half' if changed else 'all'}.",
+        "114 earlier campaigns with random effects of other sizes are not among them. With those, "
+        "34 of 39 statements at 99 % were true; walks of bias and tachometers were mended since.",
+        "",
+        *table(reliability(judged)),
+        "",
+        *(at_fitted if changed else []),
+        "![Reliability](../../figures/diagnosis_reliability.png)",
+    ]
 
 
 def main() -> None:
     """Draw and write."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
     parser.add_argument("--rows", type=Path, nargs="+", default=sorted(RESULTS.rglob("*_*.jsonl")))
-    campaigns = read(parser.parse_args().rows)
-    if len(campaigns) < 2:
+    rows = read(parser.parse_args().rows)
+    if len(rows.others) < 2:
         raise SystemExit("no rows hold hypotheses: run diagnosis_study.py first")
-    fitted, judged = campaigns[::2], campaigns[1::2]
-    temperature = best_temperature(fitted)
-    if temperature < _TEMPERATURES[0] + 0.01:
-        temperature = _TEMPERATURES[0]
-    changed = temperature > _TEMPERATURES[0]
-    if not changed:
-        # Nothing is taken from any campaign: all may judge.
-        judged = campaigns
-    before, after = reliability(judged), reliability(judged, temperature)
-    picture(before, after).savefig(FIGURES / "diagnosis_reliability.png", dpi=130)
-    lines = [
-        "# Are stated probabilities of answers reliable?",
-        "",
-        f"{len(campaigns)} campaigns; a statement is one answer of one campaign with its "
-        "probability. Made by `analyses/reliability.py`.",
-        f"The temperature of the evidence that fits one half of the campaigns best is "
-        f"{temperature:.2f} (from {_TEMPERATURES[0]:g}: evidence is never sharpened); the tables "
-        f"are of {'the other half' if changed else 'all'}.",
-        "Hidden effects of most of these campaigns are as large as an ideal test finds in 99 % of "
-        "them, or larger: statements on weaker ones are made with less certainty, and hardly "
-        "judged here.",
-        "114 earlier campaigns with random effects of other sizes are not among them. With those, "
-        "34 of 39 statements at 99 % were true; walks of bias and tachometers were mended since.",
-        "",
-        "## Evidences as they are (temperature 1)",
-        "",
-        *table(before),
-        "",
-        *([f"## At temperature {temperature:.2f}", "", *table(after), ""] if changed else []),
-        "![Reliability](../../figures/diagnosis_reliability.png)",
-    ]
+    bins_of_prior = reliability(rows.of_prior) if rows.of_prior else []
+    series = {"other studies": reliability(rows.others)}
+    series |= {"drawn from the prior": bins_of_prior} if bins_of_prior else {}
+    picture(series).savefig(FIGURES / "diagnosis_reliability.png", dpi=130)
+    lines = page(rows, bins_of_prior, fitted_temperature(rows.others[::2]))
     write_atomically(RESULTS / "reliability.md", "\n".join(lines) + "\n")
     print("\n".join(lines))
 

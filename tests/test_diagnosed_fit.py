@@ -25,6 +25,7 @@ def said(posterior: bi.Posterior) -> dict:
     return summary
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_pipeline_gives_the_same_bits_with_and_without_a_folder(flown, tmp_path):
     folder = tmp_path / "run"

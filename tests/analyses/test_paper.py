@@ -104,6 +104,7 @@ def test_committed_page_is_what_the_committed_results_say(load, tmp_path):
     assert common.write_page(tmp_path).read_text() == (ANALYSES / "PAPER.md").read_text()
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_scatter_is_what_repeated_campaigns_show(load):
     """Errors of ten campaigns at 50 times our noise, whitened by the predicted scatter, are

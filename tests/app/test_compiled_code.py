@@ -177,6 +177,7 @@ def test_a_program_that_uses_jax_keeps_its_configuration(monkeypatch, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_fit_has_the_same_bits_with_kept_code(tmp_path):
     bits, hits, traced, said = run(tmp_path, program=FIT)

@@ -40,6 +40,7 @@ def test_sound_uncertainties_are_rarely_called_too_small():
     assert all(made(200, seed, shrink=0.85).too_small for seed in range(100))
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_intervals_hold_the_truth_as_often_as_they_say():
     """The 95 % interval of each share holds the level in about 95 %; halved sds hold in 67 %."""

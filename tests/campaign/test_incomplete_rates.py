@@ -78,6 +78,7 @@ def test_check_prints_the_peak_rate_of_axes_in_turn(flown, tmp_path, capsys):
     assert "nan" not in capsys.readouterr().out
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_campaign_with_axes_in_turn_is_fitted_and_a_slew_designed(flown):
     estimate = bi.estimate(bi.Model(in_turn(flown.campaign)))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -31,9 +33,10 @@ def test_comparison_predicts_what_simulated_campaigns_achieve(designed, mission)
 
 
 def test_equal_seeds_meet_equal_truths(mission):
+    plan = paper_like_plan()
+    short = replace(plan, slews=plan.slews[:1], telemetry_period=1.0)
     first, again, other = (
-        fit_simulated_campaigns(simulated_fits(paper_like_plan(), mission, 1, seed))
-        for seed in (4, 4, 5)
+        fit_simulated_campaigns(simulated_fits(short, mission, 1, seed)) for seed in (4, 4, 5)
     )
     np.testing.assert_array_equal(first.errors, again.errors)
     assert not np.array_equal(first.errors, other.errors)

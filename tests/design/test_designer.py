@@ -129,6 +129,7 @@ def test_wheels_that_do_not_span_three_axes_are_refused(craft, prior):
         )
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_next_slew_adds_what_is_missing(mission):
     """After slews about x and y alone, the next one teaches what they could not."""

@@ -105,6 +105,7 @@ def test_dirt_alone_is_consistent_and_takes_no_longer_than_a_clean_campaign(clea
     assert sum(len(d.rows) for d in diagnose(outlying, library=RIGID).dirt) == sum(hit)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_lag_beside_correlated_noise_is_named_and_the_noise_listed(flight):
     campaign = coloured(flight(*HIDDEN["lag"]), 0.7)

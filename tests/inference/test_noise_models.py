@@ -121,6 +121,7 @@ def test_the_arrow_is_the_whole_matrix():
     assert np.allclose(root.T @ root, np.linalg.inv(whole))
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_gaussian_noise_of_scale_one_has_the_plain_marginal(flown):
     plain, scaled = (fitted(flown.campaign, noise) for noise in (None, SAMPLED))
@@ -168,6 +169,7 @@ def exact_marginals(estimate, thetas, rng, n=4000):
     return np.array(results).T
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_nuisances_under_student_t_noise_are_integrated_as_by_brute_force(small_flown):
     rng = np.random.default_rng(4)
@@ -220,6 +222,7 @@ def test_a_sampled_scale_has_its_analytic_posterior(flown):
     assert estimate.sd[place] / estimate.theta[place] == pytest.approx(sd, rel=0.05)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_an_unknown_scale_widens_j_where_rows_are_few(flying, setup_type):
     """Against a mixture of plain fits, each of another noise, weighted by its evidence."""
@@ -285,7 +288,9 @@ def test_outliers_in_student_t_noise_are_recorded_and_kept(flown):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["hidden_lag", "hidden_dipole"])
+@pytest.mark.parametrize(
+    "name", [pytest.param("hidden_lag", marks=pytest.mark.long), "hidden_dipole"]
+)
 def test_heavy_noise_of_unknown_scale_hides_no_missing_effect(name):
     assert too_large(fitted(read_campaign(DATA / name), ALL))
 

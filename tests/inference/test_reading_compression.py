@@ -85,7 +85,10 @@ def log_densities(model, marginal, n=8):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("campaign", "effects"),
-    [(with_gaps, ()), (commanded, (InertiaChange(),))],
+    [
+        (with_gaps, ()),
+        pytest.param(commanded, (InertiaChange(),), marks=pytest.mark.long),
+    ],
     ids=["throws with gaps", "commanded, changed inertia"],
 )
 def test_the_posterior_is_the_same_from_fewer_numbers(monkeypatch, campaign, effects):

@@ -58,7 +58,7 @@ def started(folder: Path, engine: str, jobs: int) -> psutil.Popen:
     ("engine", "jobs", "number", "code"),
     [
         ("process", 1, signal.SIGINT, 130),
-        ("joblib", 2, signal.SIGTERM, 143),
+        pytest.param("joblib", 2, signal.SIGTERM, 143, marks=pytest.mark.long),
         ("dask", 2, signal.SIGINT, 130),
     ],
 )
