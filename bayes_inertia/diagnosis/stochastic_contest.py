@@ -8,14 +8,15 @@ Where a shape without a name explains the data as well or better, `conclusion` s
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from bayes_inertia.campaign.channel_names import CHANNELS
-from bayes_inertia.diagnosis.evidence import log_evidence_of_fit
+from bayes_inertia.diagnosis.needless_steps import without_needless_steps
 from bayes_inertia.diagnosis.prior_of_sets import cost_of_further
+from bayes_inertia.diagnosis.random_refits import instances, with_stochastic
 from bayes_inertia.diagnosis.refitting import ScoredRound
 from bayes_inertia.diagnosis.result import AlternativeEffect, Candidate, NamelessShape, Step
 from bayes_inertia.diagnosis.rules import Rules
@@ -24,14 +25,10 @@ from bayes_inertia.diagnosis.stochastic_candidates import (
     stochastic_candidates,
 )
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.optimizer import move_to, re_estimate, with_noise
+from bayes_inertia.maths.at_once import at_once
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
-# Log evidence that a fit loses without the last step beyond which it would lose it without more
-# steps, too: these explain no more, and their fewer parameters gain tens at most.
-_HOPELESS = 100.0
 # Of signals rather than of named effects there is no correlation.
 _NOT_COMPARED = float("nan")
 
@@ -103,8 +100,10 @@ def contest(
         if all(c.effect for c in at):
             at = stochastic_candidates(levels[k], effects)
         step = _named(levels[k], at, effects, rules)
-        before, step = _without_needless(kept[:k], step, weighed, effects, members)
-        if before == k:
+        before, step = without_needless_steps(kept[:k], step, weighed, effects, members)
+        if before < k:
+            step = replace(step, nameless=_nameless(weighed[before]))
+        else:
             step = _with_displaced_as_alternatives(step, kept[k:], lead, rules)
         instances = {effect.name: effect for effect in final.model.effects}
         displaced = tuple(instances[s.added] for s in kept[before:])
@@ -112,7 +111,7 @@ def contest(
     if near and k < len(kept) and lead > -rules.log_evidence_margin:
         least = near.log_bayes_factor - lead - rules.log_evidence_margin
         rivals = [c for c in weighed[k] if c.effect and c.log_bayes_factor > least]
-        others = [_alternative(levels[k], c, effects) for c in rivals[: rules.max_alternatives]]
+        others = _alternatives(levels[k], rivals[: rules.max_alternatives], effects)
         kept = (*kept[:k], *_with_common_alternatives(kept[k:], others, lead, rules))
     return Contest(kept, final, weighed)
 
@@ -151,60 +150,6 @@ def _with_common_alternatives(
     )
     ranked = sorted((*first.alternatives, *further), key=lambda a: -a.log_bayes_factor)
     return (_with_alternative(replace(first, alternatives=tuple(ranked)), best, rules), *later)
-
-
-def _without_needless(
-    before: Sequence[Step],
-    step: Step,
-    weighed: Sequence[Sequence[StochasticCandidate]],
-    effects: Sequence[StochasticEffect],
-    members: int,
-) -> tuple[int, Step]:
-    """Steps that are needed before one without a fixed shape, and that step after them.
-
-    Where the misfit is large a fit without any effect is far from the truth, and evidence to first
-    order around it is rough. So the effect is refitted without the steps before it, and both fits
-    are compared by evidence around themselves. The refit stays if it loses less than each of these
-    steps costs. If one step less is far too much already, less than that is not tried.
-    """
-    if step.alternatives or not before:
-        return len(before), step
-    last, refitted = len(before) - 1, {}
-    for k in dict.fromkeys((last, *range(last))):
-        same = next((c for c in weighed[k] if c.effect == step.added), None)
-        if same is None:
-            continue
-        after, gain = _refit_before(before[k], step, same, effects)
-        spared = cost_of_further(k + 1, len(before) - k, members)
-        if k == last and gain + spared < -_HOPELESS:
-            break
-        if gain + spared > 0.0:
-            claimed = sum(s.log_bayes_factor for s in (*before[k:], step)) + gain
-            shown = _nameless(weighed[k])
-            refitted[k] = replace(
-                step,
-                before=before[k].before,
-                after=after,
-                log_bayes_factor=claimed,
-                nameless=shown,
-            )
-            if k < last:
-                break
-    least = min(refitted, default=len(before))
-    return least, refitted.get(least, step)
-
-
-def _refit_before(
-    first: Step,
-    step: Step,
-    same: StochasticCandidate,
-    effects: Sequence[StochasticEffect],
-) -> tuple[Estimate, float]:
-    """A fit with a step's effect without the steps from `first` on, and what it gains by that."""
-    level = dict(zip(CHANNELS, step.after.discount[0] ** -0.5, strict=True))
-    fitted = with_stochastic(first.before, _instances(effects)[step.added], same.start)
-    fitted = with_noise(fitted, level)
-    return fitted, log_evidence_of_fit(fitted) - log_evidence_of_fit(step.after)
 
 
 def _with_alternative(step: Step, alternative: AlternativeEffect, rules: Rules) -> Step:
@@ -327,51 +272,28 @@ def _named(
     """The step that adds the best effect without a fixed shape, with what could be it as well."""
     first, *others = (c for c in weighed if c.effect)
     least = first.log_bayes_factor - rules.log_evidence_margin
-    rivals = [c for c in others if c.log_bayes_factor > least]
+    rivals = [c for c in others if c.log_bayes_factor > least][: rules.max_alternatives]
+    best, *alternatives = _alternatives(before, [first, *rivals], effects)
     return Step(
         first.effect,
         before,
-        with_stochastic(before, _instances(effects)[first.effect], first.start),
+        best.estimate,
         first.log_bayes_factor,
-        tuple(_alternative(before, c, effects) for c in rivals[: rules.max_alternatives]),
+        tuple(alternatives),
         stochastic=True,
         nameless=_nameless(weighed),
     )
 
 
-def _alternative(
-    before: Estimate, candidate: StochasticCandidate, effects: Sequence[StochasticEffect]
-) -> AlternativeEffect:
-    fitted = with_stochastic(before, _instances(effects)[candidate.effect], candidate.start)
-    return AlternativeEffect(candidate.effect, fitted, candidate.log_bayes_factor, _NOT_COMPARED)
-
-
-def _instances(effects: Sequence[StochasticEffect]) -> Mapping[str, StochasticEffect]:
-    return {effect.name: effect for effect in effects}
-
-
-def with_stochastic(before: Estimate, effect: StochasticEffect, start: Sequence[float]) -> Estimate:
-    """Fit one effect without a fixed shape more; effects that were not fitted are left out.
-
-    Parameters
-    ----------
-    before : Estimate
-        The fit without it.
-    effect : StochasticEffect
-        What to add.
-    start : sequence of float
-        Its parameters to begin from.
-
-    Returns
-    -------
-    Estimate
-        Of a model that holds what is fitted and nothing else.
-    """
-    old = before.model
-    model = Model(old.campaign, (*before.effects_fitted, effect), old.structure.drive)
-    begin = move_to(before, model)
-    part = model.space.slice_of(effect.name)
-    theta = begin.theta.copy()
-    theta[part] = start
-    begin = replace(begin, point=replace(begin.point, theta=theta))
-    return re_estimate(begin, theta, np.concatenate([begin.free, np.arange(part.start, part.stop)]))
+def _alternatives(
+    before: Estimate,
+    candidates: Sequence[StochasticCandidate],
+    effects: Sequence[StochasticEffect],
+) -> list[AlternativeEffect]:
+    """Fits with each of several candidates more."""
+    known = instances(effects)
+    fits = at_once([partial(with_stochastic, before, known[c.effect], c.start) for c in candidates])
+    return [
+        AlternativeEffect(c.effect, fitted, c.log_bayes_factor, _NOT_COMPARED)
+        for c, fitted in zip(candidates, fits, strict=True)
+    ]

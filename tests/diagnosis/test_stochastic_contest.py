@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from bayes_inertia.diagnosis import stochastic_contest
+from bayes_inertia.diagnosis import needless_steps, stochastic_contest
 from bayes_inertia.diagnosis.prior_of_sets import cost_of_further
 from bayes_inertia.diagnosis.result import Step
 from bayes_inertia.diagnosis.rules import Rules
@@ -130,10 +130,11 @@ def test_steps_before_a_random_effect_stay_if_the_fit_needs_them(
         asked.append(len(before.model.effects))
         return fits[asked[-1]]
 
-    monkeypatch.setattr(stochastic_contest, "with_stochastic", fitted)
-    monkeypatch.setattr(stochastic_contest, "with_noise", lambda fit, _: fit)
+    for module in (stochastic_contest, needless_steps):
+        monkeypatch.setattr(module, "with_stochastic", fitted)
+    monkeypatch.setattr(needless_steps, "with_noise", lambda fit, _: fit)
     monkeypatch.setattr(
-        stochastic_contest,
+        needless_steps,
         "log_evidence_of_fit",
         lambda fit: evidence[len(fit.model.effects) - 1],
     )

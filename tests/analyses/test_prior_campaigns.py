@@ -1,0 +1,64 @@
+"""Campaigns drawn from the prior hide as many things as the prior of sets says."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bayes_inertia.diagnosis.prior_of_sets import log_prior_of_set
+
+ANALYSES = Path(__file__).resolve().parents[2] / "analyses"
+MEMBERS, DRAWS = 25, 4000
+
+
+@pytest.fixture
+def module(monkeypatch):
+    """`prior_campaigns.py`, imported as scripts import it."""
+    monkeypatch.syspath_prepend(str(ANALYSES))
+    before = set(sys.modules)
+    import prior_campaigns
+
+    yield prior_campaigns
+    for name in set(sys.modules) - before:
+        if str(ANALYSES) in str(getattr(sys.modules[name], "__file__", "")):
+            del sys.modules[name]
+
+
+def shares_of_sets():
+    """Prior of none, one, two and three things: single sets times how many there are."""
+    sets = [1.0, 25.0, 25.0 * 24.0 / 2.0, 25.0 * 24.0 * 23.0 / 6.0]
+    each = np.exp([log_prior_of_set(size, MEMBERS) for size in range(4)])
+    return np.array(sets) * each / np.sum(np.array(sets) * each)
+
+
+def test_as_many_are_hidden_as_the_prior_says(module):
+    rng = np.random.default_rng(7)
+    drawn = [module.number_of_hidden(rng, MEMBERS) for _ in range(DRAWS)]
+    counts = np.bincount(drawn, minlength=4)
+    right = stats.chisquare(counts, DRAWS * shares_of_sets()).pvalue
+    assert right > 1e-4
+    # The control: one thing more in a fifth instead of a tenth of the campaigns.
+    wrong = shares_of_sets() * np.array([1.0, 1.0, 2.0, 4.0])
+    assert stats.chisquare(counts, DRAWS * wrong / wrong.sum()).pvalue < 1e-4
+
+
+def test_campaigns_are_drawn_anew_and_equal_for_equal_seeds(module):
+    """Seeds are found whose campaigns hide nothing: those are drawn at once."""
+    drawn = {}
+    for key in range(40):
+        seed = np.random.SeedSequence(3, spawn_key=(key,))
+        _, chosen = np.random.SeedSequence(3, spawn_key=(key,)).spawn(2)
+        if module.number_of_hidden(np.random.default_rng(chosen), MEMBERS) == 0:
+            drawn[key] = module.prior_campaign(seed, tachometers=True)
+        if len(drawn) == 2:
+            break
+    first, second = drawn.values()
+    key = next(iter(drawn))
+    again = module.prior_campaign(np.random.SeedSequence(3, spawn_key=(key,)), tachometers=True)
+    assert first.hidden == second.hidden == ()
+    np.testing.assert_array_equal(first.campaign.slews[0].rate, again.campaign.slews[0].rate)
+    assert not np.array_equal(first.campaign.slews[0].rate, second.campaign.slews[0].rate)
