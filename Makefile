@@ -1,7 +1,8 @@
 # `make demo` and `make test` are all the set-up there is: each makes the environment it needs.
 # `make test-all` adds the slow tests, the formatter, the type checker and the documentation, which
 # `make docs` writes to build/docs/index.html; its tutorials are run. `make test-long` runs the few
-# tests that take half a minute or more each: before a release, and after changes to a search.
+# tests that take half a minute each, or that are many of one kind: before a release, and after
+# changes to a search.
 # PYTHON=... chooses an interpreter; otherwise the first that is 3.12 or newer.
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.14 python3 python; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 12))' 2>/dev/null && echo $$p && break; done)
@@ -32,7 +33,7 @@ test: $(VENV)/ready-test
 # cores idle.
 test-all: test lint $(VENV)/ready-docs
 	$(MAKE) types docs & checked=$$!; \
-	$(BIN)/python -m pytest -q -n 2 --dist worksteal -m "slow and not long"; tested=$$?; \
+	$(BIN)/python -m pytest -q -n 2 --dist worksteal -m "slow and not long" tests; tested=$$?; \
 	wait $$checked && exit $$tested
 
 test-long: $(VENV)/ready-test

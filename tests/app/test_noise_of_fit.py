@@ -68,8 +68,9 @@ def test_a_run_of_before_has_the_noise_as_stated(tmp_path):
     assert run_folder.start(EXAMPLE, tmp_path / "run") == started
 
 
+@pytest.mark.long
 @pytest.mark.slow
-@pytest.mark.parametrize("share", [pytest.param(0.005, marks=pytest.mark.long), 0.05])
+@pytest.mark.parametrize("share", [0.005, 0.05])
 def test_a_fit_among_outliers_is_trusted_and_near_the_clean_one(flown, tmp_path, share):
     clean = optimizer.estimate(Model(flown.campaign))
     campaign, rows = spiked(flown.campaign, share)

@@ -150,6 +150,7 @@ def test_the_largest_rate_of_a_campaign_is_that_of_its_motion(
     assert captured.limits.rate == pytest.approx(flown / (1.0 - reserve), rel=0.05)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_design_says_where_it_takes_the_wheels_to_be_at_rest(
     flight, monkeypatch, tmp_path, capsys

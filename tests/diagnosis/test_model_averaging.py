@@ -135,6 +135,7 @@ def test_one_in_place_of_several_leaves_these_out_and_several_in_place_of_one_st
     assert np.any(np.abs(one.mean - several.mean) > 0.1 * both.sd[:9])
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_what_has_no_shape_is_exchanged_beside_another_effect_too(lagging):
     """The lag was named; after it a random torque, or as well a constant one."""

@@ -130,6 +130,7 @@ def test_what_no_candidate_explains_is_unknown_and_described(
     assert any("0.3 Hz ringing about y" in s for s in diagnosis_verdict(content).sentences)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_effects_that_only_imitate_another_are_not_named(
     flight, lagging, content_of, check_contract, rigid_library

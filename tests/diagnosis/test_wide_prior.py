@@ -58,6 +58,7 @@ def test_evidence_does_not_depend_on_the_prior_it_was_fitted_with():
     np.testing.assert_allclose(values, exact, rtol=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_sensor_turned_by_five_degrees_is_named_and_said_to_be(
     flight, lagging, rigid_library, content_of

@@ -287,14 +287,14 @@ def test_outliers_in_student_t_noise_are_recorded_and_kept(flown):
     assert with_modelled_outliers(untouched) is untouched
 
 
+@pytest.mark.long
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", [pytest.param("hidden_lag", marks=pytest.mark.long), "hidden_dipole"]
-)
+@pytest.mark.parametrize("name", ["hidden_lag", "hidden_dipole"])
 def test_heavy_noise_of_unknown_scale_hides_no_missing_effect(name):
     assert too_large(fitted(read_campaign(DATA / name), ALL))
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_fits_to_student_t_noise_are_calibrated(flying):
     """z-scores of 16 campaigns whose truth is a draw of the prior, the noise's scale among it."""

@@ -29,6 +29,7 @@ def _p_values(draws: np.ndarray, reference: np.ndarray) -> np.ndarray:
     )
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_without_motion_the_posterior_is_the_prior_physical_edge_included(flying, setup_type):
     """A quarter of this prior's tensors break the triangle inequality: its edge is sampled, not

@@ -82,13 +82,11 @@ def log_densities(model, marginal, n=8):
     return log_density_of(model.structure, marginal, batch=n)(thetas)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("campaign", "effects"),
-    [
-        (with_gaps, ()),
-        pytest.param(commanded, (InertiaChange(),), marks=pytest.mark.long),
-    ],
+    [(with_gaps, ()), (commanded, (InertiaChange(),))],
     ids=["throws with gaps", "commanded, changed inertia"],
 )
 def test_the_posterior_is_the_same_from_fewer_numbers(monkeypatch, campaign, effects):

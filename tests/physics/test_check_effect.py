@@ -56,12 +56,10 @@ ONE_OF_EACH_KIND = {
 }
 
 
-def slow_unless(fast: set[str]) -> list:
-    """The library as parameters of a test, slow but for the effects named."""
-    return [
-        pytest.param(e, id=e.name, marks=() if e.name in fast else pytest.mark.slow)
-        for e in LIBRARY
-    ]
+def for_releases_unless(fast: set[str]) -> list:
+    """The library as parameters of a test; long, all together, but for the effects named."""
+    together = (pytest.mark.slow, pytest.mark.long)
+    return [pytest.param(e, id=e.name, marks=() if e.name in fast else together) for e in LIBRARY]
 
 
 def test_the_library_has_the_canonical_names():
@@ -75,7 +73,7 @@ def test_unknown_names_are_refused_with_the_nearest_ones():
         by_name(["rate_bias", "rate_bias"])
 
 
-@pytest.mark.parametrize("effect", slow_unless(ONE_OF_EACH_KIND))
+@pytest.mark.parametrize("effect", for_releases_unless(ONE_OF_EACH_KIND))
 def test_every_library_effect_keeps_the_contract(effect, campaign):
     fingerprint = check_effect(effect, campaign).fingerprint
     assert set(fingerprint) == {"commanded", "measured"}

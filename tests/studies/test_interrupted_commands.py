@@ -59,7 +59,7 @@ def started(folder: Path, engine: str, jobs: int) -> psutil.Popen:
     [
         ("process", 1, signal.SIGINT, 130),
         pytest.param("joblib", 2, signal.SIGTERM, 143, marks=pytest.mark.long),
-        ("dask", 2, signal.SIGINT, 130),
+        pytest.param("dask", 2, signal.SIGINT, 130, marks=pytest.mark.long),
     ],
 )
 def test_a_signal_ends_driver_and_workers_and_nothing_is_lost(tmp_path, engine, jobs, number, code):
