@@ -2,30 +2,19 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy import stats
 
 from bayes_inertia.diagnosis.prior_of_sets import log_prior_of_set
 
-ANALYSES = Path(__file__).resolve().parents[2] / "analyses"
 MEMBERS, DRAWS = 25, 4000
 
 
 @pytest.fixture
-def module(monkeypatch):
-    """`prior_campaigns.py`, imported as scripts import it."""
-    monkeypatch.syspath_prepend(str(ANALYSES))
-    before = set(sys.modules)
-    import prior_campaigns
-
-    yield prior_campaigns
-    for name in set(sys.modules) - before:
-        if str(ANALYSES) in str(getattr(sys.modules[name], "__file__", "")):
-            del sys.modules[name]
+def module(analysis):
+    """`prior_campaigns.py`."""
+    return analysis("prior_campaigns")
 
 
 def shares_of_sets():
@@ -46,6 +35,7 @@ def test_as_many_are_hidden_as_the_prior_says(module):
     assert stats.chisquare(counts, DRAWS * wrong / wrong.sum()).pvalue < 1e-4
 
 
+@pytest.mark.slow
 def test_campaigns_are_drawn_anew_and_equal_for_equal_seeds(module):
     """Seeds are found whose campaigns hide nothing: those are drawn at once."""
     drawn = {}

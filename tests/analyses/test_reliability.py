@@ -2,26 +2,14 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-ANALYSES = Path(__file__).resolve().parents[2] / "analyses"
-
 
 @pytest.fixture
-def module(monkeypatch):
-    """`reliability.py`, imported as the script imports its own modules."""
-    monkeypatch.syspath_prepend(str(ANALYSES))
-    before = set(sys.modules)
-    import reliability
-
-    yield reliability
-    for name in set(sys.modules) - before:
-        if str(ANALYSES) in str(getattr(sys.modules[name], "__file__", "")):
-            del sys.modules[name]
+def module(analysis):
+    """`reliability.py`."""
+    return analysis("reliability")
 
 
 def _campaigns(module, too_sure: float):
