@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import argparse
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import process_time
@@ -37,7 +38,7 @@ from naming_campaigns import (
 )
 from naming_page import write_page
 from outside_kinds import KINDS, outside
-from prior_campaigns import prior_campaign
+from prior_campaigns import DrawnCampaign, prior_campaign
 
 from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.search import diagnose
@@ -66,11 +67,34 @@ class NamedOrNot:
     def __call__(self, task_id: str, seed: np.random.SeedSequence) -> Row:
         """Its row."""
         label, index = task_id.split("/")
-        size, hidden = 0.0, (label,)
+        drawn = self._drawn(label, seed)
+        truth, began = truth_of(drawn.flight), process_time()
+        row = {
+            "kind": self.kind,
+            "label": label,
+            "index": int(index),
+            "hidden": list(drawn.hidden),
+            "power": self.power,
+            "times": self.times,
+            "size": max(drawn.sizes, default=0.0),
+        }
+        try:
+            diagnosis = diagnose(drawn.campaign, seed=int(index))
+            answer = _summary(diagnosis, truth)
+            if self.kind != "prior":
+                # After "unknown" it takes minutes, and that study judges probabilities alone.
+                answer["quoted_z"] = quoted_z(diagnosis, truth).tolist()
+        except BayesInertiaError as error:
+            answer = {"error": str(error)}
+        row |= {"tachometers": self.tachometers, **answer, "seconds": process_time() - began}
+        return {"line": json.dumps(row)}
+
+    def _drawn(self, label: str, seed: np.random.SeedSequence) -> DrawnCampaign:
+        """The campaign of a label, and what is hidden in it."""
+        sizes: Sequence[float] = ()
         if self.kind == "prior":
-            flight, campaign, hidden, sizes = prior_campaign(seed, self.tachometers)
-            size = max(sizes, default=0.0)
-        elif self.kind == "outside":
+            return prior_campaign(seed, self.tachometers)
+        if self.kind == "outside":
             flown, noise, path = seed.spawn(3)
             flight = draw(flown, (), {}, True)
             missing = outside(label, np.random.default_rng(path))
@@ -79,23 +103,11 @@ class NamedOrNot:
         elif self.kind == "stated":
             flight, campaign = stated_campaign(seed, self.tachometers)
         elif self.kind == "beside":
-            flight, campaign, size = beside_campaign(label, seed, self.tachometers)
+            flight, campaign, *sizes = beside_campaign(label, seed, self.tachometers)
         else:
             of_test = SizeOfTest(self.power, self.times)
-            flight, campaign, size = random_campaign(label, of_test, seed, self.tachometers)
-        row = {"kind": self.kind, "label": label, "index": int(index), "hidden": list(hidden)}
-        row |= {"power": self.power, "times": self.times, "size": size}
-        began = process_time()
-        try:
-            diagnosis = diagnose(campaign, seed=int(index))
-            answer = _summary(diagnosis, truth_of(flight))
-            if self.kind != "prior":
-                # After "unknown" it takes minutes, and that study judges probabilities alone.
-                answer["quoted_z"] = quoted_z(diagnosis, truth_of(flight)).tolist()
-        except BayesInertiaError as error:
-            answer = {"error": str(error)}
-        row |= {"tachometers": self.tachometers, **answer, "seconds": process_time() - began}
-        return {"line": json.dumps(row)}
+            flight, campaign, *sizes = random_campaign(label, of_test, seed, self.tachometers)
+        return DrawnCampaign(flight, campaign, (label,), tuple(sizes))
 
 
 def _summary(diagnosis: Diagnosis, truth: np.ndarray) -> dict:

@@ -34,13 +34,11 @@ from outside_kinds import KINDS, outside
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.prior_of_sets import log_prior_of_set
+from bayes_inertia.diagnosis.prior_sizes import INVISIBLE, LARGEST_START, smallest_size
 from bayes_inertia.flight.plan_flight import Flight
 from bayes_inertia.physics.effects import by_name
 
 _AT_MOST = 3  # hidden at once
-# Signal-to-noise amplitude of what cannot be seen, and the least share of a prior's width, as the
-# evidence has them.
-_INVISIBLE, _LEAST_SHARE = 0.3, 0.1
 _LARGEST = 2.0  # random effect, in sds of the logarithm of its size
 _OUTSIDE_SHARE = 1.0 / 30.0  # the smallest disturbance from outside over that of other studies
 
@@ -106,9 +104,8 @@ class _SizeOfPrior:
         (effect,) = by_name([kind])
         (prior,) = effect.parameters(template_campaign())[0].priors
         largest = np.exp(_LARGEST * prior.scale)
-        invisible = _INVISIBLE / np.sqrt(powers_of(kind, campaign).max())
-        size = _log_uniform(min(invisible, _LEAST_SHARE * largest), largest, self.rng)
-        return size * median_size(kind)
+        smallest = smallest_size(powers_of(kind, campaign), largest)
+        return _log_uniform(smallest, largest, self.rng) * median_size(kind)
 
 
 def _with_shapes(
@@ -121,8 +118,8 @@ def _with_shapes(
     values, sizes = {}, []
     for effect in effects:
         step = direction(effect, rng, template_campaign())
-        invisible = amplitude_for(effect, step, _INVISIBLE**2, seed, tachometers)
-        sizes.append(_log_uniform(min(invisible, _LEAST_SHARE), 1.0, rng))
+        invisible = amplitude_for(effect, step, INVISIBLE**2, seed, tachometers)
+        sizes.append(_log_uniform(min(invisible, LARGEST_START), 1.0, rng))
         values[effect.name] = scaled(step, sizes[-1])
     flight = draw(seed, effects, values, tachometers)
     return DrawnCampaign(flight, flight.campaign, names, tuple(sizes))

@@ -17,16 +17,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import logsumexp
 
-from bayes_inertia.diagnosis.prior_sizes import sizes_with_weights
+from bayes_inertia.diagnosis.prior_sizes import sizes_with_weights, smallest_size
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.noise_model import log_normalisation
 from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.maths.linear_algebra import inverse
 
 _N_PRIOR_SCALES = 24
-# Smallest scale: signal-to-noise amplitude of an effect of that size in its clearest direction. It
-# is at most this share of the stated one.
-_INVISIBLE, _LARGEST_START = 0.3, 0.1
 
 
 def log_bayes_factor_of(gradient: ArrayLike, powers: ArrayLike) -> float:
@@ -50,9 +47,7 @@ def log_bayes_factor_of(gradient: ArrayLike, powers: ArrayLike) -> float:
     (True, True)
     """
     u, power = np.asarray(gradient, float), np.maximum(np.asarray(powers, float), 0.0)
-    strongest = max(float(power.max(initial=0.0)), 1e-300)
-    lowest = min(_INVISIBLE / np.sqrt(strongest), _LARGEST_START)
-    scales, weights = sizes_with_weights(lowest, 1.0, _N_PRIOR_SCALES)
+    scales, weights = sizes_with_weights(smallest_size(power, 1.0), 1.0, _N_PRIOR_SCALES)
     variance = scales[:, None] ** 2
     values = 0.5 * (variance * u**2 / (1.0 + variance * power) - np.log1p(variance * power))
     one_scale = logsumexp(values.sum(1), b=weights)

@@ -13,6 +13,32 @@ import numpy as np
 # narrow at most.
 WRONG_PRIOR, WIDEST = 0.01, 100.0
 _WIDER_SIZES = 12
+# Smallest size: signal-to-noise amplitude in its clearest direction. It is at most this share of
+# the largest.
+INVISIBLE, LARGEST_START = 0.3, 0.1
+
+
+def smallest_size(powers: np.ndarray, largest: float) -> float:
+    """The size that a campaign can just not see, from which sizes are tried.
+
+    Parameters
+    ----------
+    powers : (n,) array
+        Information along the directions of an effect of size one.
+    largest : float
+        Largest size of the stated prior.
+
+    Returns
+    -------
+    float
+
+    Examples
+    --------
+    >>> round(smallest_size(np.array([1.0, 900.0]), 1.0), 6), smallest_size(np.array([1.0]), 1.0)
+    (0.01, 0.1)
+    """
+    strongest = max(float(powers.max(initial=0.0)), 1e-300)
+    return float(min(INVISIBLE / np.sqrt(strongest), LARGEST_START * largest))
 
 
 def sizes_with_weights(least: float, largest: float, count: int) -> tuple[np.ndarray, np.ndarray]:

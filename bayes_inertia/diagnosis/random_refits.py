@@ -9,21 +9,22 @@ import numpy as np
 
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import move_to, re_estimate
+from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 
-def instances(effects: Sequence[StochasticEffect]) -> Mapping[str, StochasticEffect]:
+def instances[E: Effect](effects: Sequence[E]) -> Mapping[str, E]:
     """Effects by their names.
 
     Parameters
     ----------
-    effects : sequence of StochasticEffect
+    effects : sequence of Effect
         No two of one name.
 
     Returns
     -------
-    mapping of StochasticEffect
+    mapping of Effect
 
     Examples
     --------

@@ -21,13 +21,16 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import logsumexp
 
-from bayes_inertia.diagnosis.prior_sizes import WIDEST, WRONG_PRIOR, sizes_with_weights
+from bayes_inertia.diagnosis.prior_sizes import (
+    WIDEST,
+    WRONG_PRIOR,
+    sizes_with_weights,
+    smallest_size,
+)
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.maths.values import array_dataclass
 
 _SIZES = 32
-# Smallest size: signal-to-noise amplitude in its clearest direction, and a share of the largest.
-_INVISIBLE, _LARGEST_START = 0.3, 0.1
 
 # From sizes (n,) to what each gains in log evidence (n,).
 GainOfSizes = Callable[[np.ndarray], np.ndarray]
@@ -347,5 +350,4 @@ def tried_sizes(powers: np.ndarray, largest: float) -> tuple[np.ndarray, np.ndar
     sizes, weights : (m,) arrays
         Weights add up to one.
     """
-    least = _INVISIBLE / np.sqrt(max(powers.max(initial=0.0), 1e-300))
-    return sizes_with_weights(min(least, _LARGEST_START * largest), largest, _SIZES)
+    return sizes_with_weights(smallest_size(powers, largest), largest, _SIZES)

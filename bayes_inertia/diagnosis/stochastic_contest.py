@@ -105,8 +105,8 @@ def contest(
             step = replace(step, nameless=_nameless(weighed[before]))
         else:
             step = _with_displaced_as_alternatives(step, kept[k:], lead, rules)
-        instances = {effect.name: effect for effect in final.model.effects}
-        displaced = tuple(instances[s.added] for s in kept[before:])
+        fitted = instances(final.model.effects)
+        displaced = tuple(fitted[s.added] for s in kept[before:])
         return Contest((*kept[:before], step), step.after, weighed, displaced)
     if near and k < len(kept) and lead > -rules.log_evidence_margin:
         least = near.log_bayes_factor - lead - rules.log_evidence_margin
