@@ -1,6 +1,6 @@
 # `make demo` and `make test` are all the set-up there is: each makes the environment it needs.
 # `make test-all` adds the slow tests, the formatter, the type checker and the documentation, which
-# `make docs` writes to build/docs/index.html; its tutorials are run. `make test-long` runs the few
+# `make docs` writes to build/docs/index.html; its tutorials are run. `make test-long` runs
 # tests that take half a minute each, or that are many of one kind: before a release, and after
 # changes to a search.
 # PYTHON=... chooses an interpreter; otherwise the first that is 3.12 or newer.

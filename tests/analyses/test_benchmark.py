@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import pytest
 
-ANALYSES = Path(__file__).resolve().parents[2] / "analyses"
 NAMES = ("evaluation_over_kernel", "ess_per_evaluation")
 
 
 @pytest.fixture
-def history(monkeypatch):
+def history(analysis):
     """The module that keeps the table."""
-    monkeypatch.syspath_prepend(str(ANALYSES))
-    import benchmark_history
-
-    yield benchmark_history
-    sys.modules.pop("benchmark_history", None)
+    return analysis("benchmark_history")
 
 
 def rows_of(history, path: Path, *values: tuple[float, ...]) -> list[dict[str, str]]:
@@ -60,7 +54,7 @@ def test_rows_are_added_and_none_is_lost(history, tmp_path):
 
 
 def test_the_committed_table_holds_the_columns_that_are_measured(history):
-    rows = history.read_history(ANALYSES / "results" / "benchmark_history.csv")
+    rows = history.read_history(Path(history.__file__).parent / "results" / "benchmark_history.csv")
     assert rows
     assert list(rows[0]) == [*history.HEAD, *(ratio.name for ratio in history.RATIOS)]
     assert history.worse_ratios(rows) == []

@@ -4,30 +4,22 @@ from __future__ import annotations
 
 import json
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-ANALYSES = Path(__file__).resolve().parents[2] / "analyses"
-
 
 @pytest.fixture
-def study(monkeypatch, tmp_path):
+def study(analysis, monkeypatch, tmp_path):
     """The study with diagnoses that take no time, and results in a folder of its own."""
-    monkeypatch.syspath_prepend(str(ANALYSES))
-    before = set(sys.modules)
-    import diagnosis_study
+    diagnosis_study = analysis("diagnosis_study")
 
     def run_one(case, power, level):
         return {"label": case.label, "index": case.index, "hidden": case.hidden, "power": power}
 
     monkeypatch.setattr(diagnosis_study, "run_one", run_one)
     monkeypatch.setattr(diagnosis_study, "FOLDER", tmp_path)
-    yield diagnosis_study
-    for name in set(sys.modules) - before:
-        if str(ANALYSES) in str(getattr(sys.modules[name], "__file__", "")):
-            del sys.modules[name]
+    return diagnosis_study
 
 
 def test_rows_stand_in_order_and_a_larger_study_keeps_them(study, monkeypatch, tmp_path):

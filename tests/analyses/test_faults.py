@@ -2,28 +2,20 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-ANALYSES = Path(__file__).resolve().parents[2] / "analyses"
-
 
 @pytest.fixture
-def study(monkeypatch, tmp_path):
+def study(analysis, monkeypatch, tmp_path):
     """The study's modules, and a corpus of a campaign alone."""
-    monkeypatch.syspath_prepend(str(ANALYSES))
-    import fault_study
-    import fault_targets
-
+    fault_study, fault_targets = analysis("fault_study"), analysis("fault_targets")
     fault_targets.make_campaign(tmp_path / "corpus")
     (tmp_path / "empty").mkdir()
     monkeypatch.chdir(tmp_path / "empty")
-    yield fault_study, fault_targets, tmp_path / "corpus"
-    for name in ("fault_study", "fault_targets", "fault_formats", "fault_mutations"):
-        sys.modules.pop(name, None)
+    return fault_study, fault_targets, tmp_path / "corpus"
 
 
 def test_a_case_is_drawn_from_its_number_and_judged(study):

@@ -37,7 +37,7 @@ def test_as_many_are_hidden_as_the_prior_says(module):
 
 @pytest.mark.slow
 def test_campaigns_are_drawn_anew_and_equal_for_equal_seeds(module):
-    """Seeds are found whose campaigns hide nothing: those are drawn at once."""
+    """Campaigns that hide nothing are taken: they need no fit to be drawn."""
     drawn = {}
     for key in range(40):
         seed = np.random.SeedSequence(3, spawn_key=(key,))

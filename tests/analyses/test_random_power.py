@@ -2,27 +2,19 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 from scipy import stats
 
-ANALYSES = Path(__file__).resolve().parents[2] / "analyses"
 LEVEL = 0.01
 # Binomial error of a power from 20,000 draws, and that of the level's limit beside it.
 ERROR = 4.0 * np.sqrt(0.25 / 20_000 * 2.0)
 
 
 @pytest.fixture
-def ideal(monkeypatch):
+def ideal(analysis):
     """`random_power.py`."""
-    monkeypatch.syspath_prepend(str(ANALYSES))
-    import random_power
-
-    yield random_power
-    del sys.modules["random_power"]
+    return analysis("random_power")
 
 
 def closed_form(count, size):
