@@ -1,7 +1,7 @@
 # `make demo` and `make test` are all the set-up there is: each makes the environment it needs.
-# `make test-all` adds the slow tests, the formatter, the type checker and the documentation, which
-# `make docs` writes to build/docs/index.html; its tutorials are run. `make test-long` runs
-# tests that take half a minute each, or that are many of one kind: before a release, and after
+# `make test-all` adds the slow tests, the formatter, the type checker and the documentation, whose
+# tutorials are not run. `make docs` runs them and writes build/docs/index.html. `make test-long`
+# does that too, and runs tests that take long or are many of one kind: before a release, and after
 # changes to a search.
 # PYTHON=... chooses an interpreter; otherwise the first that is 3.12 or newer.
 PYTHON ?= $(shell for p in python3.13 python3.12 python3.14 python3 python; do \
@@ -32,11 +32,11 @@ test: $(VENV)/ready-test
 # Types are checked and the documentation is built beside the slow tests: these leave a tenth of two
 # cores idle.
 test-all: test lint $(VENV)/ready-docs
-	$(MAKE) types docs & checked=$$!; \
+	$(MAKE) types docs TUTORIALS=off & checked=$$!; \
 	$(BIN)/python -m pytest -q -n 2 --dist worksteal -m "slow and not long" tests; tested=$$?; \
 	wait $$checked && exit $$tested
 
-test-long: $(VENV)/ready-test
+test-long: $(VENV)/ready-test docs
 	$(BIN)/python -m pytest -q -n 2 --dist worksteal -m long
 
 lint: $(VENV)/ready-test
@@ -46,6 +46,7 @@ lint: $(VENV)/ready-test
 types: $(VENV)/ready-test
 	$(BIN)/mypy
 
+docs: export TUTORIALS ?= auto
 docs: $(VENV)/ready-docs
 	$(BIN)/python -m sphinx -q -n -W --keep-going -j 2 -c docs -d build/docs_pages . build/docs
 

@@ -27,6 +27,7 @@ EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 DEGREE = math.pi / 180.0
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_design_command_writes_a_plan_that_simulate_flies(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(

@@ -105,6 +105,7 @@ def test_infeasible_requests_say_which_limit_binds(case, mission):
         design_plan(mission, limits=limits)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_limit_that_only_the_search_finds_out_is_named(craft, prior, designed):
     # At rest the wheels hold 0.07 N m s at most, which they may. A reserve of 45 % leaves 0.044,
@@ -143,6 +144,7 @@ def test_next_slew_adds_what_is_missing(mission):
     assert design.gain > 1.1
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_plan_for_a_nearly_flat_body_is_judged_by_tensors_that_a_body_can_have(craft):
     """A plate's draws from an estimate are unphysical half the time."""

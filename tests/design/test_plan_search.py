@@ -35,6 +35,8 @@ def problem_of(mission, wanted="cross_terms", n=5, limits=None):
     return PlanProblem(parse_goal(wanted), forecast, theta[None], region)
 
 
+@pytest.mark.long
+@pytest.mark.slow
 def test_gradient_of_the_criterion_is_that_of_finite_differences(mission):
     problem = problem_of(mission)
     x = problem.variables(slew_arrays(paper_like_plan()))

@@ -20,6 +20,7 @@ from bayes_inertia.report.diagnosis_sections import diagnosis_sections
 from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_what_could_hide_moves_the_fit_as_far_as_it_says(
     flight, clean, clean_diagnosis, content_of, check_contract, rigid_library

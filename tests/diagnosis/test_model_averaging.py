@@ -30,6 +30,7 @@ from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict
 from bayes_inertia.report.fit_sections import standard_sections
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_each_member_of_an_ambiguous_set_has_its_own_J_and_K(
     torqued, content_of, check_contract, rigid_library
@@ -157,6 +158,7 @@ def plain(torqued):
     return fit(torqued.base.model.campaign, effects=(ConstantTorque(),), seed=2, settings=settings)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_averaged_J_and_K_are_the_mixture_and_the_posterior_stays(plain, tmp_path):
     given = plain.summary()["parameters"]
@@ -209,6 +211,7 @@ def test_averaged_J_and_K_are_the_mixture_and_the_posterior_stays(plain, tmp_pat
     )
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_an_average_holds_no_tensor_that_no_body_has(plain):
     names = plain.names[:9]

@@ -29,6 +29,7 @@ def test_the_next_correction_slew_before_and_after(lagging, flight, content_of, 
     assert any("should need a correction of" in s for s in diagnosis_verdict(content).sentences)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_next_slew_is_flown_with_the_tensor_after_its_change(flight, rigid_library):
     size = np.array([0.15, 0.1, -0.1, 0.0, 0.0, 0.0])

@@ -49,6 +49,7 @@ def of_the_model(estimate, effect):
     return columns, np.asarray(blocks)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_columns_are_those_of_the_effects_own_model(plain):
     """To the second order of the integration: the model steps from reading to reading. A motor acts
@@ -69,6 +70,8 @@ def test_the_usual_candidates_are_the_named_ones():
     assert names == {e.name for e in STOCHASTIC} - {"torque_remainder", "rate_remainder"}
 
 
+@pytest.mark.long
+@pytest.mark.slow
 def test_of_a_clean_campaign_nothing_random_is_significant(plain):
     weighed = stochastic_candidates(plain, STOCHASTIC_CANDIDATES)
     assert {c.effect for c in weighed} == {"", *(e.name for e in STOCHASTIC_CANDIDATES)}

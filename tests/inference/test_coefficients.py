@@ -124,6 +124,7 @@ def acceptance(move, structure, frozen) -> float:
     return float(np.minimum(weights[:, None], weights).sum() / (len(weights) * weights.sum()))
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_proposals_by_evidence_resemble_the_posterior(wandered):
     model, everything = wandered.model, np.arange(len(wandered.theta))
@@ -158,6 +159,8 @@ def test_without_stochastic_effects_nothing_changes(fitted):
     assert fitted.point.n_local == fitted.model.structure.n_start
 
 
+@pytest.mark.long
+@pytest.mark.slow
 def test_another_drift_in_each_slew_is_learnt(flown):
     rng = np.random.default_rng(8)
     slews = tuple(
@@ -172,6 +175,7 @@ def test_another_drift_in_each_slew_is_learnt(flown):
     assert estimate(Model(campaign), starts=1).discounted
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_z_scores_under_a_random_walk_are_calibrated(flying):
     """With the effect they are standard normal (0.1 % two-sided); without it far too wide."""

@@ -116,6 +116,7 @@ def test_the_peak_is_where_nothing_around_is_higher_and_near_the_truth(plain):
     assert peak.at @ peak.curvature @ peak.at < 16.0
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_fit_learns_the_size_from_the_whole_process(plain):
     """With few knots most of the process is between them."""

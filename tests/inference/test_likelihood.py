@@ -129,6 +129,7 @@ def test_missing_and_saturated_readings_count_for_nothing(flown):
     assert np.all(np.abs(fitted.theta - flown.truth.theta) < 6.0 * fitted.sd)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_tachometer_with_gaps_can_drive_the_model(flown):
     """Gaps are bridged on a straight line: the fit moves by less than a fraction of its sd."""
@@ -255,6 +256,8 @@ def test_tachometer_noise_is_accounted_for_as_process_noise(attitude_chi2, chann
     assert chi2 / dof - 1.0 > 4.0 * np.sqrt(2.0 / dof), chi2 / dof
 
 
+@pytest.mark.long
+@pytest.mark.slow
 def test_coefficients_that_only_sensors_feel_need_no_motion_of_their_own(small_flown):
     """They stand before and after others, and their columns are those of all taken together."""
     names = ("rate_remainder", "torque_noise", "star_tracker_low_frequency")

@@ -133,9 +133,14 @@ MOVES = {
 }
 
 
+def for_releases(names, of_emcee: tuple[str, ...]) -> list:
+    """Names as parameters of a test; what runs emcee's own moves is long."""
+    return [pytest.param(n, marks=pytest.mark.long if n in of_emcee else ()) for n in names]
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("move", MOVES)
+@pytest.mark.parametrize("move", for_releases(MOVES, ("differential evolution", "stretch")))
 def test_every_move_samples_its_target_exactly_in_nine_dimensions(move, target):
     make, steps = MOVES[move]
     t = departures(TARGETS[target], make(TARGETS[target]), steps)
@@ -175,7 +180,9 @@ CONTROLS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("move", CONTROLS)
+@pytest.mark.parametrize(
+    "move", for_releases(CONTROLS, ("stretch with a wrong power", "emcee's snooker move"))
+)
 def test_the_harness_notices_moves_that_sample_another_density(move):
     name, make, steps = CONTROLS[move]
     target = {**TARGETS, "isotropic": replace(TARGETS["gaussian"], root=np.eye(D))}[name]

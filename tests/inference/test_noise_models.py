@@ -199,6 +199,7 @@ def log_prior_of(estimate, theta):
     return float(log_prior(estimate.model.space.constants(), jnp.asarray(theta)))
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_sampled_scale_has_its_analytic_posterior(flown):
     """Inverse gamma times log-normal prior, of the squares that a plain fit leaves."""

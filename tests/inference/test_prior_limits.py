@@ -62,6 +62,7 @@ def test_without_motion_the_posterior_is_the_prior_physical_edge_included(flying
     assert _p_values(draws, model.space.draw(rng, 20_000)).min() < 1e-4
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_what_one_slew_cannot_see_stays_as_the_prior_has_it(flying, setup_type):
     setup = setup_type(

@@ -54,6 +54,8 @@ def test_a_wandering_bias_that_is_estimated_leaves_white_residuals(with_bias):
     assert fitted(with_bias).tests["rate"].p_white < 1e-12
 
 
+@pytest.mark.long
+@pytest.mark.slow
 def test_what_a_reduced_basis_leaves_is_not_white_by_itself(flown):
     """The control: residuals of a fit with many knots, tested as they are."""
     strong = wandering_bias(flown.campaign, np.random.default_rng(5), 4.0 * BIAS)
@@ -62,6 +64,8 @@ def test_what_a_reduced_basis_leaves_is_not_white_by_itself(flown):
     assert estimate.tests["rate"].p_white > 1e-3
 
 
+@pytest.mark.long
+@pytest.mark.slow
 def test_tachometers_that_walk_leave_white_residuals_too(flown):
     campaign = walking_tachometers(flown.campaign, np.random.default_rng(6))
     assert fitted(campaign).tests["momentum"].rejected

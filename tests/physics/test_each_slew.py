@@ -19,7 +19,11 @@ from bayes_inertia.physics.slew_input import idle_slew
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("inner", [ConstantTorque(), WheelCommandLag()], ids=lambda e: e.name)
+@pytest.mark.parametrize(
+    "inner",
+    [ConstantTorque(), pytest.param(WheelCommandLag(), marks=pytest.mark.long)],
+    ids=lambda e: e.name,
+)
 def test_an_effect_of_its_own_in_each_slew_is_the_effect_where_all_slews_agree(campaign, inner):
     apart = EachSlew.of(inner, campaign)
     check_effect(apart, campaign)

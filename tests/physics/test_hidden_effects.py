@@ -21,7 +21,11 @@ DATA = Path(__file__).resolve().parents[1] / "data"
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("folder", "name"), [("hidden_lag", "wheel_command_lag"), ("hidden_dipole", "magnetic_dipole")]
+    ("folder", "name"),
+    [
+        ("hidden_lag", "wheel_command_lag"),
+        pytest.param("hidden_dipole", "magnetic_dipole", marks=pytest.mark.long),
+    ],
 )
 def test_hidden_effects_of_another_simulator_are_found_at_their_true_size(folder, name):
     path = DATA / folder

@@ -111,7 +111,7 @@ def test_steps_far_too_long_are_seen(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("drive", ["commanded", "measured"])
+@pytest.mark.parametrize("drive", ["commanded", pytest.param("measured", marks=pytest.mark.long)])
 @pytest.mark.parametrize(
     "effects",
     [
@@ -128,7 +128,9 @@ def test_effects_are_integrated_as_well(monkeypatch, effects, drive):
     assert max(found) < ALLOWED, found
 
 
-@pytest.mark.parametrize("drive", ["commanded", "measured"])
+@pytest.mark.parametrize(
+    "drive", ["commanded", pytest.param("measured", marks=(pytest.mark.slow, pytest.mark.long))]
+)
 def test_steps_and_rows_within_them_are_of_sixth_order(slew_of, drive):
     """Smooth drive; errors at all rows, those within steps too."""
     time, wheels = np.arange(0.0, 48.0, 0.125), 4

@@ -30,14 +30,13 @@ from bayes_inertia.physics.random_basis import (
 from bayes_inertia.physics.small_campaign import small_campaign
 
 ONLY_WHERE_COMMANDS_DRIVE = ("tachometer_noise_walk", "wheel_torque_noise")
+LONG = (pytest.mark.slow, pytest.mark.long)
+# A walk, a torque and what begins anew in each slew; the others are tried in the long tests.
+MARKS = {"rate_bias_slew_drift": (), "rate_random_walk": LONG[:1], "torque_noise": LONG[:1]}
 
 
 @pytest.mark.parametrize(
-    "effect",
-    [
-        pytest.param(e, id=e.name, marks=() if i == 2 else pytest.mark.slow)
-        for i, e in enumerate(STOCHASTIC)
-    ],
+    "effect", [pytest.param(e, id=e.name, marks=MARKS.get(e.name, LONG)) for e in STOCHASTIC]
 )
 def test_every_stochastic_effect_keeps_the_contract(effect, campaign):
     fingerprint = check_effect(effect, campaign).fingerprint
