@@ -18,7 +18,8 @@ from bayes_inertia.diagnosis.stochastic_candidates import STOCHASTIC_CANDIDATES
 from bayes_inertia.flight.plan_flight import Flight
 from bayes_inertia.physics.effects import by_name
 
-_GRID = np.arange(0.0, 20_000.0, 0.05)  # on which random signals are drawn [s]
+_SPACING = 0.05  # of the times at which random signals are drawn [s]
+_GRID = np.arange(0.0, 20_000.0, _SPACING)
 _TIME = 20.0  # correlation time of what has one [s]
 _MIDDLE = 1000.0  # where walks are zero: about the middle of a campaign [s]
 POWER = 0.99  # of the ideal test
@@ -51,7 +52,10 @@ def gauss_markov(rng: np.random.Generator) -> np.ndarray:
 
 def at(path: np.ndarray, t: np.ndarray | float) -> np.ndarray:
     """A path on the grid at other times (..., 3)."""
-    return np.stack([np.interp(t, _GRID, axis) for axis in path.T], -1)
+    place = np.asarray(t) / _SPACING
+    below = np.minimum(place.astype(int), len(path) - 2)
+    share = (place - below)[..., None]
+    return (1.0 - share) * path[below] + share * path[below + 1]
 
 
 @dataclass(frozen=True)
