@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from bayes_inertia.diagnosis.evidence import COMPARISON_TOLERANCE
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import move_to, re_estimate
 from bayes_inertia.physics.effect import Effect
@@ -59,4 +60,5 @@ def with_stochastic(before: Estimate, effect: StochasticEffect, start: Sequence[
     theta = begin.theta.copy()
     theta[part] = start
     begin = replace(begin, point=replace(begin.point, theta=theta))
-    return re_estimate(begin, theta, np.concatenate([begin.free, np.arange(part.start, part.stop)]))
+    free = np.concatenate([begin.free, np.arange(part.start, part.stop)])
+    return re_estimate(begin, theta, free, tolerance=COMPARISON_TOLERANCE)

@@ -12,7 +12,7 @@ from functools import partial
 
 import numpy as np
 
-from bayes_inertia.diagnosis.evidence import log_bayes_factor
+from bayes_inertia.diagnosis.evidence import COMPARISON_TOLERANCE, log_bayes_factor
 from bayes_inertia.diagnosis.flexible_mode_search import FlexibleModeCandidate, theta_with_mode
 from bayes_inertia.diagnosis.result import AlternativeEffect, Candidate, Step
 from bayes_inertia.diagnosis.rules import Rules
@@ -27,9 +27,6 @@ from bayes_inertia.physics.forward_model import Model
 
 # By how much log evidence to first order may be wrong.
 _FIRST_ORDER_ERROR = 2.0
-# Tolerance of the objective for refits that are only compared. What is left of it is a hundredth at
-# most, while evidence is weighed in units.
-_COMPARISON_TOLERANCE = 1e-5
 _MAX_AMPLITUDE = 10.0  # [prior sd] of an effect at the start of its refit
 
 
@@ -153,7 +150,7 @@ def refit(scored: ScoredRound, candidate: Candidate, rules: Rules) -> Refit:
     mode = scored.tests.nonlinear.get(candidate.effect)
     if isinstance(mode, FlexibleModeCandidate) and scored.flexible_mode is not None:
         fitted = _with_mode(scored.estimate, scored.flexible_mode, mode)
-        fitted = within_prior(fitted, candidate.effect, rules, tolerance=_COMPARISON_TOLERANCE)
+        fitted = within_prior(fitted, candidate.effect, rules, tolerance=COMPARISON_TOLERANCE)
         return _weighed(scored, candidate.effect, fitted)
     estimate, space = scored.estimate, scored.estimate.model.space
     part = space.slice_of(candidate.effect)
@@ -163,8 +160,8 @@ def refit(scored: ScoredRound, candidate: Candidate, rules: Rules) -> Refit:
     inset = 1e-3 * space.sd[part]
     theta[part] = np.clip(theta[part], space.lower[part] + inset, space.upper[part] - inset)
     free = np.concatenate([estimate.free, np.arange(part.start, part.stop)])
-    fitted = re_estimate(estimate, theta, free, tolerance=_COMPARISON_TOLERANCE)
-    fitted = within_prior(fitted, candidate.effect, rules, tolerance=_COMPARISON_TOLERANCE)
+    fitted = re_estimate(estimate, theta, free, tolerance=COMPARISON_TOLERANCE)
+    fitted = within_prior(fitted, candidate.effect, rules, tolerance=COMPARISON_TOLERANCE)
     return _weighed(scored, candidate.effect, fitted)
 
 
@@ -212,7 +209,7 @@ def _refit_from_afar(scored: ScoredRound, first: Refit) -> Refit:
         first.estimate.theta,
         first.estimate.free,
         weak_data_first=True,
-        tolerance=_COMPARISON_TOLERANCE,
+        tolerance=COMPARISON_TOLERANCE,
     )
     if fitted.objective > first.estimate.objective:
         return first
@@ -232,7 +229,7 @@ def _with_mode(
         start,
         theta_with_mode(start, candidate),
         np.concatenate([start.free, np.arange(part.start, part.stop)]),
-        tolerance=_COMPARISON_TOLERANCE,
+        tolerance=COMPARISON_TOLERANCE,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -28,8 +28,8 @@ from bayes_inertia.physics.forward_model import Model
 
 # Rounds of learning sizes, at most, and the change [prior sd] after which they have settled.
 _ROUNDS, _SETTLED = 8, 0.02
-# Tolerance of the objective while sizes are learnt; a descent as asked for follows.
-_TOLERANCE_OF_ROUNDS = 1e-4
+# Tolerance of the objective while sizes or noise are learnt; a descent as asked for follows.
+_TOLERANCE_OF_ROUNDS = 1e-3
 
 
 def descend(
@@ -58,7 +58,7 @@ def descend(
     """
     shaped = without_hyperparameters(model, free)
     if len(shaped) < len(free):
-        rough = {**stop, "tolerance": max(stop.get("tolerance", 0.0), _TOLERANCE_OF_ROUNDS)}
+        rough = roughly(stop)
         point, _ = _to_minimum(model, point, white, shaped, **rough)
         for _ in range(_ROUNDS):
             point, change = _sizes_learnt(model, point, white, free)
@@ -66,6 +66,26 @@ def descend(
                 break
             point, _ = _to_minimum(model, point, white, shaped, **rough)
     return _to_minimum(model, point, white, shaped, **stop)
+
+
+def roughly(stop: Mapping[str, Any]) -> dict[str, Any]:
+    """When to stop where a descent as asked for follows.
+
+    Parameters
+    ----------
+    stop : mapping
+        When that one stops, as of `dogleg`.
+
+    Returns
+    -------
+    dict
+
+    Examples
+    --------
+    >>> roughly({"steps": 60, "tolerance": 1e-7})
+    {'steps': 60, 'tolerance': 0.001}
+    """
+    return {**stop, "tolerance": max(stop.get("tolerance", 0.0), _TOLERANCE_OF_ROUNDS)}
 
 
 def _sizes_learnt(

@@ -18,7 +18,7 @@ import numpy as np
 from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.compiled_programs import forget_surplus
-from bayes_inertia.inference.descent import descend
+from bayes_inertia.inference.descent import descend, roughly
 from bayes_inertia.inference.distinct_optima import distinct_optima
 from bayes_inertia.inference.gentle_descents import (
     GENTLE_STOP,
@@ -318,8 +318,10 @@ def _optimum_with_noise(
     rounds = rounds if model.structure.drive == "measured" else 1
     if noise_between_knots(model, point.theta):
         rounds = max(rounds, _ROUNDS_OF_SIZES)
-    for _ in range(rounds):
-        point, objective = descend(model, point, discounted(stated, factors), free, **stop)
+    for round_ in range(1, rounds + 1):
+        # Before the last round the noise is not known any better.
+        to = stop if round_ == rounds else roughly(stop)
+        point, objective = descend(model, point, discounted(stated, factors), free, **to)
         stated = whitening(model, point.theta)
     return point, objective, stated
 
