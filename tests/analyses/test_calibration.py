@@ -125,6 +125,7 @@ def test_a_quick_calibration_writes_its_results_and_goes_on_after_a_kill(
     assert shards[0].read_bytes() == kept
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_baseline_flies_what_the_package_flies(benchmark):
     import jax

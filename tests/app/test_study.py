@@ -55,6 +55,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say():
     assert halved == pytest.approx(2.0 * stats.norm.cdf(0.98) - 1.0, abs=0.02)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_study_of_the_example_goes_on_where_it_was(tmp_path, capsys, monkeypatch):
     out = tmp_path / "run"

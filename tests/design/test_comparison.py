@@ -32,6 +32,8 @@ def test_comparison_predicts_what_simulated_campaigns_achieve(designed, mission)
         compare_plans([paper_like_plan(), paper_like_plan()], mission)
 
 
+@pytest.mark.long
+@pytest.mark.slow
 def test_equal_seeds_meet_equal_truths(mission):
     plan = paper_like_plan()
     short = replace(plan, slews=plan.slews[:1], telemetry_period=1.0)

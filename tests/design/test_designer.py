@@ -32,6 +32,7 @@ def by_limit(found) -> dict:
     return {m.limit: m for m in found}
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_design_beats_slews_like_the_papers_and_random_plans_within_all_limits(designed, mission):
     assert designed.gain > 1.5
@@ -52,12 +53,14 @@ def test_design_beats_slews_like_the_papers_and_random_plans_within_all_limits(d
     )
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_same_seed_same_plan(designed, mission):
     again = design_plan(mission, candidates=150, starts=3, draws=2, seed=1)
     assert again.plan == designed.plan
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_designed_plan_round_trips_and_flies_within_its_limits(designed, mission, tmp_path):
     plan = read_plan(write_plan(designed.plan, tmp_path / "plan.toml"))

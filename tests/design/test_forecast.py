@@ -19,6 +19,7 @@ _expected = jax.jit(
 )
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "names",

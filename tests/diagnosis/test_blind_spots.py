@@ -54,12 +54,14 @@ def test_what_could_hide_moves_the_fit_as_far_as_it_says(
     assert "What could still hide" in [section.title for section in diagnosis_sections(content)]
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_what_is_fitted_hides_nothing_and_of_the_unknown_nothing_is_said(lagging, pumped):
     assert "wheel_command_lag" not in {row.effect for row in undetected_effects(lagging)}
     assert undetected_effects(pumped) == ()
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_J_and_K_with_an_undetected_effect_are_those_of_a_fit_with_it(clean_diagnosis):
     rows = {row.effect: row for row in undetected_alternatives(clean_diagnosis)}

@@ -74,6 +74,7 @@ def kinds(diagnosis):
     return {(d.kind, d.channel, d.treated) for d in diagnosis.dirt}
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.parametrize("hidden", HIDDEN)
 def test_no_effect_is_taken_for_dirt(flight, hidden):
@@ -84,6 +85,7 @@ def test_no_effect_is_taken_for_dirt(flight, hidden):
     assert set(start.noise.values()) == {1.0}
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_dirt_alone_is_consistent_and_takes_no_longer_than_a_clean_campaign(clean):
     diagnose(clean, library=RIGID)  # Compiles.

@@ -32,6 +32,7 @@ from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_what_no_candidate_explains_is_averaged_over_free_shapes(pumped, pumped_truth, content_of):
     assert pumped.why_unknown == "misfit"
@@ -69,6 +70,7 @@ def test_what_is_named_is_not_averaged_and_imitations_give_way_to_free_shapes(la
     assert [effect.name for effect in fitted_effects(missing)] == ["wheel_command_lag"]
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_what_a_random_effect_displaced_is_fitted_where_that_explains_nothing_either(lagging):
     """The search's evidence for a random torque is put in: the campaign itself has none."""

@@ -78,6 +78,7 @@ def test_more_noise_is_energy_everywhere_and_none_against_the_measured_noise(fly
     assert scan_residuals(louder).p_value < 1e-6  # the stated noise is still wrong
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_measured_drive_without_star_tracker(flying, setup_type):
     campaign = flying(4, setup_type(fix_rows=(), rows=160)).campaign

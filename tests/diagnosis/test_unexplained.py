@@ -94,6 +94,7 @@ def test_a_constant_torque(planted):
     assert found.torque_rms == pytest.approx(5e-6, rel=0.1)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_evidence_tells_what_a_weak_torque_follows(planted):
     # Squares of rates are nearly constant in these slews, and a constant torque explains most of
@@ -112,6 +113,7 @@ def test_evidence_tells_what_a_weak_torque_follows(planted):
     assert max(unexplained_signal(fitted(planted())).driven_evidence.values()) < 3.0
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_glitch_of_the_rate_sensor_is_no_torque(planted):
     def shifted(time, rate):

@@ -57,6 +57,7 @@ def test_correction_slews_shrink_with_knowledge_of_the_scale_factors(mission, cr
     assert np.median(angles) > 500 * ARCSECOND
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_predictions_are_flights(mission, craft, novice):
     plan = paper_like_plan()
@@ -85,6 +86,7 @@ def test_predictions_are_flights(mission, craft, novice):
     assert np.all(noisy.std(axis=0) > 5 * ARCSECOND)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_gradient_of_the_final_error_with_respect_to_the_slew(mission, craft):
     """Slew design differentiates through a flight: reverse mode against a finite difference."""

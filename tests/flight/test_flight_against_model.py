@@ -92,6 +92,7 @@ def test_the_model_reproduces_a_flight_exactly(mission):
     assert attitude < 0.01 * craft.star_tracker.sigma_cross
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_model_reproduces_effects_inside_and_around_the_loop(mission):
     """In-step hooks, own states, a refined grid, an environment, three whole-history hooks."""

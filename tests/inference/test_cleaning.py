@@ -130,6 +130,7 @@ def test_coarse_rounding_is_counted_once(flown):
     assert all(1.5 < axis.sd < 2.5 for axis in result.treatment.colour.axes)  # sqrt(1 + 36 / 12)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["hidden_lag", "hidden_dipole"])
 def test_a_missing_effect_is_neither_masked_nor_taken_for_noise(name):

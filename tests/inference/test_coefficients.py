@@ -138,6 +138,7 @@ def test_proposals_by_evidence_resemble_the_posterior(wandered):
     assert acceptance(ellipsoid, model.structure, frozen) < 0.5
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_drawn_nuisances_have_their_conditional_mean_and_spread(wandered):
     frozen, structure = marginal(wandered), wandered.model.structure

@@ -125,6 +125,8 @@ def test_the_whiteness_test_has_its_stated_false_alarm_rate():
     assert whiteness([rng.normal(size=(20, 3))]) is None
 
 
+@pytest.mark.long
+@pytest.mark.slow
 def test_leaving_a_slew_out_to_first_order_is_nearly_refitting_without_it(fitted, flown):
     for s in range(3):
         others = [i for i in range(3) if i != s]

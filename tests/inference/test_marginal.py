@@ -71,6 +71,7 @@ def compare(one, other):
     return of_mean.max(), of_sd.max()
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_marginal_posterior_is_that_of_sampling_every_nuisance(small):
     rng, d, n = np.random.default_rng(31), len(small.theta), 3000

@@ -156,6 +156,7 @@ def test_commands_are_worth_the_sd_without_them_over_the_sd_with_them(estimate, 
     )
 
 
+@pytest.mark.long
 # --- what cannot be told ----------------------------------------
 @pytest.mark.slow
 def test_one_slew_about_z_leaves_the_rest_of_the_tensor_to_the_prior(
@@ -238,6 +239,8 @@ def test_without_wheels_the_size_of_the_tensor_is_exactly_degenerate(flown):
     assert not any(d.name == "common wheel gain" for d in free.degeneracies)
 
 
+@pytest.mark.long
+@pytest.mark.slow
 def test_tachometers_tell_the_gain_and_take_its_place(flown):
     estimate = optimizer.estimate(Model(flown.campaign, by_name(["wheel_torque_gain"])), starts=1)
     shown = next(d for d in stated_degeneracies(estimate) if d.name == "common wheel gain")

@@ -72,6 +72,8 @@ def test_flexible_mode_begins_undeformed_on_a_turning_body():
     np.testing.assert_allclose(path.rate_B, np.tile([0.1, 0.0, 0.0], (101, 1)), atol=1e-14)
 
 
+@pytest.mark.long
+@pytest.mark.slow
 def test_flexible_mode_is_integrated_finely_enough(campaign):
     """Twice as many steps change a mode at the prior's upper end by less than a tenth of its
     damping would in the slew.

@@ -128,6 +128,8 @@ def test_the_sheet_shows_old_new_and_the_correction_slew(result):
     assert by_name["correction_slew_z_q95"]["new"] == "41.3"
 
 
+@pytest.mark.long
+@pytest.mark.slow
 def test_the_correction_slew_is_that_of_the_scale_factors_errors(run):
     """60 degrees with a scale factor that is wrong by 1 %, then by a draw's sd of 1e-4."""
     forecast = exported_result(run, with_correction=True).correction

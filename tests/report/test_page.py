@@ -128,6 +128,7 @@ def test_own_sections_can_be_added(posteriors):
     assert "<p>1 &lt; 2</p>" in page
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_real_fit_can_be_reported(made, flying, setup_type):
     """The made-up posteriors above have the groups that a fit has."""
