@@ -46,7 +46,6 @@ lint: $(VENV)/ready-test
 types: $(VENV)/ready-test
 	$(BIN)/mypy
 
-docs: export TUTORIALS ?= auto
 docs: $(VENV)/ready-docs
 	$(BIN)/python -m sphinx -q -n -W --keep-going -j 2 -c docs -d build/docs_pages . build/docs
 

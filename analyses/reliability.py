@@ -196,7 +196,7 @@ def of_prior_section(bins: Sequence[Bin], count: int) -> list[str]:
         "outside of it, of any size from what cannot be seen up to the prior's "
         "(`prior_campaigns.py`).",
         "They are fewer than planned. The study was stopped in a campaign with a strong random "
-        "torque, which the other simulator flies for minutes: strong ones may be too rare here.",
+        "torque, which the other simulator flew for minutes: strong ones may be too rare here.",
         "",
         *table(bins),
         "",

@@ -23,8 +23,8 @@ from bayes_inertia.inference.noise_model import log_normalisation
 from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.maths.linear_algebra import inverse
 
-# Tolerance of the objective for refits that are compared. What is left of it is a hundredth,
-# while evidence is weighed in units.
+# Tolerance of the objective for refits that are only compared. What is left of it is a hundredth at
+# most, while evidence is weighed in units.
 COMPARISON_TOLERANCE = 1e-5
 _N_PRIOR_SCALES = 24
 

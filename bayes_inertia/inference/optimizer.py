@@ -319,7 +319,7 @@ def _optimum_with_noise(
     if noise_between_knots(model, point.theta):
         rounds = max(rounds, _ROUNDS_OF_SIZES)
     for round_ in range(1, rounds + 1):
-        # Before the last round the noise is not known any better.
+        # Before the last round the noise is known roughly, too.
         to = stop if round_ == rounds else roughly(stop)
         point, objective = descend(model, point, discounted(stated, factors), free, **to)
         stated = whitening(model, point.theta)

@@ -156,8 +156,8 @@ def test_commands_are_worth_the_sd_without_them_over_the_sd_with_them(estimate, 
     )
 
 
-@pytest.mark.long
 # --- what cannot be told ----------------------------------------
+@pytest.mark.long
 @pytest.mark.slow
 def test_one_slew_about_z_leaves_the_rest_of_the_tensor_to_the_prior(
     flying, setup_type, truth_type

@@ -30,9 +30,9 @@ from bayes_inertia.physics.random_basis import (
 from bayes_inertia.physics.small_campaign import small_campaign
 
 ONLY_WHERE_COMMANDS_DRIVE = ("tachometer_noise_walk", "wheel_torque_noise")
-LONG = (pytest.mark.slow, pytest.mark.long)
+SLOW, LONG = pytest.mark.slow, (pytest.mark.slow, pytest.mark.long)
 # A walk, a torque and what begins anew in each slew; the others are tried in the long tests.
-MARKS = {"rate_bias_slew_drift": (), "rate_random_walk": LONG[:1], "torque_noise": LONG[:1]}
+MARKS = {"rate_bias_slew_drift": (), "rate_random_walk": SLOW, "torque_noise": SLOW}
 
 
 @pytest.mark.parametrize(
