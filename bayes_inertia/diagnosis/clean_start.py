@@ -324,7 +324,8 @@ def at_measured_level(start: CleanStart, final: Estimate) -> tuple[CleanStart, E
     """The fit at the level of noise that it leaves.
 
     A strong process beside noise that seemed louder than it is has a wrong size at first: fit and
-    level are repeated until they agree.
+    level are repeated until they agree. The fit may have stopped early, as one that is compared
+    with others; it is brought to its end.
 
     Parameters
     ----------
@@ -340,12 +341,16 @@ def at_measured_level(start: CleanStart, final: Estimate) -> tuple[CleanStart, E
     final : Estimate
         The fit with it.
     """
+    at_level = final
     for _ in range(_ROUNDS_OF_LEVEL):
-        again = _with_level(start, final)
+        again = _with_level(start, at_level)
         if again is None:
             break
-        start, final = again, again.estimate
-    return start, final
+        start, at_level = again, again.estimate
+    # At another level a fit goes to its end by itself.
+    if at_level is final:
+        at_level = optimizer.re_estimate(final, final.theta, final.free)
+    return start, at_level
 
 
 def _with_level(start: CleanStart, final: Estimate) -> CleanStart | None:

@@ -9,10 +9,18 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.diagnosis.candidates import candidate_effects
-from bayes_inertia.diagnosis.clean_start import clean_start, measured_again
+from bayes_inertia.diagnosis.clean_start import (
+    CleanStart,
+    at_measured_level,
+    clean_start,
+    measured_again,
+)
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.diagnosis.search import diagnose
+from bayes_inertia.inference import optimizer
+from bayes_inertia.inference.treatment import DirtTreatment
 from bayes_inertia.physics.effects import (
     LIBRARY,
     ConstantTorque,
@@ -72,6 +80,18 @@ def begun(campaign, **options):
 
 def kinds(diagnosis):
     return {(d.kind, d.channel, d.treated) for d in diagnosis.dirt}
+
+
+def test_a_fit_that_stopped_early_is_brought_to_its_end(clean):
+    """Also where its noise is at the right level already."""
+    settled = optimizer.estimate(Model(clean), discount=False)
+    beside = settled.theta + 30.0 * settled.sd
+    early = optimizer.re_estimate(settled, beside, settled.free, tolerance=1e8)
+    stated = dict.fromkeys(CHANNELS, 1.0)
+    start = CleanStart(settled.model, settled, settled, stated, DirtTreatment())
+    _, final = at_measured_level(start, early)
+    assert early.objective - settled.objective > 1e-4
+    assert final.objective - settled.objective < 1e-6
 
 
 @pytest.mark.long
