@@ -13,16 +13,13 @@ from functools import partial
 from itertools import batched
 from typing import NamedTuple
 
-from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.diagnosis.evidence import log_evidence_of_fit
 from bayes_inertia.diagnosis.prior_of_sets import cost_of_further
-from bayes_inertia.diagnosis.random_refits import instances, with_stochastic
+from bayes_inertia.diagnosis.random_refits import without_effects
 from bayes_inertia.diagnosis.result import Step
 from bayes_inertia.diagnosis.stochastic_candidates import StochasticCandidate
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.optimizer import with_noise
 from bayes_inertia.maths.at_once import at_once
-from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 # Log evidence that a fit loses without the last step beyond which it would lose it without more
 # steps, too: these explain no more, and their fewer parameters gain tens at most.
@@ -45,7 +42,6 @@ def without_needless_steps(
     before: Sequence[Step],
     step: Step,
     weighed: Sequence[Sequence[StochasticCandidate]],
-    effects: Sequence[StochasticEffect],
     members: int,
 ) -> tuple[int, Step]:
     """Leave out the steps that one without a fixed shape makes needless.
@@ -61,8 +57,6 @@ def without_needless_steps(
         That adds the effect without a fixed shape.
     weighed : sequence of sequences of StochasticCandidate
         At the fit before each step of the search and after the last.
-    effects : sequence of StochasticEffect
-        The candidates.
     members : int
         How many effects there were to choose from; "no name" is one of them.
 
@@ -79,7 +73,7 @@ def without_needless_steps(
     same = {k: c for k in range(len(before)) for c in weighed[k] if c.effect == step.added}
 
     def without_steps_from(k: int) -> _Refit:
-        after, gain = _refit_before(before[k], step, same[k], effects)
+        after, gain = _refit_without(before[k:], step, same[k])
         return _Refit(k, after, gain, gain + cost_of_further(k + 1, len(before) - k, members))
 
     tried = [without_steps_from(last)] if last in same else []
@@ -105,14 +99,11 @@ def _in_place(refit: _Refit, left_out: Sequence[Step], step: Step) -> Step:
     )
 
 
-def _refit_before(
-    first: Step,
-    step: Step,
-    same: StochasticCandidate,
-    effects: Sequence[StochasticEffect],
+def _refit_without(
+    left_out: Sequence[Step], step: Step, same: StochasticCandidate
 ) -> tuple[Estimate, float]:
-    """A fit with a step's effect without the steps from `first` on, and what it gains by that."""
-    level = dict(zip(CHANNELS, step.after.discount[0] ** -0.5, strict=True))
-    fitted = with_stochastic(first.before, instances(effects)[step.added], same.start)
-    fitted = with_noise(fitted, level)
+    """A fit with a step's effect without the steps before it, and what it gains by that."""
+    fitted = without_effects(
+        step.after, {s.added for s in left_out}, left_out[0].before, {step.added: same.start}
+    )
     return fitted, log_evidence_of_fit(fitted) - log_evidence_of_fit(step.after)

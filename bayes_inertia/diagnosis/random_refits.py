@@ -1,8 +1,8 @@
-"""Fits with one effect without a fixed shape more."""
+"""Fits with one effect without a fixed shape more, and with fewer effects beside it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -62,3 +62,32 @@ def with_stochastic(before: Estimate, effect: StochasticEffect, start: Sequence[
     begin = replace(begin, point=replace(begin.point, theta=theta))
     free = np.concatenate([begin.free, np.arange(part.start, part.stop)])
     return re_estimate(begin, theta, free, tolerance=COMPARISON_TOLERANCE)
+
+
+def without_effects(
+    fitted: Estimate, names: Collection[str], before: Estimate, start: Mapping[str, Sequence[float]]
+) -> Estimate:
+    """Fit again with some effects held at their null, in the same model.
+
+    Nothing is compiled anew for it. Campaign and noise stay those of the fit with all effects.
+
+    Parameters
+    ----------
+    fitted : Estimate
+        With all of them.
+    names : collection of str
+        The effects to leave out.
+    before : Estimate
+        A fit without them: where to begin.
+    start : mapping of sequences of float
+        By the names of effects that `before` does not know, their parameters to begin from.
+
+    Returns
+    -------
+    Estimate
+    """
+    space, theta = fitted.model.space, move_to(before, fitted.model).theta.copy()
+    for name, values in start.items():
+        theta[space.slice_of(name)] = values
+    free = np.array([i for i in fitted.free if space.names[i].split(".")[0] not in names])
+    return re_estimate(fitted, theta, free, tolerance=COMPARISON_TOLERANCE)

@@ -100,7 +100,7 @@ def contest(
         if all(c.effect for c in at):
             at = stochastic_candidates(levels[k], effects)
         step = _named(levels[k], at, effects, rules)
-        before, step = without_needless_steps(kept[:k], step, weighed, effects, members)
+        before, step = without_needless_steps(kept[:k], step, weighed, members)
         if before < k:
             step = replace(step, nameless=_nameless(weighed[before]))
         else:

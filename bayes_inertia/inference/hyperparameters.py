@@ -68,17 +68,19 @@ def without_hyperparameters(model: Model, free: np.ndarray) -> np.ndarray:
 class FrozenEvidence(NamedTuple):
     """What the evidence needs: a pytree of JAX.
 
+    Its shapes are those of the model, whichever of its parameters may move: all share one program.
+
     Parameters
     ----------
     equations : SlewEquations
         What slews share stands in this order: the bias, then the parameters that are not learnt
-        here, in units of `scale`.
+        here, in units of `scale`. Those that may not move stand last, and no data speak of them.
     inverse_roots : tuple of (slews, b, m, m) arrays
         Inverses of the roots of the coefficients' prior covariance at the point.
     theta : (d,) array
         The point's parameters.
     free, learnt : (f,), (h,) array of int
-        Indices of the parameters that are not learnt here, and of those that are.
+        Indices of all parameters that shape signals, and of all those of stochastic effects.
     scale : (f,) array
         Of the former: one prior sd.
     priors : dict of (h,) arrays
@@ -109,7 +111,7 @@ class Evidence:
     information : Information
         There, of the parameters that are not learnt here.
     learnt : (h,) array of int
-        Indices of the parameters of stochastic effects.
+        Indices of the parameters of stochastic effects that may move.
     """
 
     model: Model
@@ -131,18 +133,30 @@ class Evidence:
         return self.parameters.put(self.point.theta, standardised)
 
     @cached_property
+    def _all_learnt(self) -> LearntParameters:
+        """All parameters of stochastic effects, those included that may not move."""
+        return LearntParameters(self.model, np.array(self.model.structure.hyperparameters))
+
+    @cached_property
     def frozen(self) -> FrozenEvidence:
         """What compiled functions are given."""
-        model, free, point = self.model, self.information.free, self.point
-        f, unknowns = len(free), shared_first(model, point, free)
+        model, point, moving = self.model, self.point, self.information.free
+        shaped = without_hyperparameters(model, np.arange(model.space.size))
+        held = np.setdiff1d(shaped, moving)
+        f, unknowns = len(moving), shared_first(model, point, moving)
         scale, order = unknowns.scale, unknowns.order
         matrix = self.information.matrix.sum(1) * np.outer(scale, scale)
+        gradient = (self.information.gradient.sum(1) * scale)[:, order]
+        of_held, at = np.zeros(len(held)), N_BIAS + f
+        # Between what slews share and the nuisances of each.
+        places = np.full(len(held), at)
+        rows = np.insert(matrix[:, order[:, None], order], places, 0.0, axis=1)
         numbers = (
             0.0,
-            matrix[:, order[:, None], order],
-            (self.information.gradient.sum(1) * scale)[:, order],
-            unknowns.precision,
-            unknowns.gradient,
+            np.insert(rows, places, 0.0, axis=2),
+            np.insert(gradient, places, 0.0, axis=1),
+            np.concatenate([unknowns.precision, of_held + 1.0]),
+            np.concatenate([unknowns.gradient, of_held]),
             0.0,
             point.local,
         )
@@ -152,10 +166,10 @@ class Evidence:
             SlewEquations(*map(jnp.asarray, numbers)),
             tuple(map(jnp.linalg.inv, prior_roots(model.structure, theta, contexts))),
             theta,
-            jnp.asarray(free),
-            jnp.asarray(self.learnt),
-            jnp.asarray(scale[:f]),
-            {key: jnp.asarray(values) for key, values in self.parameters.priors.items()},
+            jnp.asarray(np.concatenate([moving, held])),
+            jnp.asarray(self._all_learnt.learnt),
+            jnp.asarray(np.concatenate([scale[:f], of_held + 1.0])),
+            {key: jnp.asarray(values) for key, values in self._all_learnt.priors.items()},
             contexts,
         )
 
@@ -173,9 +187,11 @@ class Evidence:
         slope : (h,) array
             Its derivative.
         """
-        at = jnp.asarray(standardised)
-        value, slope = _negative_log(self.model.structure, self.frozen, at)
-        return float(value), np.asarray(slope)
+        sought = np.isin(self._all_learnt.learnt, self.learnt)
+        at = self._all_learnt.standardised(self.point.theta)
+        at[sought] = standardised
+        value, slope = _negative_log(self.model.structure, self.frozen, jnp.asarray(at))
+        return float(value), np.asarray(slope)[sought]
 
 
 def _theta(frozen: FrozenEvidence, standardised: Array) -> Array:

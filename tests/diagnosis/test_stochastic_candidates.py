@@ -8,6 +8,7 @@ import pytest
 
 from bayes_inertia.diagnosis.coefficient_columns import coefficient_columns
 from bayes_inertia.diagnosis.prior_of_sets import cost_of_further
+from bayes_inertia.diagnosis.random_refits import with_stochastic, without_effects
 from bayes_inertia.diagnosis.stochastic_candidates import (
     STOCHASTIC_CANDIDATES,
     StochasticCandidate,
@@ -20,10 +21,11 @@ from bayes_inertia.diagnosis.stochastic_contest import best_level
 from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.coefficients import prior_roots
+from bayes_inertia.inference.hyperparameters import PROGRAMS
 from bayes_inertia.inference.likelihood import padded_sensitivities
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.point import N_BIAS, Point
-from bayes_inertia.physics.effects import STOCHASTIC
+from bayes_inertia.physics.effects import STOCHASTIC, ConstantTorque
 from bayes_inertia.physics.effects.rate_random_walk import RateRandomWalk
 from bayes_inertia.physics.forward_model import Model
 
@@ -146,6 +148,25 @@ def test_a_walk_is_weighed_as_one_process_over_the_campaign(clean, monkeypatch):
             gains.append(one - apart)
     for found in (gains[::2], gains[1::2]):
         assert np.mean(found) > 2.0 * np.std(found) / np.sqrt(len(found))
+
+
+@pytest.mark.slow
+def test_a_fit_without_an_effect_is_that_of_a_model_without_it(plain):
+    """In the model that holds it, so that nothing is compiled anew."""
+    start, walk = (1e-7,), RateRandomWalk()
+    begin = optimizer.move_to(plain, Model(plain.model.campaign, (ConstantTorque(), walk)))
+    theta = begin.theta.copy()
+    theta[begin.model.space.slice_of(walk.name)] = start
+    both = optimizer.re_estimate(begin, theta, np.arange(len(theta)))
+    expected = with_stochastic(plain, walk, start)
+    compiled = [program._cache_size() for program in PROGRAMS]
+    fitted = without_effects(both, {"constant_torque"}, plain, {walk.name: start})
+    assert [program._cache_size() for program in PROGRAMS] == compiled
+    assert fitted.model is both.model
+    assert [e.name for e in fitted.effects_fitted] == [walk.name]
+    assert fitted.objective == pytest.approx(expected.objective, abs=1e-3)
+    assert fitted.theta[:9] == pytest.approx(expected.theta[:9], abs=1e-2 * expected.sd[:9].min())
+    assert both.objective < expected.objective - 1e-3
 
 
 def test_noise_that_the_campaign_states_is_no_candidate(clean):

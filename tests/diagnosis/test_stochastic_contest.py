@@ -130,9 +130,8 @@ def test_steps_before_a_random_effect_stay_if_the_fit_needs_them(
         asked.append(len(before.model.effects))
         return fits[asked[-1]]
 
-    for module in (stochastic_contest, needless_steps):
-        monkeypatch.setattr(module, "with_stochastic", fitted)
-    monkeypatch.setattr(needless_steps, "with_noise", lambda fit, _: fit)
+    monkeypatch.setattr(stochastic_contest, "with_stochastic", fitted)
+    monkeypatch.setattr(needless_steps, "without_effects", lambda _fit, _names, *at: fitted(*at))
     monkeypatch.setattr(
         needless_steps,
         "log_evidence_of_fit",
