@@ -10,6 +10,7 @@ import numpy as np
 from bayes_inertia.diagnosis.evidence import COMPARISON_TOLERANCE
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import move_to, re_estimate
+from bayes_inertia.inference.precompilation import compiled_meanwhile
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
@@ -61,7 +62,8 @@ def with_stochastic(before: Estimate, effect: StochasticEffect, start: Sequence[
     theta[part] = start
     begin = replace(begin, point=replace(begin.point, theta=theta))
     free = np.concatenate([begin.free, np.arange(part.start, part.stop)])
-    return re_estimate(begin, theta, free, tolerance=COMPARISON_TOLERANCE)
+    with compiled_meanwhile(model, begin.point):
+        return re_estimate(begin, theta, free, tolerance=COMPARISON_TOLERANCE)
 
 
 def without_effects(

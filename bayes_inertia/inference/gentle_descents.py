@@ -9,6 +9,7 @@ from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.descent import descend
 from bayes_inertia.inference.noise_model import discounted, whitening
 from bayes_inertia.inference.point import N_BIAS, Point
+from bayes_inertia.inference.precompilation import compiled_meanwhile
 from bayes_inertia.inference.start_guess import guess_nuisances
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import N_BASE
@@ -61,8 +62,10 @@ def gentle_descents(
     place = {name: i for i, name in enumerate(model.space.names)}
     shared = np.array([place[name] for name in plain.space.names])
     begin = None if start is None else np.asarray(start)[shared]
-    descents = _descents(plain, seed, starts, begin, np.flatnonzero(np.isin(shared, free)))
     whole = model.space.mean if start is None else np.array(start, float)
+    silent = np.zeros((model.n_slews, model.structure.n_local))
+    with compiled_meanwhile(model, Point(whole, np.zeros(N_BIAS), silent)):
+        descents = _descents(plain, seed, starts, begin, np.flatnonzero(np.isin(shared, free)))
     return [(objective, _widened(model, whole, shared, end)) for objective, end in descents]
 
 
