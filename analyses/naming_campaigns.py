@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 from diagnosis_campaigns import draw, plain_fit, template_campaign, without_tachometers
 from diagnosis_study import NAMES, RULES
 from independent import Disturbance, replayed
+from random_paths import at_times
 from random_power import eigenvalues, ideal_size
 from scipy.signal import lfilter
 
@@ -35,6 +37,9 @@ RANDOM = tuple(effect.name for effect in STOCHASTIC_CANDIDATES)
 OF_TACHOMETERS = ("wheel_torque_noise", "tachometer_noise_walk")
 
 
+at = partial(at_times, spacing=_SPACING)
+
+
 def wiener(rng: np.random.Generator) -> np.ndarray:
     """A Wiener process (n, 3) on the grid, zero about the middle of a campaign."""
     steps = np.sqrt(np.diff(_GRID, prepend=0.0))
@@ -48,14 +53,6 @@ def gauss_markov(rng: np.random.Generator) -> np.ndarray:
     fresh = rng.normal(size=(len(_GRID), 3)) * np.sqrt(1.0 - kept**2)
     fresh[0] = rng.normal(size=3)
     return lfilter([1.0], [1.0, -kept], fresh, axis=0)
-
-
-def at(path: np.ndarray, t: np.ndarray | float) -> np.ndarray:
-    """A path on the grid at other times (..., 3)."""
-    place = np.asarray(t) / _SPACING
-    below = np.minimum(place.astype(int), len(path) - 2)
-    share = (place - below)[..., None]
-    return (1.0 - share) * path[below] + share * path[below + 1]
 
 
 @dataclass(frozen=True)

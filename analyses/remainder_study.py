@@ -24,6 +24,7 @@ import numpy as np
 from diagnosis_campaigns import draw, without_tachometers
 from diagnosis_study import OUTSIDE, truth_of
 from independent import Disturbance, replayed
+from random_paths import at_times
 from remainder_page import write_page
 
 from bayes_inertia.campaign.campaign import Campaign
@@ -38,13 +39,14 @@ from bayes_inertia.studies.work import Row, Work
 
 RESULTS = Path(__file__).parent / "results" / "remainder.jsonl"
 REMAINDERS = ("torque_remainder", "rate_remainder")
-_GRID = np.arange(0.0, 20_000.0, 0.5)  # on which random disturbances are drawn [s]
+_SPACING = 0.5  # of the times at which random disturbances are drawn [s]
+_GRID = np.arange(0.0, 20_000.0, _SPACING)
 
 
 @lru_cache(maxsize=4)
 def _wandering(seed: int, correlation_time: float) -> np.ndarray:
     """An Ornstein-Uhlenbeck process (n, 3) of sd 1 on `_GRID`."""
-    kept = np.exp(-(_GRID[1] - _GRID[0]) / correlation_time)
+    kept = np.exp(-_SPACING / correlation_time)
     fresh = np.random.default_rng(seed).normal(size=(len(_GRID), 3)) * np.sqrt(1.0 - kept**2)
     path = np.zeros_like(fresh)
     for k in range(1, len(path)):
@@ -61,7 +63,7 @@ class RandomTorque(Disturbance):
 
     def body_torque(self, t, since, rate_B):
         path = _wandering(self.seed, self.correlation_time)
-        return self.size * np.array([np.interp(t, _GRID, axis) for axis in path.T])
+        return self.size * at_times(path, t, _SPACING)
 
 
 @dataclass(frozen=True)
