@@ -1,0 +1,60 @@
+"""Programs of a model with an effect without a fixed shape are there when they are asked for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bayes_inertia.inference import hyperparameters, likelihood, precompilation
+from bayes_inertia.inference.noise_model import whitening
+from bayes_inertia.inference.point import N_BIAS, Point
+from bayes_inertia.physics.effects import RateRandomWalk
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.small_campaign import small_campaign
+
+PROGRAMS = (*likelihood.PROGRAMS, *hyperparameters.PROGRAMS)
+
+
+def begin(effects):
+    """A model and its prior mean."""
+    model = Model(small_campaign(), effects)
+    local = np.zeros((model.n_slews, model.structure.n_local))
+    return model, Point(model.space.mean, np.zeros(N_BIAS), local)
+
+
+def sizes():
+    return [program._cache_size() for program in PROGRAMS]
+
+
+@pytest.mark.slow
+def test_what_a_fit_evaluates_is_compiled_beside_the_body():
+    model, point = begin((RateRandomWalk(),))
+    before = sizes()
+    with precompilation.compiled_meanwhile(model, point):
+        pass
+    compiled = sizes()
+    assert compiled != before
+    white, everything = whitening(model, point.theta), np.arange(model.space.size)
+    likelihood.residuals(model.structure, point, model.data, white)
+    # Also where fewer parameters may move.
+    for free in (everything, np.setdiff1d(everything, [7])):
+        evidence = hyperparameters.evidence_at(model, point, white, free)
+        evidence.negative_log(evidence.standardised(point.theta))
+    assert sizes() == compiled
+
+
+def test_a_plain_model_is_not_evaluated_and_failures_wait_for_the_fit(monkeypatch):
+    seen = []
+
+    def evaluate(model, point):
+        seen.append(model)
+        raise ArithmeticError
+
+    monkeypatch.setattr(precompilation, "_evaluate", evaluate)
+    with precompilation.compiled_meanwhile(*begin(())):
+        pass
+    assert seen == []
+    walking, point = begin((RateRandomWalk(),))
+    with precompilation.compiled_meanwhile(walking, point):
+        pass
+    assert seen == [walking]
