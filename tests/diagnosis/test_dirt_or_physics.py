@@ -182,4 +182,5 @@ def test_a_strong_process_of_the_bias_is_named_alone(clean):
     assert [e.name for e in diagnosis.final.effects_fitted] == [name]
     assert "coloured" not in {dirt.kind for dirt in diagnosis.dirt}
     # Its sd is known to a few percent; that the fit is not of another size.
-    assert diagnosis.final.theta[9] == pytest.approx(size, rel=0.3)
+    first = diagnosis.final.model.space.slice_of(name).start
+    assert diagnosis.final.theta[first] == pytest.approx(size, rel=0.3)
