@@ -34,12 +34,16 @@ from outside_kinds import KINDS, outside
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.prior_of_sets import log_prior_of_set
-from bayes_inertia.diagnosis.prior_sizes import INVISIBLE, LARGEST_START, smallest_size
+from bayes_inertia.diagnosis.prior_sizes import (
+    INVISIBLE,
+    LARGEST_RANDOM_SIZE,
+    LARGEST_START,
+    smallest_size,
+)
 from bayes_inertia.flight.plan_flight import Flight
 from bayes_inertia.physics.effects import by_name
 
 _AT_MOST = 3  # hidden at once
-_LARGEST = 2.0  # random effect, in sds of the logarithm of its size
 _OUTSIDE_SHARE = 1.0 / 30.0  # the smallest disturbance from outside over that of other studies
 
 
@@ -103,7 +107,7 @@ class _SizeOfPrior:
         """The size of an effect in such campaigns [its unit]."""
         (effect,) = by_name([kind])
         (prior,) = effect.parameters(template_campaign())[0].priors
-        largest = np.exp(_LARGEST * prior.scale)
+        largest = np.exp(LARGEST_RANDOM_SIZE * prior.scale)
         smallest = smallest_size(powers_of(kind, campaign), largest)
         return _log_uniform(smallest, largest, self.rng) * median_size(kind)
 

@@ -16,6 +16,8 @@ _WIDER_SIZES = 12
 # Smallest size: signal-to-noise amplitude in its clearest direction. It is at most this share of
 # the largest.
 INVISIBLE, LARGEST_START = 0.3, 0.1
+# Largest size of an effect without a fixed shape: so many prior sds beyond its median.
+LARGEST_RANDOM_SIZE = 2.0
 
 
 def smallest_size(powers: np.ndarray, largest: float) -> float:

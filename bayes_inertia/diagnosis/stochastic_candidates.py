@@ -21,6 +21,7 @@ from bayes_inertia.diagnosis.filtered_candidates import (
     filtered_effects,
     is_strong,
 )
+from bayes_inertia.diagnosis.prior_sizes import LARGEST_RANDOM_SIZE
 from bayes_inertia.diagnosis.random_significance import RandomSignal, p_values_of_largest
 from bayes_inertia.diagnosis.signal_evidence import (
     GainOfSizes,
@@ -53,8 +54,6 @@ SOURCES = {
 }
 # Correlation times that are tried, in prior sds from the median.
 _SHAPES = np.linspace(-2.0, 2.0, 5)
-# Largest size of the stated prior, in prior sds beyond its median.
-_LARGEST = 2.0
 # Length scales of a smooth signal: from this share of the knots' spacing to the whole slew.
 _SHORTEST, _LENGTHS = 0.7, 6
 _JITTER = 1e-9  # of the smooth kernel's variance
@@ -377,7 +376,7 @@ def _settings(effect: StochasticEffect, model: Model) -> tuple[np.ndarray, float
     part = model.space.slice_of(effect.name)
     scale = float(np.asarray(model.space.constants()["scale"])[part.start])
     shapes = _SHAPES if part.stop - part.start > 1 else np.zeros(1)
-    return shapes, float(np.exp(_LARGEST * scale))
+    return shapes, float(np.exp(LARGEST_RANDOM_SIZE * scale))
 
 
 def _source(effect: StochasticEffect) -> str:

@@ -4,42 +4,29 @@ on where it was.
 
 from __future__ import annotations
 
-import importlib.util
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 from scipy import stats
 
-ANALYSES = Path(__file__).parents[2] / "analyses"
-
-
-def _script(name: str):
-    spec = importlib.util.spec_from_file_location(name, ANALYSES / f"{name}.py")
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look their module up
-    spec.loader.exec_module(module)
-    return module
-
 
 @pytest.fixture(scope="module")
-def calibration():
+def calibration(analysis):
     pytest.importorskip("pyarrow")
-    return _script("calibration")
+    return analysis("calibration")
 
 
 @pytest.fixture(scope="module")
-def statistics(calibration):
+def statistics(analysis):
     """Ranks and coverage, which the study's page shows."""
-    return sys.modules["calibration_statistics"]
+    return analysis("calibration_statistics")
 
 
 @pytest.fixture(scope="module")
-def benchmark():
-    return _script("benchmark")
+def benchmark(analysis):
+    return analysis("benchmark")
 
 
 def _table(statistics, spread: float, campaigns: int = 300) -> pd.DataFrame:
@@ -99,14 +86,14 @@ def test_right_uncertainties_pass_and_wrong_ones_are_noticed(statistics):
 
 @pytest.mark.slow
 def test_a_quick_calibration_writes_its_results_and_goes_on_after_a_kill(
-    calibration, tmp_path, monkeypatch
+    analysis, calibration, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(calibration, "SHARD", 1)
     small = calibration.studies()[1:]
     monkeypatch.setattr(calibration, "studies", lambda: small)
     table = calibration.main(["--campaigns", "4", "--out", str(tmp_path)])
     assert table.campaign.nunique() == 2  # the second study gets half
-    assert np.all(table["rank"].between(0, sys.modules["calibration_statistics"].RANKED))
+    assert np.all(table["rank"].between(0, analysis("calibration_statistics").RANKED))
     # Nine standardised errors of two honest fits: chi^2 with 18 degrees of freedom, were they
     # independent.
     z = (table.truth - table["mean"]) / table.sd
@@ -127,7 +114,7 @@ def test_a_quick_calibration_writes_its_results_and_goes_on_after_a_kill(
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_the_baseline_flies_what_the_package_flies(benchmark):
+def test_the_baseline_flies_what_the_package_flies(analysis, benchmark):
     import jax
     import jax.numpy as jnp
 
@@ -137,7 +124,7 @@ def test_the_baseline_flies_what_the_package_flies(benchmark):
 
     campaign, truth = benchmark.the_campaign(benchmark.QUICK, 2026)
     campaign = campaign.subset([1])
-    by_hand = sys.modules["by_hand"].ByHand(campaign, "LSODA", 1e-8, 1e-10)
+    by_hand = analysis("by_hand").ByHand(campaign, "LSODA", 1e-8, 1e-10)
     J = campaign.inertia.tensor
     start, wheel = by_hand.start(campaign.slews[0], np.ones((1, 3)))
     path = by_hand.fly(
@@ -182,13 +169,13 @@ def test_a_quick_benchmark_writes_its_results(benchmark, tmp_path):
     ]
 
 
-def test_effective_samples_are_the_smaller_count_of_the_worst_parameter(benchmark):
+def test_effective_samples_are_the_smaller_count_of_the_worst_parameter(analysis):
     rng = np.random.default_rng(4)
     slow, white = np.empty((8, 4000)), rng.normal(size=(8, 4000))
     slow[:, 0] = rng.normal(size=8)
     for t in range(1, 4000):
         slow[:, t] = 0.9 * slow[:, t - 1] + np.sqrt(0.19) * rng.normal(size=8)
-    found = sys.modules["benchmark_samplers"].effective_samples(np.stack([white, slow], -1))
+    found = analysis("benchmark_samplers").effective_samples(np.stack([white, slow], -1))
     # An AR(1) process with 0.9 has an autocorrelation time of 19; emcee's and ArviZ's estimates
     # scatter by a tenth.
     assert 0.7 * 32_000 / 19 < found < 1.2 * 32_000 / 19

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -17,24 +16,13 @@ EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
 
 
 @pytest.fixture(scope="module")
-def dirt(module_paths):
-    import dirt
-
-    return dirt
+def dirt(analysis):
+    return analysis("dirt")
 
 
 @pytest.fixture(scope="module")
-def kinds(module_paths):
-    from dirt_kinds import KINDS
-
-    return KINDS
-
-
-@pytest.fixture(scope="module")
-def module_paths():
-    sys.path.insert(0, str(ANALYSES))
-    yield
-    sys.path.remove(str(ANALYSES))
+def kinds(analysis):
+    return analysis("dirt_kinds").KINDS
 
 
 @pytest.fixture(scope="module")
@@ -68,10 +56,8 @@ def test_every_kind_changes_the_campaign_leaves_its_input_and_is_seeded(dirt, ra
         assert kind.sizes[0] <= kind.size(np.random.default_rng(1)) <= kind.sizes[1]
 
 
-def test_hidden_effects_are_drawn_for_as_many_wheels_as_a_spacecraft_has(module_paths):
-    import diagnosis_campaigns
-    import dirt_campaigns
-
+def test_hidden_effects_are_drawn_for_as_many_wheels_as_a_spacecraft_has(analysis):
+    diagnosis_campaigns, dirt_campaigns = map(analysis, ("diagnosis_campaigns", "dirt_campaigns"))
     for spacecraft, wheels in (("three_wheels", 3), ("four_wheels", 4)):
         campaign = dirt_campaigns.template(spacecraft)
         for effect in by_name(dirt_campaigns.HIDDEN):

@@ -4,9 +4,7 @@ complete, the statistics are right.
 
 from __future__ import annotations
 
-import importlib
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -16,18 +14,10 @@ ANALYSES = Path(__file__).resolve().parents[2] / "analyses"
 
 
 @pytest.fixture(scope="module")
-def load():
-    """Modules of `analyses/` by name, which import each other as scripts do."""
-    sys.path.insert(0, str(ANALYSES))
-    yield importlib.import_module
-    sys.path.remove(str(ANALYSES))
-
-
-@pytest.fixture(scope="module")
-def quick(load, tmp_path_factory):
+def quick(analysis, tmp_path_factory):
     """{name: (result, pictures)} of quick variants, and the folder that they were written to."""
     found = {
-        name: load(name).analysis(True)
+        name: analysis(name).analysis(True)
         for name in (
             "claim_disturbances",
             "claim_torque_error",
@@ -36,7 +26,7 @@ def quick(load, tmp_path_factory):
     }
     out = tmp_path_factory.mktemp("paper")
     for result, pictures in found.values():
-        load("common").write_result(result, pictures, out)
+        analysis("common").write_result(result, pictures, out)
     return found, out
 
 
@@ -66,10 +56,10 @@ def test_quick_variants_say_what_the_full_ones_say(quick):
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_a_figure_drawn_again_has_the_same_bytes(load, quick, tmp_path):
+def test_a_figure_drawn_again_has_the_same_bytes(analysis, quick, tmp_path):
     _, out = quick
-    common = load("common")
-    again = load("claim_misalignment").analysis(True)[1]["claim_misalignment_angle.png"]
+    common = analysis("common")
+    again = analysis("claim_misalignment").analysis(True)[1]["claim_misalignment_angle.png"]
     path = common.save_picture(again, tmp_path / "again.png")
     assert path.read_bytes() == (out / "figures" / "claim_misalignment_angle.png").read_bytes()
     assert b"tIME" not in path.read_bytes()
@@ -77,9 +67,9 @@ def test_a_figure_drawn_again_has_the_same_bytes(load, quick, tmp_path):
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_the_page_names_every_analysis_and_figure_and_is_idempotent(load, quick):
+def test_the_page_names_every_analysis_and_figure_and_is_idempotent(analysis, quick):
     _, out = quick
-    common = load("common")
+    common = analysis("common")
     page = out / "analyses" / "PAPER.md"
     text = page.read_text()
     common.write_page(out)
@@ -93,8 +83,8 @@ def test_the_page_names_every_analysis_and_figure_and_is_idempotent(load, quick)
         )
 
 
-def test_committed_page_is_what_the_committed_results_say(load, tmp_path):
-    common = load("common")
+def test_committed_page_is_what_the_committed_results_say(analysis, tmp_path):
+    common = analysis("common")
     (tmp_path / "analyses" / "results").mkdir(parents=True)
     for name in common.ANALYSES:
         text = (ANALYSES / "results" / f"{name}.json").read_text()
@@ -106,11 +96,11 @@ def test_committed_page_is_what_the_committed_results_say(load, tmp_path):
 
 @pytest.mark.long
 @pytest.mark.slow
-def test_scatter_is_what_repeated_campaigns_show(load):
+def test_scatter_is_what_repeated_campaigns_show(analysis):
     """Errors of ten campaigns at 50 times our noise, whitened by the predicted scatter, are
     standard normal.
     """
-    common = load("common")
+    common = analysis("common")
     from bayes_inertia.flight.plan import paper_like_plan
     from bayes_inertia.inference.optimizer import estimate
     from bayes_inertia.physics.forward_model import Model
