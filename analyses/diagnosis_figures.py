@@ -368,8 +368,9 @@ def main() -> None:
     write_page(FOLDER / "diagnosis.md", rows, of_old, pictures)
     new = read(FOLDER / _NEW)
     of_new = (
-        "All rows are of 0.4: the last 68 of one effect with tachometers at ideal power 0.99 are "
-        "of its last state, the others of earlier ones. They are few: read the intervals. "
+        "All rows are of 0.4: those of one effect at ideal power 0.99 from number 20 on with and from "
+        "number 8 on without tachometers are of its last states, the others of earlier ones. "
+        "Some are few: read the intervals. "
         "What has no shape: naming.md."
     )
     write_page(FOLDER / "diagnosis_0.4.md", new, of_new, [])
