@@ -368,7 +368,7 @@ def main() -> None:
     write_page(FOLDER / "diagnosis.md", rows, of_old, pictures)
     new = read(FOLDER / _NEW)
     of_new = (
-        "All rows are of 0.4: those of one effect at ideal power 0.99 from number 20 on with and "
+        "All rows are of 0.4: those of one effect at ideal power 0.99 from number 15 on with and "
         "from number 8 on without tachometers are of its last states, the others of earlier ones. "
         "Some are few: read the intervals. "
         "What has no shape: naming.md."
