@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import os
-import resource
-import subprocess
-import sys
 import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,6 +10,7 @@ from pathlib import Path
 
 from engine_throughput import gain, measured_throughput
 from evaluation_benchmark import BATCH, cost, frozen, measure, most_like_campaign, thetas_of
+from timed_process import timed_process
 
 import bayes_inertia
 from bayes_inertia.campaign.campaign import Campaign
@@ -103,15 +101,11 @@ def start_ratios() -> dict[str, float]:
 
 def _seconds(words: Sequence[str], environment: dict[str, str]) -> float:
     """Processor time of a Python process [s]."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    ended = subprocess.run(
-        [sys.executable, "-c", *words], env=environment, capture_output=True, text=True
-    )
+    ended = timed_process(words, environment)
     # 3: a result that says that it should not be trusted.
-    if ended.returncode not in (0, 3):
-        raise SystemExit(ended.stderr)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    if ended.exit_code not in (0, 3):
+        raise SystemExit(ended.message)
+    return ended.processor_seconds
 
 
 def throughput_ratios() -> dict[str, float]:

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import resource
 import subprocess
 import sys
 import tempfile
@@ -44,6 +43,7 @@ from conventions_right import (
 )
 from conventions_spacecraft import THROWN_BODIES, Craft, ThrownBody, crafts, flown, thrown
 from conventions_wrong import wrong_conventions
+from timed_process import timed_process
 
 import bayes_inertia
 from bayes_inertia.conventions.check import check_conventions
@@ -238,17 +238,14 @@ def right_row(right: Right, answer: dict[str, Any]) -> dict[str, Any]:
 def time_rows(command: str, folder: Path) -> Iterator[dict[str, Any]]:
     """Processor time of a command as a process, on the example campaign of five slews."""
     for number in range(TIMED):
-        before = resource.getrusage(resource.RUSAGE_CHILDREN)
         call = f"from bayes_inertia.app.cli import main; main(['{command}', {str(EXAMPLE)!r}])"
-        done = subprocess.run([sys.executable, "-c", call], capture_output=True, check=False)
-        after = resource.getrusage(resource.RUSAGE_CHILDREN)
-        seconds = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        done = timed_process([call])
         yield {
             "part": "time",
             "command": command,
             "number": number,
-            "exit": done.returncode,
-            "seconds": seconds,
+            "exit": done.exit_code,
+            "seconds": done.processor_seconds,
         }
 
 

@@ -21,9 +21,9 @@ its own J, K, bias, slews, wheel momenta and noise. Random effects are as large 
 finds in 99 % of such campaigns (`random_power.py`), or so many times as large. The ideal test knows
 the effect, its size and its correlation time. Intervals are binomial, 95 % (Clopper and Pearson).
 
-Random effects of the size that an ideal test finds in 90 % are of the last code: campaigns from
-number 20 on, which no code had seen. Older code and other campaigns: 36 of 42 with tachometers and
-28 of 30 without, a wrong name without the truth in 2 and 1.
+Random effects of the size that an ideal test finds in 90 % were flown with this version's last
+code: campaigns from number 20 on. Nothing had been made with them. Older code named 36 of 42 in
+other campaigns with tachometers and 28 of 30 without, a wrong name without the truth in 2 and 1.
 
 Clean campaigns from number 60 on were flown with the first simulated p-values, which were too small
 without tachometers. Nothing was named there all the same.

@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import json
 import os
-import resource
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
-from time import monotonic
 
 import numpy as np
 from page_table import table_lines
+from timed_process import timed_process
 
+_COMMAND = "import sys; from bayes_inertia.app.cli import main; sys.exit(main(sys.argv[1:]))"
 # Largest distance at which an interval of 90 % of a Gaussian posterior holds the truth [sd].
 _NINETY_PERCENT = 1.645
 _TRUTH_KNOWN_TO = 0.01
@@ -39,24 +37,18 @@ def command_row(folder: Path) -> dict:
 def _cost_of(folder: Path, run: Path, scratch: Path) -> dict:
     """Run the command once, its compiled code kept in `scratch`; exit code and seconds."""
     # The compiled code of other runs would spare the first one time.
-    environment = os.environ | {"BAYES_INERTIA_CACHE": str(scratch / "compiled")}
+    environment = os.environ | {
+        "BAYES_INERTIA_CACHE": str(scratch / "compiled"),
+        "XDG_CACHE_HOME": str(scratch),
+    }
     environment.pop("JAX_COMPILATION_CACHE_DIR", None)
-    command = "import sys; from bayes_inertia.app.cli import main; sys.exit(main(sys.argv[1:]))"
-    before, began = resource.getrusage(resource.RUSAGE_CHILDREN), monotonic()
-    done = subprocess.run(
-        [sys.executable, "-c", command, "diagnose", str(folder), "-o", str(run)],
-        env=environment | {"XDG_CACHE_HOME": str(scratch)},
-        check=False,
-        capture_output=True,
-    )
-    after, clock = resource.getrusage(resource.RUSAGE_CHILDREN), monotonic() - began
-    if done.returncode not in (0, 3):
-        raise RuntimeError(done.stderr.decode())
-    seconds = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
+    done = timed_process([_COMMAND, "diagnose", str(folder), "-o", str(run)], environment)
+    if done.exit_code not in (0, 3):
+        raise RuntimeError(done.message)
     return {
-        "exit_code": done.returncode,
-        "processor_seconds": seconds,
-        "clock_seconds": clock,
+        "exit_code": done.exit_code,
+        "processor_seconds": done.processor_seconds,
+        "clock_seconds": done.clock_seconds,
     }
 
 
@@ -121,8 +113,8 @@ def _moment_lines(rows: list[dict]) -> list[str]:
         "error",
         "in sds",
         "truth ± 1 % within the 90 % interval",
-        "time (of processors)",
-        "again, compiled before",
+        "first run: time (of processors)",
+        "again, with that compiled code",
     )
     cells = [line for row in rows for line in _moment_cells(row)]
     lines = table_lines(columns, cells)
