@@ -146,7 +146,7 @@ def picture(series: Mapping[str, Sequence[Bin]]) -> Figure:
         stated = [b.stated for b in bins]
         axes.errorbar(stated, share, errors, fmt=marker, ms=4, capsize=2, label=label)
     axes.set(xlabel="stated probability", ylabel="share of true statements")
-    axes.legend()
+    axes.legend(title="bars: 95 % intervals")
     return figure
 
 
