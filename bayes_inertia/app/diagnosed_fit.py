@@ -16,11 +16,10 @@ from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.app.investigation import Investigation, investigate
 from bayes_inertia.campaign.block_means import without_surplus_rows
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.diagnosis.model_averaging import AlternativeParameters, averaged_posterior
+from bayes_inertia.diagnosis.model_averaging import AlternativeParameters
 from bayes_inertia.diagnosis.remainder_averaging import tried_effects
 from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.rules import Rules
-from bayes_inertia.diagnosis.undetected_averaging import all_alternatives
 from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.sampler import Progress
@@ -50,8 +49,8 @@ class NextFit:
     drive : {"commanded", "measured"}
         What drove the model in the diagnosis.
     alternatives : tuple of AlternativeParameters
-        J and K with another effect of an ambiguous set, with one that was not found, or with
-        shapes that are free, to be averaged over.
+        J and K with another effect of an ambiguous set, or with shapes that are free, to be
+        averaged over.
     """
 
     verdict: str
@@ -97,7 +96,6 @@ def diagnose_and_fit(
     rules: Rules | None = None,
     chains: Path | None = None,
     as_stated: bool = False,
-    count_undetected: bool = False,
     progress: Progress | None = None,
 ) -> DiagnosedFit:
     """Find which effect is missing, then estimate J, K and that effect, and sample their posterior.
@@ -120,8 +118,6 @@ def diagnose_and_fit(
         Folder in which the chains are kept while they grow.
     as_stated : bool
         Take the telemetry as it is: leave no outlier out, and take the noise for white.
-    count_undetected : bool
-        Average J and K over what may act although it was not found: their sds count it.
     progress : callable or None
         Called with (what, done, of).
 
@@ -155,7 +151,6 @@ def diagnose_and_fit(
         library=library,
         rules=rules,
         as_stated=as_stated,
-        count_undetected=count_undetected,
     )
     posterior = fit_after_diagnosis(
         campaign,
@@ -188,7 +183,7 @@ def next_fit(investigation: Investigation) -> NextFit:
         fitted_effects(diagnosis),
         diagnosis.treatment,
         diagnosis.base.model.structure.drive,
-        all_alternatives(investigation.alternatives, investigation.undetected),
+        investigation.alternatives,
     )
 
 
@@ -268,9 +263,10 @@ def fit_after_diagnosis(
         # The rows of which the treatment speaks.
         campaign = without_surplus_rows(campaign)
     campaign = treated(campaign, treatment, choice.drive)
-    posterior = fit(
+    return fit(
         campaign,
         effects=choice.effects,
+        alternatives=choice.alternatives,
         drive=drive,
         settings=settings,
         chains=chains,
@@ -279,4 +275,3 @@ def fit_after_diagnosis(
         as_stated=as_stated or (choice.verdict == "unknown" and not free_shapes),
         progress=progress,
     )
-    return averaged_posterior(posterior, choice.alternatives, settings.seed)

@@ -20,7 +20,6 @@ from bayes_inertia.diagnosis.model_averaging import AlternativeParameters
 from bayes_inertia.diagnosis.residual_scan import Disagreement
 from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.signal_wording import describe
-from bayes_inertia.diagnosis.undetected_averaging import all_alternatives
 from bayes_inertia.diagnosis.unexplained import UnexplainedSignal
 from bayes_inertia.inference.treatment import DirtTreatment, treatment_from
 from bayes_inertia.maths.values import json_ready
@@ -63,7 +62,6 @@ def to_json(investigation: Investigation) -> dict[str, Any]:
         "correction_slew": _correction(investigation.correction),
         "separating": [_separating(s) for s in investigation.separating_slews],
         "alternatives": [_alternative(a) for a in investigation.alternatives],
-        "undetected": [_alternative(a) for a in investigation.undetected],
         "could_hide": [asdict(u) for u in investigation.blind_spots],
         **_search(diagnosis),
         "fitted": fitted_rows(diagnosis),
@@ -155,12 +153,7 @@ def next_fit_from(content: Mapping[str, Any], library: Sequence[Effect] = LIBRAR
         fitted,
         treatment_from(content["treatment"]) if "treatment" in content else before,
         content["drive"],
-        all_alternatives(
-            *(
-                [_alternative_from(row) for row in content.get(key, [])]
-                for key in ("alternatives", "undetected")
-            )
-        ),
+        tuple(_alternative_from(row) for row in content.get("alternatives", [])),
     )
 
 

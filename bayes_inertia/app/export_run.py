@@ -25,7 +25,7 @@ from bayes_inertia.report.export.content import (
     ExportedResult,
 )
 from bayes_inertia.report.export.formats import ExportFormat
-from bayes_inertia.report.uncertainty import determination_of, interval_90, quoted_sd
+from bayes_inertia.report.uncertainty import determination_of, interval_90, sd_in_print
 from bayes_inertia.sealing import blaming, is_sealed
 
 _FORECAST_DRAWS = 48  # of the posterior, in the forecast of the correction slew
@@ -109,7 +109,7 @@ def write_export(result: ExportedResult, form: ExportFormat, path: Path) -> Path
 
 def _quoted_covariance(posterior: Posterior, parameters: Sequence[ExportedParameter]) -> np.ndarray:
     """Covariance of the draws, widened to the sds that are quoted."""
-    covariance = np.cov(posterior.averaged_samples, rowvar=False)
+    covariance = np.cov(posterior.samples, rowvar=False)
     widening = np.array([p.sd for p in parameters]) / np.sqrt(np.diag(covariance))
     return covariance * np.outer(widening, widening)
 
@@ -119,7 +119,7 @@ def _parameters(posterior: Posterior, summary: dict[str, Any]) -> tuple[Exported
     prior_means: Any = tree["estimate"]["prior_mean"]
     exported = []
     for i, (name, row) in enumerate(summary["parameters"].items()):
-        low, high = interval_90(row)
+        low, high = interval_90(row) or (row["q05"], row["q95"])
         # The prior of an effect's parameter may be one of its logarithm.
         drawn: Any = tree["prior"][name]
         old = float(prior_means[i]) if i < N_BASE else float(np.median(drawn))
@@ -130,7 +130,7 @@ def _parameters(posterior: Posterior, summary: dict[str, Any]) -> tuple[Exported
                 old=old,
                 old_sd=row["prior_sd"],
                 new=row["mean"],
-                sd=quoted_sd(row["sd"], row["robust_sd"]).sd,
+                sd=sd_in_print(row),
                 low=low,
                 high=high,
                 determined=determination_of(row, criteria),
@@ -152,12 +152,15 @@ def _correction(
 
 
 def _notes(summary: dict[str, Any]) -> tuple[str, ...]:
-    if InertiaChange.name not in summary["effects"]:
-        return ()
-    return (
-        "J changed during the campaign and is that before the change; now it is J + "
-        f"{InertiaChange.name}.change_Jxx ... change_Jyz",
-    )
+    notes = []
+    if any(row["quoted_sd"] is None for row in summary["parameters"].values()):
+        notes.append("no sd can be quoted: sd and interval are the model's own, and too small")
+    if InertiaChange.name in summary["effects"]:
+        notes.append(
+            "J changed during the campaign and is that before the change; now it is J + "
+            f"{InertiaChange.name}.change_Jxx ... change_Jyz"
+        )
+    return tuple(notes)
 
 
 def _source(summary: dict[str, Any]) -> str:

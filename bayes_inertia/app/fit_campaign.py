@@ -11,6 +11,8 @@ from time import perf_counter
 from bayes_inertia.app.background_imports import import_in_background
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.diagnosis.flexible_mode_search import restarted_with_mode
+from bayes_inertia.diagnosis.model_averaging import AlternativeParameters, averaged_posterior
+from bayes_inertia.diagnosis.undetected_averaging import all_alternatives, undetected_alternatives
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import clean_fit
 from bayes_inertia.inference.fit_context import FitContext
@@ -37,6 +39,7 @@ def fit(
     settings: Settings | None = None,
     chains: Path | None = None,
     context: FitContext | None = None,
+    alternatives: Sequence[AlternativeParameters] = (),
     as_stated: bool = False,
     noise: NoiseModel | None = None,
     progress: Progress | None = None,
@@ -59,6 +62,8 @@ def fit(
         Folder in which the chains are kept while they grow. A killed fit goes on there.
     context : FitContext or None
         Where the campaign comes from and what a diagnosis said before.
+    alternatives : sequence of AlternativeParameters
+        J and K with what a diagnosis could not rule out.
     as_stated : bool
         Take telemetry and noise as they are stated: leave no outlier out, measure no noise.
     noise : NoiseModel or None
@@ -106,6 +111,10 @@ def fit(
         estimate = with_modelled_outliers(estimate)
     samples = sample(estimate, settings, folder=chains, progress=progress)
     posterior = build_posterior(estimate, samples, context or FitContext(), settings.seed)
+    if posterior.trusted:
+        # An effect too weak to be found may act: J and K, and the sd to quote, count it.
+        alternatives = all_alternatives(alternatives, undetected_alternatives(estimate))
+    posterior = averaged_posterior(posterior, alternatives, settings.seed)
     return _with_seconds(posterior, perf_counter() - began)
 
 

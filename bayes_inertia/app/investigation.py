@@ -23,7 +23,6 @@ from bayes_inertia.diagnosis.residual_scan import Disagreement, scan_residuals
 from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.diagnosis.search import diagnose
-from bayes_inertia.diagnosis.undetected_averaging import undetected_alternatives
 from bayes_inertia.diagnosis.unexplained import UnexplainedSignal, unexplained_signal
 from bayes_inertia.errors import CampaignError, EffectError
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
@@ -56,8 +55,6 @@ class Investigation:
         candidate explains the data.
     blind_spots : tuple of Undetected
         How far what is too weak to be found could have moved J and K.
-    undetected : tuple of AlternativeParameters
-        J and K with one more effect that was not found; empty unless they are to be counted.
     readings_a_mean : int
         Readings of the rate sensor that were averaged to one; 1 where none were.
     """
@@ -70,7 +67,6 @@ class Investigation:
     separating_slews: tuple[Separation, ...] = ()
     alternatives: tuple[AlternativeParameters, ...] = ()
     blind_spots: tuple[Undetected, ...] = ()
-    undetected: tuple[AlternativeParameters, ...] = ()
     readings_a_mean: int = 1
 
 
@@ -83,7 +79,6 @@ def investigate(
     library: Sequence[Effect] = LIBRARY,
     rules: Rules | None = None,
     as_stated: bool = False,
-    count_undetected: bool = False,
 ) -> Investigation:
     """Diagnose a campaign and ask everything of the answer.
 
@@ -101,8 +96,6 @@ def investigate(
         Thresholds of the search; None for the usual ones.
     as_stated : bool
         Take the telemetry as it is: leave no outlier out, and take the noise for white.
-    count_undetected : bool
-        Average J and K over what may act although it was not found.
 
     Returns
     -------
@@ -140,7 +133,6 @@ def investigate(
             correction=correction_forecast(base, final, seed=seed) if corrected else None,
             separating_slews=separating_slews(diagnosis, library=library, seed=seed),
             blind_spots=undetected_effects(diagnosis),
-            undetected=undetected_alternatives(diagnosis) if count_undetected else (),
             readings_a_mean=1 if as_stated else readings_a_mean(campaign),
             alternatives=alternatives.result(),
         )

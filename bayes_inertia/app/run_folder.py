@@ -68,8 +68,6 @@ class Run:
         Take telemetry and noise as they are stated: no dirt is looked for in residuals.
     noise : NoiseModel
         The noise of each channel, of a run of the kind "fit".
-    count_undetected : bool
-        Whether J and K are averaged over what may act although a diagnosis did not find it.
     """
 
     campaign_sha256: str
@@ -79,7 +77,6 @@ class Run:
     kind: Literal["fit", "diagnose"] = "fit"
     as_stated: bool = False
     noise: NoiseModel = field(default_factory=NoiseModel)
-    count_undetected: bool = False
 
     def owner(self, folder: Path) -> ResultFolder:
         """The claim of this run on a folder.
@@ -109,7 +106,6 @@ class Run:
                 "kind": "fit",
                 "as_stated": False,
                 "noise": NoiseModel().json(),
-                "count_undetected": False,
             },
         )
 
@@ -149,7 +145,6 @@ def read_run(folder: Path) -> Run:
             content.get("kind", "fit"),
             content.get("as_stated", False),
             noise_model_from_json(content.get("noise", {})),
-            content.get("count_undetected", False),
         )
         if run.drive not in (None, "commanded", "measured") or run.kind not in ("fit", "diagnose"):
             raise ValueError(f"drive {run.drive!r}, kind {run.kind!r}")
@@ -177,7 +172,6 @@ def start(
     kind: Literal["fit", "diagnose"] = "fit",
     as_stated: bool = False,
     noise: NoiseModel | None = None,
-    count_undetected: bool = False,
 ) -> Run:
     """Begin a run in a folder, or find the same run there (then it goes on).
 
@@ -200,8 +194,6 @@ def start(
         Take telemetry and noise as they are stated: no dirt is looked for in residuals.
     noise : NoiseModel or None
         The noise of each channel; None for Gaussian noise of the stated sigma.
-    count_undetected : bool
-        Average J and K over what may act although the diagnosis does not find it.
 
     Returns
     -------
@@ -220,7 +212,7 @@ def start(
     settings = settings or usual_settings(effects_named(names))
     Model(read_campaign(campaign), effects_named(names), drive, noise)
     digest = campaign_sha256(campaign)
-    run = Run(digest, names, drive, settings, kind, as_stated, noise, count_undetected)
+    run = Run(digest, names, drive, settings, kind, as_stated, noise)
     owner = run.owner(folder)
     if not owner.holds_this_work():
         with working_in(folder):
@@ -324,7 +316,6 @@ def _diagnosed(
         seed=run.settings.seed,
         library=_candidates(folder, run),
         as_stated=run.as_stated,
-        count_undetected=run.count_undetected,
     )
     content = sealed(to_json(investigation))
     text = json.dumps(content, indent=None, separators=(", ", ": "), allow_nan=False)

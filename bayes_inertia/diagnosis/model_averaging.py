@@ -120,7 +120,7 @@ def alternative_parameters(diagnosis: Diagnosis) -> tuple[AlternativeParameters,
             float(probability),
             tuple(member.estimate.model.space.names[:N_BASE]),
             member.estimate.theta[:N_BASE],
-            member.estimate.quoted_covariance[:N_BASE, :N_BASE],
+            member.estimate.covariance[:N_BASE, :N_BASE],
         )
         for member, probability in zip(members, odds / (1.0 + odds.sum()), strict=True)
     )

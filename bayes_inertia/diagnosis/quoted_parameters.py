@@ -1,19 +1,21 @@
-"""J and K as a diagnosis quotes them, whatever its verdict, without sampling.
+"""J and K as they are quoted, without sampling: of a fit, or after a diagnosis.
 
-The fits of a search (`Diagnosis.base`, `Diagnosis.final`) each believe their model. Where the
-verdict is "ambiguous" or "unknown" no single model is believed, and the sds of any one of them are
-too small.
+The fits of a search (`Diagnosis.base`, `Diagnosis.final`) each believe their model. What was not
+detected, and where the verdict is "ambiguous" or "unknown" what cannot be told, is averaged over.
 """
 
 from __future__ import annotations
 
 import numpy as np
+from scipy import optimize, stats
 
 from bayes_inertia.diagnosis.model_averaging import AlternativeParameters, alternative_parameters
 from bayes_inertia.diagnosis.remainder_averaging import remainder_alternatives, tried_effects
 from bayes_inertia.diagnosis.result import Diagnosis
+from bayes_inertia.diagnosis.undetected_averaging import all_alternatives, undetected_alternatives
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.inference.posterior import sd_of_interval
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import REMAINDERS
@@ -31,42 +33,32 @@ class QuotedParameters:
         Of the elements of J and K.
     mean : (9,) array
         SI units.
-    covariance : (9, 9) array
-        Of all models that may be true, averaged.
-
-    Examples
-    --------
-    >>> QuotedParameters(("K1",), np.ones(1), np.full((1, 1), 4e-6)).sd
-    array([0.002])
+    sd : (9,) array
+        Of normal distributions with the same 90 % intervals.
     """
 
     names: tuple[str, ...]
     mean: np.ndarray
-    covariance: np.ndarray
-
-    @property
-    def sd(self) -> np.ndarray:
-        """Standard deviations (9,)."""
-        return np.sqrt(np.diag(self.covariance))
+    sd: np.ndarray
 
 
-def quoted_parameters(diagnosis: Diagnosis) -> QuotedParameters:
-    """J and K after a diagnosis, at the optimum (Laplace's approximation).
+def quoted_parameters(found: Estimate | Diagnosis) -> QuotedParameters:
+    """J and K of a fit, or after a diagnosis, at the optimum (Laplace's approximation).
 
-    `diagnose_and_fit` samples the posterior of the same fits, and its summary quotes the larger of
-    each sd and what the scatter between slews supports; that is the sd here too.
+    `fit` and `diagnose_and_fit` sample the posterior of the same fits; their summaries quote the
+    same.
 
     Parameters
     ----------
-    diagnosis : Diagnosis
-        What was found.
+    found : Estimate or Diagnosis
+        A fit whose residuals are explained, or what a diagnosis found.
 
     Returns
     -------
     QuotedParameters
-        Of the final fit where the verdict is "consistent" or "named", averaged over the set where
-        it is "ambiguous". Where it is "unknown" the fits hold a torque and a rate error of free
-        shape: see `remainder_averaging`.
+        Averaged over what may act although it was not found, and over the set where the verdict is
+        "ambiguous". Where it is "unknown" the fits hold a torque and a rate error of free shape:
+        see `remainder_averaging`.
 
     Raises
     ------
@@ -75,12 +67,21 @@ def quoted_parameters(diagnosis: Diagnosis) -> QuotedParameters:
 
     Examples
     --------
-    It takes seconds after a diagnosis of half a minute, so this is no doctest::
+    It takes seconds after a fit or a diagnosis, so this is no doctest::
 
         quoted = quoted_parameters(diagnose(campaign))
         dict(zip(quoted.names, quoted.sd))
     """
-    return averaged_parameters(_first_fit(diagnosis), alternatives_of(diagnosis))
+    if isinstance(found, Estimate):
+        return averaged_parameters(
+            _row(found), undetected_alternatives(found), found.dispersion_factor
+        )
+    exchanged = alternatives_of(found)
+    if found.verdict == "unknown":
+        return averaged_parameters(_row(_free_shapes(found)), exchanged)
+    undetected = undetected_alternatives(found.final)
+    alternatives = all_alternatives(exchanged, undetected)
+    return averaged_parameters(_row(found.final), alternatives, found.final.dispersion_factor)
 
 
 def alternatives_of(diagnosis: Diagnosis) -> tuple[AlternativeParameters, ...]:
@@ -101,9 +102,11 @@ def alternatives_of(diagnosis: Diagnosis) -> tuple[AlternativeParameters, ...]:
 
 
 def averaged_parameters(
-    first: AlternativeParameters, alternatives: tuple[AlternativeParameters, ...]
+    first: AlternativeParameters,
+    alternatives: tuple[AlternativeParameters, ...],
+    dispersion_factor: float = 1.0,
 ) -> QuotedParameters:
-    """Mean and covariance of a mixture.
+    """Mean of a mixture, and the sd that belongs to its 90 % interval.
 
     Parameters
     ----------
@@ -111,6 +114,8 @@ def averaged_parameters(
         What has the probability that the alternatives leave.
     alternatives : tuple of AlternativeParameters
         What may be true instead.
+    dispersion_factor : float
+        By which slews disagree more than the fit says.
 
     Returns
     -------
@@ -122,37 +127,44 @@ def averaged_parameters(
     ...     return AlternativeParameters(
     ...         "a", "", probability, ("K1",), np.full(1, mean), np.eye(1))
     >>> mixed = averaged_parameters(row(0.0, 0.0), (row(2.0, 0.5),))
-    >>> mixed.mean, mixed.covariance
-    (array([1.]), array([[2.]]))
+    >>> mixed.mean, mixed.sd.round(2)
+    (array([1.]), array([1.39]))
     """
-    left = 1.0 - sum(row.probability for row in alternatives)
-    cases = [(left, first), *((row.probability, row) for row in alternatives)]
-    mean = np.sum([share * row.mean for share, row in cases], axis=0)
-    covariance = np.sum(
-        [
-            share * (row.covariance + np.outer(row.mean - mean, row.mean - mean))
-            for share, row in cases
-        ],
-        axis=0,
+    rows = (first, *alternatives)
+    shares = np.array([1.0 - sum(r.probability for r in alternatives)])
+    shares = np.append(shares, [r.probability for r in alternatives])
+    means, sds = (np.array([getattr(r, key) for r in rows]) for key in ("mean", "sd"))
+    low, high = (
+        np.array([_quantile(level, shares, m, s) for m, s in zip(means.T, sds.T, strict=True)])
+        for level in (0.05, 0.95)
     )
-    return QuotedParameters(first.names, mean, covariance)
+    return QuotedParameters(
+        first.names, shares @ means, dispersion_factor * sd_of_interval(low, high)
+    )
 
 
-def _first_fit(diagnosis: Diagnosis) -> AlternativeParameters:
-    """J and K of the fit that a diagnosis wants in full."""
-    final = diagnosis.final
+def _quantile(level: float, shares: np.ndarray, mean: np.ndarray, sd: np.ndarray) -> float:
+    """Quantile of a mixture of normal distributions, all arrays (n,)."""
+    if not np.all(sd > 0.0):
+        return float(mean[0])  # A parameter that is held.
+    low, high = float(np.min(mean - 6.0 * sd)), float(np.max(mean + 6.0 * sd))
+    return optimize.brentq(
+        lambda value: float(shares @ stats.norm.cdf((value - mean) / sd)) - level, low, high
+    )
+
+
+def _free_shapes(diagnosis: Diagnosis) -> Estimate:
+    """The fit that a diagnosis wants in full where something is missing without a name."""
     if diagnosis.why_unknown == "misfit":
-        final = _refitted(final, tried_effects(diagnosis))
-    elif diagnosis.why_unknown == "imitation":
-        final = _refitted(final, REMAINDERS)
-    return AlternativeParameters(
-        "",
-        "",
-        0.0,
-        tuple(final.model.space.names[:N_BASE]),
-        final.theta[:N_BASE],
-        final.quoted_covariance[:N_BASE, :N_BASE],
-    )
+        return _refitted(diagnosis.final, tried_effects(diagnosis))
+    return _refitted(diagnosis.final, REMAINDERS)
+
+
+def _row(fit: Estimate) -> AlternativeParameters:
+    """J and K of a fit."""
+    names = tuple(fit.model.space.names[:N_BASE])
+    covariance = fit.covariance[:N_BASE, :N_BASE]
+    return AlternativeParameters("", "", 0.0, names, fit.theta[:N_BASE], covariance)
 
 
 def _refitted(final: Estimate, effects: tuple[Effect, ...]) -> Estimate:

@@ -57,7 +57,7 @@ def remainder_alternatives(diagnosis: Diagnosis) -> tuple[AlternativeParameters,
     -------
     tuple of AlternativeParameters
         One, of probability 0.5; empty unless the verdict is "unknown" because no candidate
-        explains the data. Its covariance is the robust one.
+        explains the data.
     """
     if diagnosis.verdict != "unknown" or diagnosis.why_unknown != "misfit":
         return ()
@@ -69,7 +69,7 @@ def remainder_alternatives(diagnosis: Diagnosis) -> tuple[AlternativeParameters,
             _PROBABILITY,
             tuple(free.model.space.names[:N_BASE]),
             free.theta[:N_BASE],
-            free.quoted_covariance[:N_BASE, :N_BASE],
+            free.covariance[:N_BASE, :N_BASE],
         ),
     )
 

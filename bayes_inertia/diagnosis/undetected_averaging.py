@@ -4,7 +4,8 @@ A fit without an effect believes that there is none. Each candidate that was not
 all the same: its evidence, to first order, says how probable that still is, and its amplitude has a
 posterior of its own, which moves J and K and widens them. Averaged over nothing and every single
 candidate, in proportion to evidence and prior odds, the uncertainty of J and K counts what a
-diagnosis cannot exclude (Hoeting et al. 1999, Bayesian model averaging: a tutorial).
+campaign cannot exclude (Hoeting et al. 1999, Bayesian model averaging: a tutorial). Against truth,
+no other uncertainty holds as often as it says at so little width (`analyses/results/quoted_sd.md`).
 """
 
 from __future__ import annotations
@@ -14,61 +15,83 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayes_inertia.diagnosis.blind_spots import scored_undetected, shift_per_amplitude
+from bayes_inertia.diagnosis.blind_spots import shift_per_amplitude
+from bayes_inertia.diagnosis.candidates import candidate_effects
 from bayes_inertia.diagnosis.model_averaging import AlternativeParameters
-from bayes_inertia.diagnosis.result import Diagnosis
-from bayes_inertia.diagnosis.score_test import ScoreTests
+from bayes_inertia.diagnosis.score_test import ScoreTests, score_tests, unfitted
 from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.inference.optimizer import move_to
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effects import LIBRARY
+from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import N_BASE
 
 
-def undetected_alternatives(diagnosis: Diagnosis) -> tuple[AlternativeParameters, ...]:
-    """J and K with each candidate that was not named, to first order, and how probable it is.
+def undetected_alternatives(
+    estimate: Estimate, library: Sequence[Effect] = LIBRARY
+) -> tuple[AlternativeParameters, ...]:
+    """J and K with each candidate that is not fitted, to first order, and how probable it is.
 
     Beforehand it is as likely as not that one of them acts, each as likely as the others, with
-    amplitudes of the prior. A flexible mode, whose signal is of second order, is left out.
+    amplitudes of the prior, in the directions that the campaign can see. What it cannot see, such
+    as a gain that all wheels share, is a condition of the result and no part of its uncertainty.
+    A flexible mode, whose signal is of second order, is left out.
 
     Parameters
     ----------
-    diagnosis : Diagnosis
-        What was found.
+    estimate : Estimate
+        A fit whose residuals are explained.
+    library : sequence of Effect
+        What may act although it was not found.
 
     Returns
     -------
     tuple of AlternativeParameters
-        One for each candidate, in place of nothing (`instead_of` is empty); none where the verdict
-        is "unknown": there what is missing is fitted along without a name.
+        One for each candidate that the campaign can see, in place of nothing (`instead_of` is
+        empty).
     """
-    scored = scored_undetected(diagnosis)
-    if scored is None:
-        return ()
-    estimate, (fit, tests) = diagnosis.final, scored
-    names = tests.names
-    odds = np.exp([tests.log_bayes_factor(k) for k in range(len(names))]) / len(names)
-    space, rows = estimate.model.space, []
+    held = _with_candidates(estimate, library)
+    fit, names, space = held.linearised(), unfitted(held), held.model.space
+    tests = score_tests(held, names, fit=fit)
+    odds = np.exp([tests.log_bayes_factor(k) for k in range(len(names))]) / max(len(names), 1)
+    rows = []
     for k, probability in enumerate(odds / (1.0 + odds.sum())):
-        part = space.slice_of(names[k])
-        moved = shift_per_amplitude(fit, estimate.free, fit.parameters[..., part] * space.sd[part])
-        rows.append(_alternative(estimate, tests, k, moved, float(probability)))
+        if tests.dof(k):
+            part = space.slice_of(names[k])
+            columns = fit.parameters[..., part] * space.sd[part]
+            moved = shift_per_amplitude(fit, held.free, columns)
+            rows.append(_alternative(held, tests, k, moved, float(probability)))
     return tuple(rows)
+
+
+def _with_candidates(estimate: Estimate, library: Sequence[Effect]) -> Estimate:
+    """The fit in a model that holds all candidates of the library at their null."""
+    model = estimate.model
+    known = {effect.name for effect in model.effects}
+    usable = candidate_effects(model.campaign, library).linear
+    others = tuple(effect for effect in usable if effect.name not in known)
+    if not others:
+        return estimate
+    drive, effects = model.structure.drive, (*model.effects, *others)
+    return move_to(estimate, Model(model.campaign, effects, drive, model.noise))
 
 
 def _alternative(
     estimate: Estimate, tests: ScoreTests, k: int, moved: np.ndarray, probability: float
 ) -> AlternativeParameters:
     """J and K with candidate k; `moved` (9, n) is the shift by a unit of it that is left out."""
-    index = tests.indices[k]
-    information = tests.matrix[np.ix_(index, index)] + np.eye(len(index))
-    amplitude = tests.amplitude(k)
+    powers, directions = tests.visible(k)
+    gradient = tests.gradient[tests.indices[k]]
     if tests.one_sided[k]:
-        amplitude = np.maximum(amplitude, 0.0)
+        gradient = np.maximum(gradient, 0.0)
+    moved, information = moved @ directions, powers + 1.0
     return AlternativeParameters(
         tests.names[k],
         "",
         probability,
         tuple(estimate.model.space.names[:N_BASE]),
-        estimate.theta[:N_BASE] - moved @ amplitude,
-        estimate.covariance[:N_BASE, :N_BASE] + moved @ np.linalg.solve(information, moved.T),
+        estimate.theta[:N_BASE] - moved @ (gradient @ directions / information),
+        estimate.covariance[:N_BASE, :N_BASE] + moved / information @ moved.T,
     )
 
 

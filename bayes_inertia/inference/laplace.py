@@ -25,6 +25,7 @@ from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.inference.residual_series import residual_series
 from bayes_inertia.inference.residual_tests import ChannelTest, channel_tests
 from bayes_inertia.inference.rounding import has_one_error, rounding_steps
+from bayes_inertia.inference.slew_scatter import SlewScatter
 from bayes_inertia.inference.slew_shares import SlewShares
 from bayes_inertia.inference.tested_residuals import TestedResiduals, filtered_residuals
 from bayes_inertia.maths import inertia_tensor
@@ -170,23 +171,43 @@ class Estimate:
         by slew). The scatter of a handful of slews can be small by luck, so that no parameter's
         variance is taken below the model's own (Angrist and Pischke 2009, section 8.1).
         """
-        n = self.model.n_slews
-        if n < 2:
+        if self.model.n_slews < 2:
             return None
-        left_out = np.array([self.without_slew(s) for s in range(n)])
-        scatter = left_out - left_out.mean(0)
-        slope, _ = prior_rows(self.model, self.theta)
-        shift = self.covariance * slope
-        sandwich = (n - 1) / n * scatter.T @ scatter + shift @ shift.T
+        sandwich = self._jackknife
         sd = np.sqrt(np.diag(sandwich))
         lift = np.where(sd > 0.0, np.maximum(1.0, self.sd / np.where(sd > 0.0, sd, 1.0)), 1.0)
         return sandwich * np.outer(lift, lift)
 
+    @cached_property
+    def _jackknife(self) -> np.ndarray:
+        """Covariance (d, d): the scatter of fits that each leave one slew out, and the prior's."""
+        n = self.model.n_slews
+        left_out = np.array([self.without_slew(s) for s in range(n)])
+        scatter = left_out - left_out.mean(0)
+        slope, _ = prior_rows(self.model, self.theta)
+        shift = self.covariance * slope
+        return (n - 1) / n * scatter.T @ scatter + shift @ shift.T
+
     @property
-    def quoted_covariance(self) -> np.ndarray:
-        """Covariance (d, d) to quote: the robust one, of a single slew the model's."""
-        robust = self.robust_covariance
-        return self.covariance if robust is None else robust
+    def scatter_sds(self) -> dict[str, np.ndarray]:
+        """Other measures (d,) of what slews support, by name; empty for a single slew."""
+        if self.slew_scatter is None:
+            return {}
+        sds = {"hc3_sd": np.sqrt(np.diag(self._jackknife))}
+        for name in ("cr2_sd", "cr2_dof"):
+            sds[name] = np.zeros(len(self.theta))
+            sds[name][self.free] = getattr(self.slew_scatter, name)[: len(self.free)]
+        return sds
+
+    @cached_property
+    def slew_scatter(self) -> SlewScatter | None:
+        """How far the slews disagree, None for a single slew."""
+        return SlewScatter(self._slew_shares) if self.model.n_slews > 1 else None
+
+    @property
+    def dispersion_factor(self) -> float:
+        """Factor on sds by which the slews disagree more than the model says; 1 for one slew."""
+        return 1.0 if self.slew_scatter is None else self.slew_scatter.dispersion.factor
 
     def without_slew(self, slew: int) -> np.ndarray:
         """The maximum when one slew is left out, to first order.
@@ -212,11 +233,21 @@ class Estimate:
 
         Where one slew alone determines a parameter, the others cannot check it.
         """
-        columns = np.arange(len(self.free))
-        sds = np.zeros((self.model.n_slews, len(self.theta)))
-        for slew in range(self.model.n_slews):
-            _, matrix = self._slew_shares.without(slew)
-            sds[slew, self.free] = np.sqrt(np.diag(inverse(matrix))[columns])
+        slews = range(self.model.n_slews)
+        return self._sds([self._slew_shares.without(slew)[1] for slew in slews])
+
+    @cached_property
+    def sd_with_slew_again(self) -> np.ndarray:
+        """Sds (slews, d) if a slew were flown once more, to first order; zero where held."""
+        shares = self._slew_shares
+        whole = shares.prior_matrix + shares.matrix.sum(0)
+        return self._sds([whole + matrix for matrix in shares.matrix])
+
+    def _sds(self, matrices: list[np.ndarray]) -> np.ndarray:
+        """Sds (n, d) that belong to normal matrices of the shared unknowns."""
+        sds = np.zeros((len(matrices), len(self.theta)))
+        for row, matrix in zip(sds, matrices, strict=True):
+            row[self.free] = np.sqrt(np.diag(inverse(matrix))[: len(self.free)])
         return sds
 
     @cached_property
@@ -313,9 +344,14 @@ def principal_sd(estimate: Estimate, covariance: np.ndarray) -> np.ndarray:
     (3,) array
         [kg m^2], smallest moment first.
     """
-    tensor = inertia_tensor.tensor(estimate.theta[:6])
-    _, axes = np.linalg.eigh(tensor)
-    weights = np.stack(
-        [inertia_tensor.elements(np.outer(v, v)) * [1, 1, 1, 2, 2, 2] for v in axes.T]
-    )
-    return np.sqrt(np.einsum("ij,jk,ik->i", weights, covariance[:6, :6], weights))
+    weights = principal_weights(estimate)
+    return np.sqrt(np.einsum("ij,jk,ik->i", weights, covariance, weights))
+
+
+def principal_weights(estimate: Estimate) -> np.ndarray:
+    """Derivatives (3, d) of the principal moments, smallest first, with respect to theta."""
+    _, axes = np.linalg.eigh(inertia_tensor.tensor(estimate.theta[:6]))
+    weights = np.zeros((3, len(estimate.theta)))
+    for row, axis in zip(weights, axes.T, strict=True):
+        row[:6] = inertia_tensor.elements(np.outer(axis, axis)) * [1, 1, 1, 2, 2, 2]
+    return weights

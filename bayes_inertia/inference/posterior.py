@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy import stats
 
 from bayes_inertia.campaign.isolated_arrays import check_readable
 from bayes_inertia.errors import CampaignError
@@ -41,6 +42,16 @@ _SUMMARY_ORDER = (
     "gates",
     "effects",
 )
+# Other measures of what the slews support, for comparison: nothing is quoted from them.
+_OTHER_MEASURES = ("hc3_sd", "cr2_sd", "cr2_dof")
+
+
+def sd_of_interval(low: np.ndarray | float, high: np.ndarray | float) -> np.ndarray | float:
+    """The sd of a normal distribution with this 90 % interval.
+
+    An average over models has long thin tails, which rule its sd and not what holds 90 %.
+    """
+    return (high - low) / (2.0 * stats.norm.isf(0.05))
 
 
 @array_dataclass
@@ -159,14 +170,32 @@ class Posterior:
         """Whether every gate is passed."""
         return all(gate["passed"] for gate in self.attributes["gates"])
 
+    @cached_property
+    def quoted_factor(self) -> float | None:
+        """What the sds of the draws are multiplied by to be quoted; None where none can be.
+
+        Slews that disagree widen the sds of a result that is trusted. One that is not has no sd to
+        quote, unless all that fails is that something has no name, and J and K hold what it may
+        have done (`analyses/results/remainder.md`).
+        """
+        content = self.attributes
+        failed = {gate["name"] for gate in content["gates"] if not gate["passed"]}
+        if not failed:
+            return float((content["fit"].get("dispersion") or {}).get("factor", 1.0))
+        allowed_for = "averaged" in self.tree or any(
+            name.endswith("_remainder") for name in content["effects"]
+        )
+        unnamed = "diagnosed" in failed and failed <= {"diagnosed", "explained"}
+        return 1.0 if unnamed and allowed_for else None
+
     def summary(self) -> dict[str, Any]:
         """The content of summary.json.
 
         Returns
         -------
         dict
-            Parameters with mean, sd, robust sd and quantiles; principal moments; diagnostics;
-            gates.
+            Parameters with mean, sd, the sd to quote (None where none can be) and quantiles;
+            principal moments; diagnostics; gates.
         """
         content = {"campaign": None} | self.attributes
         content["format"] = "bayes-inertia-summary/1"
@@ -181,7 +210,7 @@ class Posterior:
         """A parameter as it stands in summary.json."""
         estimate: Any = self.tree["estimate"]
         draws = self.averaged_samples[:, i]
-        prior_sd, sd = float(estimate["prior_sd"][i]), float(draws.std(ddof=1))
+        prior_sd, sd = float(estimate["prior_sd"][i]), float(self.samples[:, i].std(ddof=1))
         # NaN for a single slew; never below the sample's own.
         robust = max(float(estimate["robust_sd"][i]), sd)
         contraction = 1.0 - (sd / prior_sd) ** 2
@@ -189,7 +218,9 @@ class Posterior:
         return {
             "mean": float(draws.mean()),
             "sd": sd,
+            "quoted_sd": self._quoted(q05, q95),
             "robust_sd": robust if np.isfinite(robust) else None,
+            **{key: float(estimate[key][i]) for key in _OTHER_MEASURES if key in estimate},
             **self._decisive_slew(i),
             "q05": q05,
             "q50": q50,
@@ -200,21 +231,30 @@ class Posterior:
             "observable": bool(contraction > OBSERVABLE_ABOVE),
         }
 
+    def _quoted(self, q05: float, q95: float) -> float | None:
+        """The sd to quote of draws with these quantiles, None where none can be."""
+        factor = self.quoted_factor
+        return None if factor is None else factor * float(sd_of_interval(q05, q95))
+
     def _decisive_slew(self, i: int) -> dict[str, Any]:
-        """The slew without which a parameter would be known worst, and its sd then."""
+        """The slew without which a parameter would be known worst, with its sds."""
         estimate: Any = self.tree["estimate"]
         if "sd_without_slew" not in estimate or len(estimate["slew"]) < 2:
             return {}
         sds = estimate["sd_without_slew"].values[:, i]
         most = int(np.argmax(sds))
         slew = str(estimate["slew"].values[most])
-        return {"decisive_slew": slew, "sd_without_it": float(sds[most])}
+        answer = {"decisive_slew": slew, "sd_without_it": float(sds[most])}
+        if "sd_with_slew_again" in estimate:
+            answer["sd_with_it_again"] = float(estimate["sd_with_slew_again"].values[most, i])
+        return answer
 
     def _principal_moments(self) -> dict[str, Any]:
         """Principal moments as they stand in summary.json, smallest first."""
         group: Any = self.tree["averaged" if "averaged" in self.tree else "derived"]
         draws = group["principal_moment"].values.reshape(-1, 3)
-        sd = draws.std(0, ddof=1)
+        derived: Any = self.tree["derived"]
+        sd = derived["principal_moment"].values.reshape(-1, 3).std(0, ddof=1)
         # As for the parameters.
         estimate: Any = self.tree["estimate"]
         robust = np.maximum(estimate["robust_principal_sd"].values, sd)
@@ -222,6 +262,7 @@ class Posterior:
             f"I{i + 1}": {
                 "mean": float(draws[:, i].mean()),
                 "sd": float(sd[i]),
+                "quoted_sd": self._quoted(*np.quantile(draws[:, i], [0.05, 0.95]).tolist()),
                 "robust_sd": float(robust[i]) if np.isfinite(robust[i]) else None,
                 "unit": "kg m^2",
             }

@@ -183,11 +183,13 @@ def _estimate_group(estimate: Estimate) -> xr.DataTree:
         "robust_covariance": (("parameter", "parameter_2"), covariance),
         "robust_sd": (("parameter",), np.sqrt(np.diag(covariance))),
         "sd_without_slew": (("slew", "parameter"), estimate.sd_without_slew),
+        "sd_with_slew_again": (("slew", "parameter"), estimate.sd_with_slew_again),
         "robust_principal_sd": (("axis",), principal_sd(estimate, covariance)),
         "discount": (("slew", "channel"), estimate.discount),
         "slew_chi2": (("slew", "channel"), estimate.information.chi2 / estimate.discount),
         "slew_n_data": (("slew", "channel"), estimate.information.n_data),
     }
+    variables |= {name: (("parameter",), x) for name, x in estimate.scatter_sds.items()}
     for channel, values in _not_empty(_residual_arrays(estimate)).items():
         variables[f"residual_{channel}"] = (_RESIDUAL_AXES[channel], values)
     coords = {
@@ -223,7 +225,7 @@ def _write_units(tree: xr.DataTree, units: dict[str, str]) -> None:
 
 def _attributes(estimate: Estimate, chains: Chains, context: FitContext) -> dict[str, Any]:
     """What the fit says about itself."""
-    model, tests = estimate.model, estimate.tests
+    model, tests, scatter = estimate.model, estimate.tests, estimate.slew_scatter
     return {
         "diagnostics": asdict(chains.diagnostics),
         "fit": {
@@ -233,6 +235,7 @@ def _attributes(estimate: Estimate, chains: Chains, context: FitContext) -> dict
             "p_white": {key: test.p_white for key, test in tests.items()},
             "n_data": int(estimate.information.n_data.sum()),
             "discounted": estimate.discounted,
+            "dispersion": None if scatter is None else scatter.dispersion.json(),
             "starts_agreeing": list(estimate.starts),
         },
         "gates": check_gates(estimate, chains.diagnostics, context),

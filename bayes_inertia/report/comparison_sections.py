@@ -25,7 +25,7 @@ from bayes_inertia.report.run_comparison import (
     RunComparison,
 )
 from bayes_inertia.report.section import Picture, Section, packaged
-from bayes_inertia.report.uncertainty import exponents_of, quoted_sd
+from bayes_inertia.report.uncertainty import exponents_of, sd_in_print
 
 
 def comparison_page(comparison: RunComparison) -> str:
@@ -106,15 +106,13 @@ def _parameter_row(parameter: ParameterDifference, power: int) -> dict[str, Any]
 
 
 def _cells(row: Mapping[str, Any] | None, power: int) -> dict[str, str]:
-    """Mean and both sds of one run."""
+    """Mean and quoted sd of one run."""
     if row is None:
-        return dict.fromkeys(("mean", "sd", "robust_sd", "source"), NOT_GIVEN)
-    quoted, robust = quoted_sd(row["sd"], row["robust_sd"]), row["robust_sd"]
+        return dict.fromkeys(("mean", "quoted_sd"), NOT_GIVEN)
+    quoted = row["quoted_sd"]
     return {
-        "mean": number(row["mean"], quoted.sd, power),
-        "sd": number(row["sd"], row["sd"], power),
-        "robust_sd": NOT_GIVEN if robust is None else number(robust, robust, power),
-        "source": quoted.source,
+        "mean": number(row["mean"], sd_in_print(row), power),
+        "quoted_sd": NOT_GIVEN if quoted is None else number(quoted, quoted, power),
     }
 
 

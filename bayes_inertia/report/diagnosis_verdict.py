@@ -58,7 +58,7 @@ def diagnosis_verdict(content: Mapping[str, Any]) -> Verdict:
     # Of an ambiguous set, what has no name is a member.
     if content["verdict"] == "named" and (doubt := nameless_text(content)):
         sentences.append(doubt)
-    if content.get("could_hide"):
+    if content.get("could_hide") and content["verdict"] != "consistent":
         sentences.append(could_hide_text(content["could_hide"]))
     return Verdict(_LEVELS[content["verdict"]], headline(content), tuple(sentences))
 
@@ -79,13 +79,17 @@ def headline(content: Mapping[str, Any]) -> str:
     Examples
     --------
     >>> headline({"verdict": "consistent", "named": [], "ambiguous_with": []})
-    'Nothing is missing: the model explains the data.'
+    'Nothing is missing that these slews show: the model explains the data.'
     """
     verdict, named, sets = content["verdict"], content["named"], content["ambiguous_with"]
-    if verdict == "consistent" and any(d["treated"] != "ignored" for d in content.get("dirt", [])):
-        return "Nothing is missing: without the dirt in the telemetry the model explains the data."
     if verdict == "consistent":
-        return "Nothing is missing: the model explains the data."
+        treated = any(d["treated"] != "ignored" for d in content.get("dirt", []))
+        dirt = "without the dirt in the telemetry " if treated else ""
+        # What could hide belongs to the answer: "nothing is missing" is never all that is known.
+        hidden = f" {could_hide_text(rows)}" if (rows := content.get("could_hide")) else ""
+        return (
+            f"Nothing is missing that these slews show: {dirt}the model explains the data.{hidden}"
+        )
     if verdict == "unknown":
         return "Something is missing that no candidate explains."
     if verdict == "ambiguous":

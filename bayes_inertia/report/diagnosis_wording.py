@@ -204,14 +204,14 @@ def could_hide_text(rows: Sequence[Mapping[str, Any]]) -> str:
     Examples
     --------
     >>> could_hide_text([
-    ...     {"parameter": "Jxx", "shift": 6e-4, "sd": 2e-4, "effect": "wheel_friction"}])[-57:]
-    'most of all Jxx, by up to 3.0 of its sd (wheel friction).'
+    ...     {"parameter": "Jxx", "shift": 6e-4, "sd": 2e-4, "effect": "wheel_friction"}])[:50]
+    'An effect too weak to be found, wheel friction, co'
     """
     worst = max(rows, key=lambda row: row["shift"] / row["sd"])
     return (
-        "An effect too weak to be found could still have moved J and K: "
-        f"most of all {worst['parameter']}, by up to {worst['shift'] / worst['sd']:.1f} of its sd "
-        f"({plain(worst['effect'])})."
+        f"An effect too weak to be found, {plain(worst['effect'])}, could still have moved "
+        f"{worst['parameter']} by up to {worst['shift'] / worst['sd']:.1f} of the model's sd; "
+        "the quoted sd counts it by its probability."
     )
 
 

@@ -8,7 +8,8 @@ from typing import Any
 
 from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.report.criteria import Criteria, criteria_of
-from bayes_inertia.report.formatting import listed, typeset
+from bayes_inertia.report.formatting import listed, probability, typeset
+from bayes_inertia.report.parameter_wording import averaged_over
 from bayes_inertia.report.residual_wording import channel_verdict
 from bayes_inertia.report.uncertainty import names_by_determination
 from bayes_inertia.report.verdict import Level, Verdict
@@ -35,7 +36,6 @@ def fit_verdict(summary: Mapping[str, Any], n_slews: int) -> Verdict:
     criteria, rows, fit = criteria_of(summary), summary["parameters"], summary["fit"]
     gates = {gate["name"]: gate for gate in summary["gates"]}
     converged, explained = (_passed(gates, name) for name in ("converged", "explained"))
-    has_robust = any(row["robust_sd"] is not None for row in rows.values())
     too_large, too_small = ([], []) if explained else misfit_channels(fit, criteria)
     failed = [typeset(gate["says"]) for gate in gates.values() if _failed_besides(gate)]
     undetermined = names_by_determination(rows, criteria)["not determined"]
@@ -46,11 +46,11 @@ def fit_verdict(summary: Mapping[str, Any], n_slews: int) -> Verdict:
         )
         sentences.append(f"The model explains the data: {typeset(says)}.")
     else:
-        sentences += _on_misfit(too_large, too_small, has_robust, "diagnosed" in gates)
+        sentences += _on_misfit(too_large, too_small, "diagnosed" in gates)
     sentences += [f"{text[0].upper()}{text[1:]}." for text in failed]
     sentences += _on_starts(fit["starts_agreeing"])
     if explained and not failed:
-        sentences.append(_on_uncertainty(rows, n_slews, has_robust))
+        sentences += _on_uncertainty(summary, n_slews)
     sentences += _on_undetermined(undetermined)
     level, title = _headline(
         converged=converged,
@@ -91,7 +91,8 @@ def _headline(
         return "bad", "Do not use these numbers yet: the sampler has not converged."
     if not explained and too_large:
         return "bad", (
-            "Use with care: the model does not explain the data, something is missing from it."
+            "Do not use these numbers: the model does not explain the data, "
+            "something is missing from it."
         )
     if not explained:
         return "caution", (
@@ -170,9 +171,7 @@ def misfit_channels(fit: Mapping[str, Any], criteria: Criteria) -> tuple[list[st
     return too_large, too_small
 
 
-def _on_misfit(
-    too_large: list[str], too_small: list[str], has_robust: bool, diagnosed: bool
-) -> list[str]:
+def _on_misfit(too_large: list[str], too_small: list[str], diagnosed: bool) -> list[str]:
     if too_large:
         missing = (
             f"The residuals ({listed(too_large)}) are larger, or more structured, "
@@ -183,13 +182,8 @@ def _on_misfit(
             return [missing, "A bias of the estimate that all slews share shows in no sd."]
         return [
             missing,
-            "Use the robust sd: it is what the slews themselves support. "
-            "Do not read the model's sd as the uncertainty."
-            if has_robust
-            else "With too few slews for a robust sd, no uncertainty below can be defended: "
-            "treat the sd as a lower limit.",
-            "Run “bayes-inertia diagnose” to find the missing effect. "
-            "A bias of the estimate that all slews share shows in neither sd.",
+            "No sd is quoted: a bias that all slews share shows in none.",
+            "Run “bayes-inertia diagnose” to find the missing effect.",
         ]
     if too_small:
         return [
@@ -209,45 +203,63 @@ def _on_starts(agreeing: Sequence[int]) -> list[str]:
     ]
 
 
-def _on_uncertainty(rows: Mapping[str, Any], n_slews: int, has_robust: bool) -> str:
-    """Which uncertainty to use where the model explains the data."""
-    if not has_robust:
-        too_few = f"{n_slews} slews are" if n_slews != 1 else "One slew is"
-        return (
-            f"{too_few} too few for a robust sd: the quoted sd is the model's own. "
-            "It is right if the model and the stated noise are."
-        )
-    # Relative error of a standard deviation from n values.
-    error = 1.0 / math.sqrt(2.0 * max(n_slews - 1, 1))
-    wide = [
-        name
-        for name, row in rows.items()
-        if row["robust_sd"] is not None and row["robust_sd"] > (1.0 + 2.0 * error) * row["sd"]
-    ]
-    own_error = (
-        f"a robust sd from {n_slews} slews is itself uncertain by about {100.0 * error:.0f} %"
-    )
-    alone = [name for name in wide if rests_on_one_slew(rows[name])]
-    scattered = [name for name in wide if name not in alone]
+def _on_uncertainty(summary: Mapping[str, Any], n_slews: int) -> list[str]:
+    """What the quoted sd counts, and what no other slew checks."""
     sentences = []
-    if scattered:
-        sentences.append(
-            f"The slews scatter more than the model's sd for {listed(scattered)}: "
-            f"use the quoted (larger) uncertainty, and mind that {own_error}."
+    if dispersion := summary["fit"].get("dispersion"):
+        scatter = (
+            f"they scatter {math.sqrt(dispersion['ratio']):.2f} times as much as noise makes them "
+            f"({probability(dispersion['p_value'])} by chance)"
         )
-    if alone:
-        rest = "rests" if len(alone) == 1 else "rest"
         sentences.append(
-            f"{listed(alone)} {rest} on one slew ({listed(_decisive(rows, alone))}): the others "
-            "cannot check it, and the robust sd says only that. The sd is right if the model and "
-            "the stated noise are."
+            f"The slews disagree: {scatter}. The quoted sd is that much larger."
+            if dispersion["factor"] > 1.0
+            else f"The slews agree: {scatter}."
         )
-    if sentences:
-        return " ".join(sentences)
-    return (
-        "Use the quoted uncertainty, the larger of the two in each row; "
-        f"the model's sd and what the slews support agree ({own_error})."
-    )
+    elif n_slews == 1:
+        sentences.append(
+            "One slew is checked by no other: the quoted sd is right if the model and the stated "
+            "noise are."
+        )
+    if causes := averaged_over(summary):
+        sentences.append(
+            f"J, K and the quoted sd are averaged over what may be true ({causes}): "
+            "effects too weak to be found count by their probability."
+        )
+    return sentences + _on_one_slew(summary["parameters"])
+
+
+def _on_one_slew(rows: Mapping[str, Any]) -> list[str]:
+    """Parameters that one slew alone determines, and what flying it again would bring."""
+    alone: dict[str, list[str]] = {}
+    for name, row in rows.items():
+        if rests_on_one_slew(row):
+            alone.setdefault(row["decisive_slew"], []).append(name)
+    sentences = []
+    for slew, names in alone.items():
+        rest = "rests" if len(names) == 1 else "rest"
+        text = (
+            f"{listed(names)} {rest} on {slew} alone: no other slew checks "
+            f"{'it' if len(names) == 1 else 'them'}, and an error of that slew would not show."
+        )
+        gains = [
+            1.0 - rows[name]["sd_with_it_again"] / rows[name]["sd"]
+            for name in names
+            if "sd_with_it_again" in rows[name]
+        ]
+        if gains:
+            text += (
+                f" Fly {slew} once more: then two slews check each other, and the sd shrinks by "
+                f"{_percents(gains)}."
+            )
+        sentences.append(text)
+    return sentences
+
+
+def _percents(shares: list[float]) -> str:
+    """Shares in per cent, their range if they differ."""
+    low, high = round(100.0 * min(shares)), round(100.0 * max(shares))
+    return f"{low} %" if low == high else f"{low} to {high} %"
 
 
 def rests_on_one_slew(row: Mapping[str, Any]) -> bool:
@@ -269,11 +281,6 @@ def rests_on_one_slew(row: Mapping[str, Any]) -> bool:
     (True, False)
     """
     return bool(row.get("sd_without_it", 0.0) > _ONE_SLEW * row["sd"])
-
-
-def _decisive(rows: Mapping[str, Any], names: list[str]) -> list[str]:
-    """The slews on which parameters rest, each once."""
-    return list(dict.fromkeys(rows[name]["decisive_slew"] for name in names))
 
 
 def _on_undetermined(names: list[str]) -> list[str]:

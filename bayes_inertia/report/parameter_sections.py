@@ -22,7 +22,7 @@ from bayes_inertia.report.uncertainty import (
     exponents_of,
     interval_90,
     names_by_determination,
-    quoted_sd,
+    sd_in_print,
 )
 
 _MOST_PARAMETERS_DRAWN = 16
@@ -50,8 +50,8 @@ def parameters_section(posterior: Posterior) -> Section:
     ]
     picture = Picture(
         draw_priors(posterior),
-        "Posterior of each parameter (blue). Bars below: mean ± sd of the model and, "
-        "where there are enough slews, ± robust sd, which is what the slews themselves support. "
+        "Posterior of each parameter (blue). Bars below: mean ± the model's sd and, "
+        "where it is wider, ± the quoted sd. "
         "Where the data sharpen the prior more than eightfold, the panel shows only the posterior, "
         "and the grey strip above it shows the prior over ±3 sd "
         "with the posterior's place as a blue mark; elsewhere prior and posterior share the axis.",
@@ -63,6 +63,9 @@ def parameters_section(posterior: Posterior) -> Section:
     context = {
         "rows": rows,
         "moments": [_value_cells(name, row, moments[name]) for name, row in derived.items()],
+        "trusted": posterior.trusted,
+        "quoted": posterior.quoted_factor is not None,
+        "factor": posterior.quoted_factor or 1.0,
         "averaged": averaged_over(summary),
         "criteria": criteria,
     }
@@ -70,15 +73,13 @@ def parameters_section(posterior: Posterior) -> Section:
 
 
 def _value_cells(name: str, row: Mapping[str, Any], power: int) -> dict[str, str]:
-    """Mean and both sds of one row, in one power of ten."""
-    quoted = quoted_sd(row["sd"], row["robust_sd"])
-    robust = row["robust_sd"]
+    """Mean, quoted sd and the model's sd of one row, in one power of ten."""
+    quoted = row["quoted_sd"]
     return {
         "name": name,
-        "mean": number(row["mean"], quoted.sd, power),
+        "mean": number(row["mean"], sd_in_print(row), power),
+        "quoted_sd": NOT_GIVEN if quoted is None else number(quoted, quoted, power),
         "sd": number(row["sd"], row["sd"], power),
-        "robust_sd": NOT_GIVEN if robust is None else number(robust, robust, power),
-        "source": quoted.source,
         "unit": unit_text(row["unit"], power),
     }
 
@@ -86,14 +87,14 @@ def _value_cells(name: str, row: Mapping[str, Any], power: int) -> dict[str, str
 def _parameter_row(
     name: str, row: Mapping[str, Any], power: int, prior_mean: float, criteria: Criteria
 ) -> dict[str, str]:
-    quoted = quoted_sd(row["sd"], row["robust_sd"])
-    low, high = (number(end, quoted.sd, power) for end in interval_90(row))
+    sd, interval = sd_in_print(row), interval_90(row)
+    ends = [number(end, sd, power) for end in interval or ()]
     prior, prior_sd = (number(x, row["prior_sd"], power) for x in (prior_mean, row["prior_sd"]))
-    share = contraction(quoted.sd, row["prior_sd"])
+    share = contraction(sd, row["prior_sd"])
     return _value_cells(name, row, power) | {
         "meaning": meaning(name),
         "prior": f"{prior} ± {prior_sd}",
-        "interval": f"{low} … {high}",
+        "interval": " … ".join(ends) or NOT_GIVEN,
         "contraction": contraction_text(share, criteria),
         "determined": determination(share, criteria),
     }
@@ -114,10 +115,6 @@ def determination_section(posterior: Posterior) -> Section:
     """
     rows, names = posterior.summary()["parameters"], posterior.names
     matrix = np.atleast_2d(np.corrcoef(posterior.samples.T)).tolist()
-    robust = not posterior.trusted and any(row["robust_sd"] is not None for row in rows.values())
-    dashed = (
-        " Dashed orange: the same from the robust covariance, because the result is not trusted."
-    )
     only_some = (
         f" Only the {_MOST_PARAMETERS_DRAWN} most correlated of {len(names)} parameters are drawn."
     )
@@ -125,7 +122,7 @@ def determination_section(posterior: Posterior) -> Section:
         draw_pairs(posterior, _MOST_PARAMETERS_DRAWN),
         "Every pair of parameters: posterior draws (shading) with the ellipse that holds 90 % "
         "of a normal distribution of the same covariance (blue)."
-        f"{dashed if robust else ''} At the left of each row: middle ± half width of "
+        " At the left of each row: middle ± half width of "
         "its cells (3.4 sd), and the unit. "
         "Numbers: correlations, framed beyond ±0.9."
         f"{only_some if len(names) > _MOST_PARAMETERS_DRAWN else ''}",

@@ -23,8 +23,8 @@ class PromisedParameter:
         Of the parameter.
     prior_sd, promised_sd, sd : float
         Before flight, promised by the plan, and of the model in the run.
-    robust_sd : float or None
-        What the run's slews themselves support; None from too few.
+    quoted_sd : float or None
+        What the run quotes; None where it is not to be used.
     """
 
     name: str
@@ -32,12 +32,12 @@ class PromisedParameter:
     prior_sd: float
     promised_sd: float
     sd: float
-    robust_sd: float | None
+    quoted_sd: float | None
 
     @property
     def ratio(self) -> float:
-        """Achieved over promised sd."""
-        return self.sd / self.promised_sd
+        """Achieved over promised sd; the quoted sd, or the model's where none is quoted."""
+        return (self.sd if self.quoted_sd is None else self.quoted_sd) / self.promised_sd
 
     def json(self) -> dict[str, Any]:
         """As it stands in a JSON document."""
@@ -46,7 +46,7 @@ class PromisedParameter:
             "prior_sd": self.prior_sd,
             "promised_sd": self.promised_sd,
             "sd": self.sd,
-            "robust_sd": self.robust_sd,
+            "quoted_sd": self.quoted_sd,
             "ratio": self.ratio,
         }
 
@@ -133,7 +133,7 @@ def plan_promise(
 
     Examples
     --------
-    >>> row = {"unit": "kg m^2", "prior_sd": 0.1, "sd": 0.02, "robust_sd": None}
+    >>> row = {"unit": "kg m^2", "prior_sd": 0.1, "sd": 0.02, "quoted_sd": 0.02}
     >>> summary = {"parameters": {"Jxx": row}, "effects": []}
     >>> plan_promise("p", "p.toml", "", {"Jxx": 0.01}, summary).sentence
     '1 of 1 elements of J and K are known worse than the plan “p” promised: sd of Jxx 2 times ...'
@@ -146,7 +146,7 @@ def plan_promise(
             rows[name]["prior_sd"],
             sd,
             rows[name]["sd"],
-            rows[name]["robust_sd"],
+            rows[name]["quoted_sd"],
         )
         for name, sd in promised_sd.items()
     )

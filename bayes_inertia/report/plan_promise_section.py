@@ -16,7 +16,7 @@ from bayes_inertia.report.formatting import (
 from bayes_inertia.report.plan_promise import WORSE_THAN_PROMISED, PlanPromise
 from bayes_inertia.report.section import Section, packaged
 
-HEADINGS = ("prior sd", "promised sd", "achieved sd", "achieved / promised", "robust sd")
+HEADINGS = ("prior sd", "promised sd", "quoted sd", "quoted / promised")
 
 
 def plan_promise_section(promise: PlanPromise) -> Section:
@@ -59,13 +59,13 @@ def promise_rows(promise: PlanPromise) -> list[dict[str, Any]]:
     rows = []
     for p in promise.parameters:
         power = _power([q.promised_sd for q in promise.parameters if q.unit == p.unit])
-        prior, promised, achieved = (number(x, x, power) for x in (p.prior_sd, p.promised_sd, p.sd))
-        robust = NOT_GIVEN if p.robust_sd is None else number(p.robust_sd, p.robust_sd, power)
+        prior, promised = (number(x, x, power) for x in (p.prior_sd, p.promised_sd))
+        quoted = NOT_GIVEN if p.quoted_sd is None else number(p.quoted_sd, p.quoted_sd, power)
         rows.append(
             {
                 "name": p.name,
                 "unit": unit_text(p.unit, power),
-                "cells": (prior, promised, achieved, f"{p.ratio:.2f}", robust),
+                "cells": (prior, promised, quoted, f"{p.ratio:.2f}"),
                 "noticeable": p.ratio > WORSE_THAN_PROMISED,
             }
         )

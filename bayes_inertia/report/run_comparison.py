@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from bayes_inertia.report.formatting import with_minus_sign
-from bayes_inertia.report.uncertainty import quoted_sd
 
 # Differences beyond it are pointed out: noise makes one in three hundred.
 NOTICEABLE_SD = 3.0
-_ROW_KEYS = ("mean", "sd", "robust_sd")
+_ROW_KEYS = ("mean", "sd", "quoted_sd")
 
 
 @dataclass(frozen=True)
@@ -39,6 +38,11 @@ class ComparedRun:
     label: str
     summary: Mapping[str, Any]
     settings: Mapping[str, str]
+
+    @property
+    def trusted(self) -> bool:
+        """Whether every gate is passed."""
+        return bool(self.summary["trusted"])
 
     @property
     def rows(self) -> Mapping[str, Mapping[str, Any]]:
@@ -72,12 +76,9 @@ class ParameterDifference:
 
     @property
     def combined_sd(self) -> float | None:
-        """Root of the sum of squares of the quoted uncertainties."""
-        if self.first is None or self.second is None:
-            return None
-        return math.hypot(
-            *(quoted_sd(r["sd"], r["robust_sd"]).sd for r in (self.first, self.second))
-        )
+        """Root of the sum of squares of the quoted sds; None where a run has none."""
+        sds = [None if row is None else row["quoted_sd"] for row in (self.first, self.second)]
+        return None if None in sds else math.hypot(*sds)
 
     @property
     def in_sd(self) -> float | None:
@@ -137,8 +138,19 @@ class RunComparison:
         return tuple(p for p in self.parameters if p.name[0] in "JK" and p.in_sd is not None)
 
     @property
+    def refused(self) -> tuple[str, ...]:
+        """A and B, if they quote no sd: nothing can be said to agree with them."""
+        runs = (("A", self.first), ("B", self.second))
+        return tuple(letter for letter, run in runs if not run.trusted)
+
+    @property
     def sentence(self) -> str:
         """The largest difference of J and K in one sentence."""
+        if self.refused:
+            which, verb = ("A and B", "are") if len(self.refused) > 1 else (self.refused[0], "is")
+            return (
+                f"{which} {verb} not to be used: whether J and K of the runs agree cannot be said."
+            )
         known = self.J_and_K
         if not known:
             return "The runs have no parameter in common."

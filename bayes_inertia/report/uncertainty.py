@@ -1,57 +1,37 @@
-"""Which uncertainty to quote, and how far it says that a parameter is determined."""
+"""The quoted uncertainty in print, and how far it says that a parameter is determined.
+
+Which one is quoted is decided once, in `Posterior.summary`.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 from bayes_inertia.report.criteria import Criteria
 from bayes_inertia.report.formatting import common_exponents
 
-Source = Literal["sd", "robust sd"]
 
-
-@dataclass(frozen=True)
-class QuotedSd:
-    """The uncertainty to use: the larger of the model's sd and the robust sd.
+def sd_in_print(row: Mapping[str, Any]) -> float:
+    """The sd that decides digits and widths: the quoted one, or the draws' where none is quoted.
 
     Parameters
     ----------
-    sd : float
-        The uncertainty, in the parameter's unit.
-    source : {"sd", "robust sd"}
-        Which of the two it is.
-    """
-
-    sd: float
-    source: Source
-
-
-def quoted_sd(sd: float, robust_sd: float | None) -> QuotedSd:
-    """The uncertainty to quote.
-
-    Parameters
-    ----------
-    sd : float
-        The model's sd.
-    robust_sd : float or None
-        What the slews themselves support, in the same unit; None from too few slews.
+    row : mapping
+        Of `parameters` or `derived` of summary.json.
 
     Returns
     -------
-    QuotedSd
-        The larger of the two.
+    float
+        In the parameter's unit.
 
     Examples
     --------
-    >>> quoted_sd(1.0, 2.0), quoted_sd(1.0, None)
-    (QuotedSd(sd=2.0, source='robust sd'), QuotedSd(sd=1.0, source='sd'))
+    >>> sd_in_print({"sd": 1.0, "quoted_sd": 1.1}), sd_in_print({"sd": 1.0, "quoted_sd": None})
+    (1.1, 1.0)
     """
-    if robust_sd is not None and robust_sd > sd:
-        return QuotedSd(robust_sd, "robust sd")
-    return QuotedSd(sd, "sd")
+    return row["sd"] if row["quoted_sd"] is None else row["quoted_sd"]
 
 
 def exponents_of(*tables: Mapping[str, Mapping[str, Any]]) -> dict[str, int]:
@@ -70,7 +50,7 @@ def exponents_of(*tables: Mapping[str, Mapping[str, Any]]) -> dict[str, int]:
     values: dict[str, tuple[str, float, float]] = {}
     for rows in tables:
         for name, row in rows.items():
-            sd = quoted_sd(row["sd"], row["robust_sd"]).sd
+            sd = sd_in_print(row)
             _, mean, largest = values.get(name, ("", 0.0, 0.0))
             values[name] = (row["unit"], max(abs(row["mean"]), mean), max(sd, largest))
     return common_exponents(values)
@@ -149,7 +129,7 @@ def determination(share: float, criteria: Criteria) -> str:
 
 
 def determination_of(row: Mapping[str, Any], criteria: Criteria) -> str:
-    """How far the quoted uncertainty says that a parameter is determined.
+    """How far the sd says that a parameter is determined.
 
     Parameters
     ----------
@@ -163,7 +143,7 @@ def determination_of(row: Mapping[str, Any], criteria: Criteria) -> str:
     str
         See `determination`.
     """
-    share = contraction(quoted_sd(row["sd"], row["robust_sd"]).sd, row["prior_sd"])
+    share = contraction(sd_in_print(row), row["prior_sd"])
     return determination(share, criteria)
 
 
@@ -192,10 +172,8 @@ def names_by_determination(rows: Mapping[str, Any], criteria: Criteria) -> dict[
     return names
 
 
-def interval_90(row: Mapping[str, Any]) -> tuple[float, float]:
-    """The 90 % interval that belongs to the quoted uncertainty.
-
-    It is the posterior's, widened about its median where the robust sd is the larger.
+def interval_90(row: Mapping[str, Any]) -> tuple[float, float] | None:
+    """The 90 % interval that belongs to the quoted sd: the draws', widened about their median.
 
     Parameters
     ----------
@@ -204,14 +182,16 @@ def interval_90(row: Mapping[str, Any]) -> tuple[float, float]:
 
     Returns
     -------
-    low, high : float
-        In the parameter's unit.
+    (low, high) or None
+        In the parameter's unit; None where no sd is quoted.
 
     Examples
     --------
-    >>> interval_90({"q05": -1.6, "q50": 0.0, "q95": 1.7, "sd": 1.0, "robust_sd": 2.0})
+    >>> interval_90({"q05": -1.6, "q50": 0.0, "q95": 1.7, "sd": 1.0, "quoted_sd": 2.0})
     (-3.2, 3.4)
     """
-    factor = quoted_sd(row["sd"], row["robust_sd"]).sd / row["sd"] if row["sd"] > 0 else 1.0
+    if row["quoted_sd"] is None:
+        return None
+    factor = row["quoted_sd"] / row["sd"] if row["sd"] > 0 else 1.0
     median = row["q50"]
     return median + factor * (row["q05"] - median), median + factor * (row["q95"] - median)

@@ -1,7 +1,7 @@
 """The answer of a run in one sentence with numbers: on the page, in the terminal, in summary.json.
 
 First whether the result may be used, then how well J and K are known, then whether the model
-explains the data. The numbers are the quoted uncertainties, the larger of sd and robust sd.
+explains the data. The numbers are the quoted sds; a result that quotes none gives no accuracy.
 """
 
 from __future__ import annotations
@@ -11,10 +11,11 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from bayes_inertia.report.criteria import criteria_of
+from bayes_inertia.report.diagnosis_wording import could_hide_text
 from bayes_inertia.report.fit_verdict import misfit_channels
 from bayes_inertia.report.formatting import CHANNEL_NAMES, either_or, listed, plain, typeset
 from bayes_inertia.report.parameter_wording import averaged_over
-from bayes_inertia.report.uncertainty import names_by_determination, quoted_sd
+from bayes_inertia.report.uncertainty import names_by_determination, sd_in_print
 
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _SMALLEST_PLAIN = 1e-3  # smaller numbers are written with a power of ten
@@ -38,7 +39,7 @@ def verdict_sentence(summary: Mapping[str, Any], diagnosis: Mapping[str, Any] | 
 
     Examples
     --------
-    >>> row = {"mean": 3.3, "sd": 4e-4, "robust_sd": None, "prior_sd": 0.1}
+    >>> row = {"mean": 3.3, "sd": 4e-4, "quoted_sd": 4e-4, "prior_sd": 0.1}
     >>> verdict_sentence({
     ...     "parameters": {"Jxx": row}, "gates": [], "fit": {"starts_agreeing": [3, 3]},
     ...     "effects": []})
@@ -48,15 +49,14 @@ def verdict_sentence(summary: Mapping[str, Any], diagnosis: Mapping[str, Any] | 
     failed = {name: gate for name, gate in gates.items() if not gate["passed"]}
     if "converged" in failed:
         return _on_unconverged(summary, "explained" in failed)
-    accuracy = _accuracy(summary)
-    if "diagnosed" in failed:
-        return _on_unknown(summary, accuracy)
-    others = [gate for name, gate in failed.items() if name != "explained"]
+    others = [gate for name, gate in failed.items() if name not in ("explained", "diagnosed")]
     if others:
         return f"{_REFUSED}: {_first_clause(others[0]['says'])}."
+    if "diagnosed" in failed:
+        return _on_unknown(summary)
     if "explained" in failed:
-        return _on_misfit(summary, accuracy)
-    return f"{accuracy}; {_on_trusted(summary, diagnosis)}."
+        return _on_misfit(summary)
+    return f"{_accuracy(summary)}; {_on_trusted(summary, diagnosis)}."
 
 
 def with_verdict_sentence(
@@ -91,30 +91,26 @@ def _on_unconverged(summary: Mapping[str, Any], misfit: bool) -> str:
     )
 
 
-def _on_unknown(summary: Mapping[str, Any], accuracy: str) -> str:
+def _on_unknown(summary: Mapping[str, Any]) -> str:
     missing = f"{_REFUSED}: something is missing that no candidate explains"
     # Effects of free shape take up what it did.
     if any(name.endswith("_remainder") for name in summary["effects"]):
-        return f"{missing}; with a disturbance of free shape allowed for, {accuracy}."
+        return f"{missing}; with a disturbance of free shape allowed for, {_accuracy(summary)}."
     if summary.get("averaged_over"):
-        return f"{missing}; averaged over a disturbance of free shape and none, {accuracy}."
-    return f"{missing}, and J and K may be off by more than their uncertainty ({accuracy})."
+        return (
+            f"{missing}; averaged over a disturbance of free shape and none, {_accuracy(summary)}."
+        )
+    return f"{missing}, and J and K may be off by more than any uncertainty here."
 
 
-def _on_misfit(summary: Mapping[str, Any], accuracy: str) -> str:
+def _on_misfit(summary: Mapping[str, Any]) -> str:
     fit = summary["fit"]
     too_large, too_small = misfit_channels(fit, criteria_of(summary))
-    if too_small and not too_large:
-        where = listed([_channel_text(fit, name) for name in too_small])
-        return f"{accuracy}; the residuals are smaller than the stated noise, {where}."
-    where = listed([_channel_text(fit, name) for name in too_large])
-    robust = any(row["robust_sd"] is not None for row in summary["parameters"].values())
-    known = (
-        f"what the slews themselves support is {accuracy}"
-        if robust
-        else f"the stated accuracy ({accuracy}) is a lower limit"
+    where = listed([_channel_text(fit, name) for name in too_large or too_small])
+    return (
+        f"{_REFUSED}: the model does not explain the data, {where}. "
+        "Run “bayes-inertia diagnose” to find what is missing."
     )
-    return f"{_REFUSED}: the model does not explain the data, {where}; {known}."
 
 
 def _channel_text(fit: Mapping[str, Any], channel: str) -> str:
@@ -140,7 +136,9 @@ def _on_model(summary: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) -
     verdict = diagnosis["verdict"] if diagnosis else summary.get("verdict")
     effects = [plain(name) for name in summary["effects"]]
     if verdict == "consistent":
-        return "nothing is missing: the model explains the data"
+        rows = diagnosis.get("could_hide") if diagnosis else None
+        hidden = f" ({could_hide_text(rows).rstrip('.')})" if rows else ""
+        return f"nothing is missing that these slews show: the model explains the data{hidden}"
     if verdict == "named" and effects:
         was, them = ("was", "it") if len(effects) == 1 else ("were", "them")
         return f"{listed(effects)} {was} missing, and with {them} the model explains the data"
@@ -193,7 +191,7 @@ def _is_scale_factor(name: str) -> bool:
 
 
 def _sd(row: Mapping[str, Any]) -> float:
-    return quoted_sd(row["sd"], row["robust_sd"]).sd
+    return sd_in_print(row)
 
 
 def _relative_sd(row: Mapping[str, Any]) -> float:

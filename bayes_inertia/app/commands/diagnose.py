@@ -7,7 +7,6 @@ from bayes_inertia.app.commands.options import (
     AsJson,
     AsStated,
     CampaignFolder,
-    CountUndetected,
     DriveName,
     FurtherCandidates,
     OutputFolder,
@@ -26,7 +25,6 @@ def diagnose_command(
     report: WithReport = True,
     anyway: Anyway = False,
     as_stated: AsStated = False,
-    count_undetected: CountUndetected = False,
     as_json: AsJson = False,
 ) -> None:
     """Find which physical effect is missing, and fit it along.
@@ -54,6 +52,5 @@ def diagnose_command(
         settings=settings,
         kind="diagnose",
         as_stated=as_stated,
-        count_undetected=count_undetected,
     )
     finish_and_show(out, report, as_json)

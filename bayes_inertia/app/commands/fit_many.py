@@ -99,16 +99,18 @@ def show_fits(result: WorkResult, folder: Path) -> None:
     trusted = sum(row["trusted"] for row in result.rows)
     console.print(
         f"{trusted} of {len(result.rows) + len(result.failures)} campaigns give a result that can "
-        "be used; J in kg m², sd: the larger of the model's and the slews'"
+        "be used; J in kg m², ±: the quoted sd"
     )
     files = "fits.parquet and fit_many.json" if result.rows else "fit_many.json"
     console.print(f"wrote {files} in {folder}")
 
 
 def _cell(row: dict[str, Any], name: str) -> str:
-    from bayes_inertia.report.formatting import exponent, number
+    from bayes_inertia.report.formatting import NOT_GIVEN, exponent, number
 
-    sd = row[f"{name}_robust_sd"] or row[f"{name}_sd"]
+    sd = row[f"{name}_quoted_sd"]
+    if sd is None:
+        return NOT_GIVEN
     power = exponent(row[name], sd)
     scale = f"e{power}" if power else ""
     return f"{number(row[name], sd, power)}\n± {number(sd, sd, power)}{scale}"

@@ -50,13 +50,6 @@ AsStated = Annotated[
         help="Take telemetry and noise as they are stated: leave no outlier out, measure no noise.",
     ),
 ]
-CountUndetected = Annotated[
-    bool,
-    typer.Option(
-        "--count-undetected",
-        help="Count in the uncertainty of J and K what may act although it was not found.",
-    ),
-]
 NoiseOfChannel = Annotated[
     list[str] | None,
     typer.Option(

@@ -125,9 +125,10 @@ def show_summary(summary: dict[str, Any], folder: Path, report: bool = True) -> 
     for sentence in dirt_sentences(summary.get("dirt", [])):
         console.print(f"  {sentence}")
     console.print(_parameter_table(console, summary))
-    console.print("sd: the larger of the model's and of what the scatter between slews supports")
-    if causes := averaged_over(summary):
-        console.print(f"J and K: averaged over what may be true ({causes})")
+    if all(p["quoted_sd"] is None for p in summary["parameters"].values()):
+        console.print("sd: none can be quoted, this result is not to be used")
+    elif causes := averaged_over(summary):
+        console.print(f"estimate and sd: averaged over what may be true ({causes})")
     chi2 = ", ".join(
         f"{key} {value:.3f}"
         for key, value in summary["fit"]["reduced_chi2"].items()
@@ -150,25 +151,25 @@ def _gate_line(gate: dict[str, Any]) -> Text:
 
 def _parameter_table(console: Console, summary: dict[str, Any]) -> Table:
     from bayes_inertia.report.criteria import criteria_of
-    from bayes_inertia.report.formatting import number, plain, unit_text
+    from bayes_inertia.report.formatting import NOT_GIVEN, number, plain, unit_text
     from bayes_inertia.report.uncertainty import (
         contraction,
         contraction_text,
         determination,
         exponents_of,
-        quoted_sd,
+        sd_in_print,
     )
 
     criteria, powers = criteria_of(summary), exponents_of(summary["parameters"])
     table = narrow_table(console, "name", *_COLUMNS)
     for name, p in summary["parameters"].items():
-        sd = quoted_sd(p["sd"], p["robust_sd"]).sd
+        sd, quoted = sd_in_print(p), p["quoted_sd"]
         power = powers[name]
         share = contraction(sd, p["prior_sd"])
         table.add_row(
             plain(name),
             number(p["mean"], sd, power),
-            number(sd, sd, power),
+            NOT_GIVEN if quoted is None else number(quoted, quoted, power),
             unit_text(p["unit"], power),
             f"{p['prior_sd'] / 10.0**power:.2g}",
             contraction_text(share, criteria),

@@ -29,7 +29,7 @@ class ExportedParameter:
     old, old_sd : float
         Prior mean and sd: what was known before flight.
     new, sd : float
-        Estimate, and the larger of the model's and the robust sd.
+        Estimate and quoted sd; the model's sd where none can be quoted, which `notes` says then.
     low, high : float
         Ends of the 90 % interval.
     determined : str

@@ -46,8 +46,8 @@ def csv_text(result: ExportedResult) -> str:
     """
     kind = "with" if result.includes_wheel_spin else "without"
     more = [
-        f"old: known before flight; sd: the larger of the model's and the slews'; J {kind} the "
-        "wheels' spin inertia, elements of the tensor"
+        f"old: known before flight; sd: the quoted one; J {kind} the wheels' spin inertia, "
+        "elements of the tensor"
     ]
     if result.correction is not None:
         more.append(f"correction slew: {result.correction.says}")

@@ -19,11 +19,11 @@ from bayes_inertia.report.formatting import (
     unit_text,
     with_minus_sign,
 )
-from bayes_inertia.report.pictures import posterior_data, style
+from bayes_inertia.report.pictures import style
 
 _CELL_PIXELS = 44
 _SHADES = 12  # of the densities; more cost bytes and show nothing
-_CELL_HALF_WIDTH_SD = 3.4  # cells show the mean +- this many of the larger sd
+_CELL_HALF_WIDTH_SD = 3.4  # cells show the mean +- this many sds
 _RADIUS_90 = float(np.sqrt(2.0 * np.log(10.0)))  # of the 90 % ellipse of a bivariate normal
 _CELL_GAP = 0.06
 _MOST_UPRIGHT_LABELS = 10  # more labels than this are turned
@@ -32,9 +32,6 @@ _MOST_UPRIGHT_LABELS = 10  # more labels than this are turned
 @style.styled
 def draw_pairs(posterior: Posterior, max_parameters: int = 16) -> Figure:
     """Lower triangle: density and 90 % ellipse of each pair; diagonal: density; upper: correlation.
-
-    The dashed orange ellipse is what the slews themselves support (robust covariance).
-    It is drawn where the model does not explain the data.
 
     Parameters
     ----------
@@ -51,13 +48,8 @@ def draw_pairs(posterior: Posterior, max_parameters: int = 16) -> Figure:
     index = _chosen(posterior.samples, max_parameters)
     draws = posterior.samples[:, index]
     names = [posterior.names[i] for i in index]
-    robust = None if posterior.trusted else posterior_data.robust_covariance(posterior)
-    robust = None if robust is None else robust[np.ix_(index, index)]
     covariance = np.atleast_2d(np.cov(draws.T))
-    sd = np.sqrt(np.diag(covariance))
-    half = _CELL_HALF_WIDTH_SD * (
-        sd if robust is None else np.maximum(sd, np.sqrt(np.diag(robust)))
-    )
+    half = _CELL_HALF_WIDTH_SD * np.sqrt(np.diag(covariance))
     z = (draws - draws.mean(0)) / half
     d = len(names)
     size = min(style.WIDTH, 2.6 + 0.72 * d)
@@ -67,32 +59,20 @@ def draw_pairs(posterior: Posterior, max_parameters: int = 16) -> Figure:
     _densities(axes, z)
     _diagonal(axes, z)
     _ellipses(axes, covariance / np.outer(half, half), color=style.BLUE, ls="-")
-    if robust is not None:
-        _ellipses(axes, robust / np.outer(half, half), color=style.ORANGE, ls=(0, (3, 2)))
     _correlations(axes, np.atleast_2d(np.corrcoef(draws.T)))
     _labels(axes, names, _row_labels(posterior, names, draws.mean(0), half))
     axes.set(xlim=(-0.02, d + 0.02), ylim=(d + 0.02, -0.02), xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
-    _legend(figure, robust is not None)
+    _legend(figure)
     figure.text(0.005, 0.985, "name [unit]\nmiddle ± half width of the cells", va="top", fontsize=7)
     return figure
 
 
-def _legend(figure: Figure, with_robust: bool) -> None:
+def _legend(figure: Figure) -> None:
     handles = [
         Patch(fc=style.BLUE, alpha=0.5, label="posterior draws"),
         Line2D([], [], color=style.BLUE, label="90 % (model)"),
     ]
-    if with_robust:
-        handles.append(
-            Line2D(
-                [],
-                [],
-                color=style.ORANGE,
-                ls=(0, (3, 2)),
-                label="90 % (robust: what the slews support)",
-            )
-        )
     figure.legend(handles=handles, loc="upper right", ncols=3)
 
 

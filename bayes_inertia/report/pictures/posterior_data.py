@@ -201,23 +201,6 @@ def n_ensembles(posterior: Posterior) -> int:
     return int(posterior.tree["posterior_predictive"].sizes["chain"])
 
 
-def robust_covariance(posterior: Posterior) -> np.ndarray | None:
-    """Covariance that the slews themselves support.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    (d, d) array or None
-        Of the fitted parameters, in their units; None from too few slews.
-    """
-    covariance = values_of(posterior, "estimate", "robust_covariance")
-    return covariance if np.isfinite(covariance).all() else None
-
-
 def worst_slews(posterior: Posterior, max_slews: int) -> list[int]:
     """The slews whose data fit worst.
 

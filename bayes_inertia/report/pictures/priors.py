@@ -11,6 +11,7 @@ from matplotlib.patches import Patch
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.pictures import style
 from bayes_inertia.report.pictures.posterior_data import values_of
+from bayes_inertia.report.uncertainty import sd_in_print
 
 # Below this ratio of quoted to prior sd the prior would look flat: it has a strip of its own.
 _ZOOMED_SD_RATIO = 0.12
@@ -19,7 +20,7 @@ _STRIP_HEIGHT = (0.80, 0.98)  # height of that strip in axes fractions
 
 @style.styled
 def draw_priors(posterior: Posterior) -> Figure:
-    """Posterior density with sd (blue) and robust sd (orange), and where it lies in the prior.
+    """Posterior density with its sd (blue) and a wider quoted sd (orange), and the prior.
 
     Where the data narrow the prior by more than a factor of eight, the panel zooms in on the
     posterior, and a strip above it shows its place (blue mark) inside the prior's +-3 sd range.
@@ -56,11 +57,9 @@ def draw_priors(posterior: Posterior) -> Figure:
         Line2D([], [], color=style.MUTED, ls=(0, (4, 2)), label="prior"),
         Line2D([], [], color=style.BLUE, lw=3, label="mean ± sd (model)"),
     ]
-    if any(row["robust_sd"] is not None for row in summary.values()):
+    if any(_is_widened(row) for row in summary.values()):
         handles.append(
-            Line2D(
-                [], [], color=style.ORANGE, lw=3, marker="|", ms=9, label="mean ± robust sd (slews)"
-            )
+            Line2D([], [], color=style.ORANGE, lw=3, marker="|", ms=9, label="mean ± quoted sd")
         )
     figure.legend(handles=handles, loc="upper left", ncols=4, bbox_to_anchor=(0.01, 1.0))
     return figure
@@ -70,7 +69,7 @@ def _panel(
     axes: Axes, name: str, row: dict, draws: np.ndarray, prior: np.ndarray, prior_mean: float
 ) -> None:
     mean, prior_sd = row["mean"], row["prior_sd"]
-    quoted = max(row["sd"], row["robust_sd"] or 0.0)
+    quoted = sd_in_print(row)
     zoomed = quoted < _ZOOMED_SD_RATIO * prior_sd
     low, high = mean - 4.5 * quoted, mean + 4.5 * quoted
     if not zoomed:
@@ -84,8 +83,8 @@ def _panel(
         x, p = style.density(prior, low, high)
         axes.plot(scale(x), p / top, color=style.MUTED, ls=(0, (4, 2)))
     _bar(axes, scale, mean, row["sd"], style.BLUE, -0.09)
-    if row["robust_sd"] is not None:
-        _bar(axes, scale, mean, row["robust_sd"], style.ORANGE, -0.2, marker="|")
+    if _is_widened(row):
+        _bar(axes, scale, mean, quoted, style.ORANGE, -0.2, marker="|")
     axes.set(xlim=(scale(low), scale(high)), ylim=(-0.3, 1.75), yticks=[], xlabel=scale.label)
     axes.spines["left"].set_visible(False)
     axes.locator_params(axis="x", nbins=5)
@@ -101,6 +100,11 @@ def _panel(
         fontsize=7.5,
         color=style.MUTED,
     )
+
+
+def _is_widened(row: dict) -> bool:
+    """Whether the sd to quote is not the model's."""
+    return sd_in_print(row) > row["sd"]
 
 
 def _bar(

@@ -10,7 +10,6 @@ from matplotlib.lines import Line2D
 
 from bayes_inertia.report.pictures import style
 from bayes_inertia.report.run_comparison import NOTICEABLE_SD, ParameterDifference
-from bayes_inertia.report.uncertainty import quoted_sd
 
 
 @style.styled
@@ -36,8 +35,7 @@ def draw_run_differences(parameters: Sequence[ParameterDifference]) -> Figure | 
     rows = np.arange(len(parameters))
     combined = np.array([p.combined_sd or 1.0 for p in parameters])
     sides = [
-        [quoted_sd(r["sd"], r["robust_sd"]).sd for r in (p.first or {}, p.second or {})]
-        for p in parameters
+        [row["quoted_sd"] for row in (p.first, p.second) if row is not None] for p in parameters
     ]
     first, second = (np.array(column) / combined for column in zip(*sides, strict=True))
     shift = np.array([p.in_sd or 0.0 for p in parameters])
