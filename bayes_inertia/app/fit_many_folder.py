@@ -28,7 +28,7 @@ from bayes_inertia.studies.work import Row, TaskFailure, Work, WorkResult
 
 FORMAT = "bayes-inertia-fit-many/1"
 # What a row says of each parameter, beside its mean.
-_STATISTICS = ("sd", "quoted_sd", "q05", "q50", "q95")
+_STATISTICS = ("sd", "quoted_sd", "robust_sd", "q05", "q50", "q95")
 _DIAGNOSTICS = ("nested_rhat_max", "ess_bulk_min", "ess_tail_min")
 # Between a campaign's name and the digest of its files, in a task's id.
 _AT = "@"
@@ -252,7 +252,7 @@ def _row_of(summary: dict[str, Any]) -> dict[str, Any]:
         row |= {f"{name}_{key}": parameter[key] for key in _STATISTICS}
     for name, moment in summary["derived"].items():
         row |= {name: moment["mean"], f"{name}_sd": moment["sd"]}
-        row[f"{name}_quoted_sd"] = moment["quoted_sd"]
+        row |= {f"{name}_{key}": moment[key] for key in ("quoted_sd", "robust_sd")}
     chi2 = summary["fit"]["reduced_chi2"]
     row |= {f"reduced_chi2_{channel}": value for channel, value in chi2.items()}
     row["n_data"] = summary["fit"]["n_data"]

@@ -36,7 +36,15 @@ def fitted(monkeypatch) -> list[int]:
 
     def fit(campaign, *, settings, **_):
         seeds.append(settings.seed)
-        number = {"mean": 1.0, "sd": 0.01, "robust_sd": None, "q05": 0.9, "q50": 1.0, "q95": 1.1}
+        number = {
+            "mean": 1.0,
+            "sd": 0.01,
+            "quoted_sd": 0.011,
+            "robust_sd": None,
+            "q05": 0.9,
+            "q50": 1.0,
+            "q95": 1.1,
+        }
         summary = {
             "trusted": campaign.name != "bad",
             "gates": [{"name": "prior", "passed": campaign.name != "bad", "says": "far away"}],
@@ -66,7 +74,7 @@ def test_a_row_a_campaign_and_a_table(fleet, fitted, tmp_path, capsys):
     assert [row["campaign"] for row in table] == ["alpha", "beta", "older/2024"]
     assert [row["seed"] for row in table] == fitted
     assert len(set(fitted)) == 3
-    assert table[0]["K1_sd"] == 0.01
+    assert (table[0]["K1_sd"], table[0]["K1_quoted_sd"]) == (0.01, 0.011)
     content = json.loads((out / "fit_many.json").read_text())
     assert content["failures"] == []
     assert content["campaigns"][1]["reduced_chi2_total"] == 1.01

@@ -70,14 +70,14 @@ def test_a_campaign(printed):
 
 
 def test_a_promise(printed):
-    row = {"unit": "kg m^2", "prior_sd": 0.12345, "sd": 1.2345e-4, "robust_sd": 2.345e-4}
+    row = {"unit": "kg m^2", "prior_sd": 0.12345, "sd": 1.2345e-4, "quoted_sd": 2.345e-4}
     rows = {name: row | ({} if name[0] == "J" else {"unit": ""}) for name in BASE_NAMES}
     summary = {"parameters": rows, "effects": []}
     promised = dict.fromkeys(BASE_NAMES, 6.789e-5)
     show_promise(plan_promise("a plan with a long name", "plan.toml", "design", promised, summary))
     text = printed()
     assert "10⁻³ kg m²" in text
-    assert "Jxy 1.8 times" in " ".join(text.split())
+    assert "Jxy 3.5 times" in " ".join(text.split())
 
 
 def test_a_design(printed):
@@ -126,7 +126,7 @@ def test_fits_of_a_fleet(printed):
         *((f"J{a}{a}", 3.31234) for a in "xyz"),
         *((f"K{i}", 1.0) for i in (1, 2, 3)),
     ):
-        row |= {name: mean, f"{name}_sd": 1.2e-4, f"{name}_robust_sd": None}
+        row |= {name: mean, f"{name}_sd": 1.2e-4, f"{name}_quoted_sd": 1.2e-4}
     show_fits(WorkResult((row,), ()), FOLDER)
     out = printed()
     assert "3.31234" in out

@@ -145,7 +145,7 @@ def test_observability_of_hostile_names(printed):
 
 
 def test_a_fit_with_hostile_names(printed):
-    parameter = {"mean": 1.0, "sd": 0.1, "robust_sd": None, "prior_sd": 1.0, "unit": "kg m^2"}
+    parameter = {"mean": 1.0, "sd": 0.1, "quoted_sd": 0.1, "prior_sd": 1.0, "unit": "kg m^2"}
     summary = {
         "trusted": False,
         "gates": [{"passed": False, "name": "gate [a]", "says": "chi^2 [/b]"}],

@@ -19,7 +19,8 @@ def test_noise_is_worded_as_noise():
     louder = Dirt("noise_level", "rate", "", (), "modelled", "3 times what is stated").json()
     content = {"verdict": "consistent", "named": [], "ambiguous_with": [], "dirt": [louder]}
     assert headline(content) == (
-        "Nothing is missing: without the dirt in the telemetry the model explains the data."
+        "Nothing is missing that these slews show: "
+        "without the dirt in the telemetry the model explains the data."
     )
 
 

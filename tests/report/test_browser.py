@@ -37,7 +37,7 @@ def pages_of(hostile, tmp_path_factory):
     settings = {"campaign": summary["campaign"], "seed": "1"}
     moved = summary | {"parameters": dict(summary["parameters"])}
     row = moved["parameters"]["Jxx"]
-    moved["parameters"]["Jxx"] = row | {"mean": row["mean"] + 10.0 * row["robust_sd"]}
+    moved["parameters"]["Jxx"] = row | {"mean": row["mean"] + 10.0 * row["quoted_sd"]}
     runs = [
         ComparedRun(name, name, content, settings | {"seed": name})
         for name, content in ((summary["campaign"], summary), ("after", moved))

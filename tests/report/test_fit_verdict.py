@@ -13,6 +13,10 @@ SMALL = {"rate": 0.5, "attitude": 1.0, "momentum": 1.0, "total": 0.8}
 ONLY_TOTAL = {"rate": 1.04, "attitude": 1.04, "momentum": 1.04, "total": 1.08}
 
 
+AGREE = {"ratio": 0.81, "dof": 48.0, "p_value": 0.8, "factor": 1.0}
+DISAGREE = {"ratio": 4.0, "dof": 48.0, "p_value": 1e-9, "factor": 2.0}
+
+
 @pytest.fixture
 def summary_of(attributes):
     """A function that makes a summary of two parameters, changed."""
@@ -20,7 +24,7 @@ def summary_of(attributes):
 
 
 def _changed(summary: dict, **changes) -> dict:
-    row = {"mean": 1.0, "sd": 1e-3, "robust_sd": 1.1e-3, "prior_sd": 0.1}
+    row = {"mean": 1.0, "sd": 1e-3, "quoted_sd": 1.1e-3, "prior_sd": 0.1}
     summary["parameters"] = {"Jxx": row, "K1": row}
     passed = {gate["name"]: gate["passed"] for gate in summary["gates"]} | changes.pop("passed", {})
     summary["gates"] = [
@@ -28,13 +32,13 @@ def _changed(summary: dict, **changes) -> dict:
     ]
     of_K1 = {
         key: changes[key]
-        for key in ("sd", "robust_sd", "decisive_slew", "sd_without_it")
+        for key in ("sd", "quoted_sd", "decisive_slew", "sd_without_it", "sd_with_it_again")
         if key in changes
     }
     summary["parameters"] = summary["parameters"] | {"K1": row | of_K1}
     summary["fit"] = summary["fit"] | {
         key: changes[key]
-        for key in ("reduced_chi2", "p_white", "starts_agreeing")
+        for key in ("reduced_chi2", "p_white", "starts_agreeing", "dispersion")
         if key in changes
     }
     summary["diagnostics"] = summary["diagnostics"] | changes.get("diagnostics", {})
@@ -44,19 +48,20 @@ def _changed(summary: dict, **changes) -> dict:
 @pytest.mark.parametrize(
     ("changes", "level", "says"),
     [
-        ({}, "good", "agree"),
-        ({"robust_sd": 5e-3}, "good", "scatter more than the model's sd for K1"),
+        ({"dispersion": AGREE}, "good", "The slews agree: they scatter 0.90 times"),
         (
-            {"robust_sd": 5e-3, "decisive_slew": "slew 4", "sd_without_it": 9e-3},
+            {"dispersion": DISAGREE},
             "good",
-            "K1 rests on one slew (slew 4): the others cannot check it",
+            "The slews disagree: they scatter 2.00 times as much as noise makes them",
         ),
         (
-            {"robust_sd": 5e-3, "decisive_slew": "slew 4", "sd_without_it": 2e-3},
+            {"decisive_slew": "slew 4", "sd_without_it": 9e-3, "sd_with_it_again": 7e-4},
             "good",
-            "scatter more than the model's sd for K1",
+            "K1 rests on slew 4 alone: no other slew checks it, and an error of that slew would "
+            "not show. Fly slew 4 once more: then two slews check each other, and the sd shrinks "
+            "by 30 %.",
         ),
-        ({"sd": 0.09}, "caution", "Not determined by this campaign: K1"),
+        ({"sd": 0.09, "quoted_sd": 0.09}, "caution", "Not determined by this campaign: K1"),
         ({"starts_agreeing": [1, 3]}, "caution", "Only 1 of 3 starts"),
         (
             {"passed": {"converged": False}, "diagnostics": {"nested_rhat_max": 1.3}},
@@ -105,13 +110,10 @@ def test_verdicts(summary_of, changes, level, says):
     assert says in " ".join(verdict.sentences)
 
 
-def test_without_a_robust_sd_a_misfit_leaves_no_uncertainty_to_use(summary_of):
-    summary = summary_of(passed={"explained": False}, reduced_chi2=LARGE)
-    for row in summary["parameters"].values():
-        row["robust_sd"] = None
-    said = " ".join(fit_verdict(summary, n_slews=1).sentences)
-    assert "no uncertainty below can be defended" in said
-    assert "Use the robust sd" not in said
+def test_a_misfit_leaves_no_sd_to_quote(summary_of):
+    verdict = fit_verdict(summary_of(passed={"explained": False}, reduced_chi2=LARGE), n_slews=5)
+    assert verdict.title.startswith("Do not use these numbers")
+    assert "No sd is quoted" in " ".join(verdict.sentences)
 
 
 def test_the_limits_that_were_used_are_named(summary_of):

@@ -7,7 +7,7 @@ import re
 import pytest
 
 from bayes_inertia.report.fit_sections import standard_sections
-from bayes_inertia.report.formatting import number
+from bayes_inertia.report.formatting import NOT_GIVEN, number
 from bayes_inertia.report.page import render, write_report
 from bayes_inertia.report.section import Section
 from bayes_inertia.report.uncertainty import exponents_of
@@ -76,21 +76,20 @@ def test_rendering_again_gives_the_same_bytes(made, pages, tmp_path):
             [
                 "Yes, these numbers can be trusted",
                 "Jxx and K1 are hard to tell apart (correlation −0.9",
-                "robust sd from 3 slews",
             ],
             ["weight", "diagnose”"],
         ),
         (
             "one_slew",
-            ["does not determine every parameter", "One slew is too few for a robust sd"],
-            ["Use the robust sd", "robust sd from"],
+            ["does not determine every parameter", "One slew is checked by no other"],
+            ["No sd is quoted"],
         ),
         (
             "thrown",
             [
                 "Do not use these numbers yet",
                 "an effect is missing",
-                "Use the robust sd",
+                "No sd is quoted",
                 "1/9",
                 "no star-tracker fixes",
                 "9 of 15 slews",
@@ -111,14 +110,18 @@ def test_pages_say_what_is_so(pages, kind, says, says_not):
     assert [s for s in says_not if s in text] == []
 
 
-def test_the_quoted_uncertainty_is_framed(made, pages):
-    cells = re.findall(r'<td[^>]* class="n quoted">([^<]*)</td>', pages["good"])
+def test_the_quoted_sd_stands_in_its_column_and_a_refused_result_has_none(made, pages):
     rows = made("good").summary()["parameters"]
     powers = exponents_of(rows)
     expected = [
-        number(row["robust_sd"], row["robust_sd"], powers[name]) for name, row in rows.items()
+        number(row["quoted_sd"], row["quoted_sd"], powers[name]) for name, row in rows.items()
     ]
-    assert cells[:9] == expected
+    cells = re.findall(r'<td[^>]* class="n strong">([^<]*)</td>', pages["good"])
+    assert cells[1:18:2] == expected
+    assert all(row["quoted_sd"] is None for row in made("thrown").summary()["parameters"].values())
+    refused = re.findall(r'<td[^>]* class="n strong">([^<]*)</td>', pages["thrown"])
+    assert set(refused[1:18:2]) == {NOT_GIVEN}
+    assert 'class="tag determined"' not in pages["thrown"]
 
 
 def test_own_sections_can_be_added(posteriors):

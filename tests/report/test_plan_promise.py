@@ -42,7 +42,7 @@ def finished(made, tmp_path):
 
 def stated_sds(folder) -> dict[str, float]:
     rows = Posterior.load(folder / "run" / "posterior.nc").summary()["parameters"]
-    return {name: rows[name]["sd"] for name in BASE_NAMES}
+    return {name: rows[name]["quoted_sd"] for name in BASE_NAMES}
 
 
 def write_design(folder, promised, plan=PLAN):
@@ -128,8 +128,11 @@ def test_flights_without_a_star_tracker_show_their_slews_by_their_rates():
 
 
 def test_the_sentence_of_a_promise_that_is_kept():
-    row = {"unit": "kg m^2", "prior_sd": 0.1, "sd": 0.011, "robust_sd": 0.02}
-    summary = {"parameters": {"Jxx": row, "Jyy": row | {"sd": 0.012}}, "effects": ["rate_bias"]}
+    row = {"unit": "kg m^2", "prior_sd": 0.1, "sd": 0.01, "quoted_sd": 0.011}
+    summary = {
+        "parameters": {"Jxx": row, "Jyy": row | {"quoted_sd": 0.012}},
+        "effects": ["rate_bias"],
+    }
     promise = plan_promise("p", "p.toml", "design", {"Jxx": 0.01, "Jyy": 0.01}, summary)
     assert promise.sentence.endswith("are 1.10 to 1.20 times those promised.")
     assert promise.json()["effects_fitted_along"] == ["rate_bias"]

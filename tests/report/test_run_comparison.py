@@ -11,18 +11,21 @@ from support.commands import run
 from bayes_inertia.report.run_comparison import ComparedRun, compare_runs
 
 
-def row(mean: float, sd: float, robust_sd: float | None = None) -> dict:
-    return {"mean": mean, "sd": sd, "robust_sd": robust_sd, "unit": "kg m^2"}
+def row(mean: float, sd: float, quoted_sd: float | None = None) -> dict:
+    return {"mean": mean, "sd": sd, "quoted_sd": quoted_sd or sd, "unit": "kg m^2"}
 
 
-def compared(name: str, digest: str, **parameters) -> ComparedRun:
+def compared(name: str, digest: str, *, trusted: bool = True, **parameters) -> ComparedRun:
+    if not trusted:
+        parameters = {name: row | {"quoted_sd": None} for name, row in parameters.items()}
     summary = {"parameters": parameters, "derived": {}, "campaign_sha256": digest}
+    summary["trusted"] = trusted
     return ComparedRun(name, name, summary, {"seed": name, "drive": "commanded"})
 
 
 def test_differences_are_counted_in_the_combined_quoted_sd():
     first = compared("a", "1", Jxx=row(3.0, 0.01, 0.03), Jyy=row(2.0, 0.1))
-    second = compared("b", "2", Jxx=row(3.1, 0.04, 0.02), K1=row(1.0, 0.1))
+    second = compared("b", "2", Jxx=row(3.1, 0.02, 0.04), K1=row(1.0, 0.1))
     comparison = compare_runs(first, second)
     by_name = {p.name: p for p in comparison.parameters}
     assert list(by_name) == ["Jxx", "Jyy", "K1"]
@@ -44,6 +47,23 @@ def test_noticeable_differences_come_first():
     )
 
 
+@pytest.mark.parametrize(
+    ("trusted", "says"),
+    [
+        ((False, True), "A is not to be used"),
+        ((True, False), "B is not to be used"),
+        ((False, False), "A and B are not to be used"),
+    ],
+)
+def test_nothing_agrees_with_a_refused_run(trusted, says):
+    runs = [
+        compared(n, n, trusted=t, Jxx=row(3.0, 0.01)) for n, t in zip("ab", trusted, strict=True)
+    ]
+    comparison = compare_runs(*runs)
+    assert comparison.sentence.startswith(f"{says}: whether J and K of the runs agree cannot be")
+    assert [p.in_sd for p in comparison.parameters] == [None]
+
+
 @pytest.fixture
 def folders(made, tmp_path):
     """Two finished runs, as `Posterior.save` leaves them."""
@@ -59,7 +79,7 @@ def test_two_runs_make_a_page(folders, capsys):
     content = json.loads(capsys.readouterr().out)
     assert content["format"] == "bayes-inertia-run-comparison/1"
     assert [r["run"] for r in content["runs"]] == [str(before), str(after)]
-    assert content["parameters"]["Jxx"]["first"]["robust_sd"] is None
+    assert content["parameters"]["Jxx"]["first"]["quoted_sd"] is not None
     page = (after / "comparison.html").read_bytes()
     other = folders / "page.html"
     assert run("report", before, after, "-o", other) == 0

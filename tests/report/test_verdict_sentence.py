@@ -12,10 +12,10 @@ NUMBERS = (
     "J to 0.080 %, products of inertia to 1.3 × 10⁻⁴ kg m², K to 0.012 % (1 sd, the worst of each)"
 )
 ROWS = {
-    "Jxx": {"mean": 2.5, "sd": 1e-3, "robust_sd": 2e-3, "prior_sd": 0.1, "unit": "kg m^2"},
-    "Jyy": {"mean": 2.5, "sd": 1e-3, "robust_sd": 1e-3, "prior_sd": 0.1, "unit": "kg m^2"},
-    "Jxy": {"mean": 0.0, "sd": 1.3e-4, "robust_sd": None, "prior_sd": 0.03, "unit": "kg m^2"},
-    "K1": {"mean": 1.0, "sd": 1.2e-4, "robust_sd": 1e-4, "prior_sd": 0.03, "unit": ""},
+    "Jxx": {"mean": 2.5, "sd": 1e-3, "quoted_sd": 2e-3, "prior_sd": 0.1, "unit": "kg m^2"},
+    "Jyy": {"mean": 2.5, "sd": 1e-3, "quoted_sd": 1e-3, "prior_sd": 0.1, "unit": "kg m^2"},
+    "Jxy": {"mean": 0.0, "sd": 1.3e-4, "quoted_sd": 1.3e-4, "prior_sd": 0.03, "unit": "kg m^2"},
+    "K1": {"mean": 1.0, "sd": 1.1e-4, "quoted_sd": 1.2e-4, "prior_sd": 0.03, "unit": ""},
 }
 FIT = {
     "reduced_chi2": {"rate": 9.0, "attitude": 1.0, "momentum": None, "total": 5.0},
@@ -38,7 +38,9 @@ def summary(*, failed: str = "", says: str = "it says", **changes) -> dict:
 
 def undetermined(name: str) -> dict:
     row = ROWS[name]
-    return {"parameters": ROWS | {name: row | {"sd": row["prior_sd"], "robust_sd": None}}}
+    return {
+        "parameters": ROWS | {name: row | {"sd": row["prior_sd"], "quoted_sd": row["prior_sd"]}}
+    }
 
 
 @pytest.mark.parametrize(
@@ -55,7 +57,7 @@ def undetermined(name: str) -> dict:
         ),
         (
             {"verdict": "consistent"},
-            f"{NUMBERS}; nothing is missing: the model explains the data.",
+            f"{NUMBERS}; nothing is missing that these slews show: the model explains the data.",
         ),
         (
             {"verdict": "named", "effects": ["wheel_command_lag"]},
@@ -69,7 +71,7 @@ def undetermined(name: str) -> dict:
         (
             {"failed": "explained"},
             "Do not use this result as it stands: the model does not explain the data, rate sensor "
-            f"(reduced χ² 9); what the slews themselves support is {NUMBERS}.",
+            "(reduced χ² 9). Run “bayes-inertia diagnose” to find what is missing.",
         ),
         (
             {"failed": "prior", "says": "it contradicts: K1 = 0.0174. Check `units`."},
@@ -78,7 +80,7 @@ def undetermined(name: str) -> dict:
         (
             {"failed": "diagnosed"},
             "Do not use this result as it stands: something is missing that no candidate explains, "
-            f"and J and K may be off by more than their uncertainty ({NUMBERS}).",
+            "and J and K may be off by more than any uncertainty here.",
         ),
         (
             {"failed": "diagnosed", "effects": ["torque_remainder"]},
@@ -94,6 +96,14 @@ def undetermined(name: str) -> dict:
 )
 def test_sentences(changes, sentence):
     assert verdict_sentence(summary(**changes)) == sentence
+
+
+def test_nothing_missing_is_said_with_what_could_hide():
+    hidden = [{"parameter": "K2", "shift": 1e-3, "sd": 1e-4, "effect": "star_tracker_shift"}]
+    diagnosis = {"verdict": "consistent", "could_hide": hidden}
+    said = verdict_sentence(summary(verdict="consistent"), diagnosis)
+    assert "star tracker shift, could still have moved K2 by up to 10.0 of the model's sd" in said
+    assert "the quoted sd counts it by its probability" in said
 
 
 def test_an_ambiguous_set_is_said_with_its_names():
