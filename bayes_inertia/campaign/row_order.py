@@ -32,6 +32,77 @@ _COARSE = 0.01
 _LEFT_OUT = "with a wrong stamp left out"
 
 
+def set_back_row(stamps: np.ndarray, contents: np.ndarray) -> int | None:
+    """The row at which a clock was set back and ran on from there.
+
+    Rows that only came late fill a hole among the others, or were sent again with the same content.
+    A few rows (three) out of order are no clock that was set back.
+
+    Parameters
+    ----------
+    stamps : (n,) array
+        Times in the order of the rows.
+    contents : (n, width) array
+        What the rows hold; NaN for nothing.
+
+    Returns
+    -------
+    int or None
+        The row, counted from 0; None where no clock was set back.
+
+    Examples
+    --------
+    >>> late, again = np.array([0.0, 1, 4, 5, 2, 3, 6]), np.r_[0:30, 0.1:30.1]
+    >>> set_back_row(late, np.zeros((7, 1))), set_back_row(again, np.zeros((60, 1)))
+    (None, 30)
+    """
+    if not np.any(np.diff(stamps) < 0.0):
+        return None
+    late = _late_rows(stamps)
+    steps = np.diff(np.unique(stamps))
+    step = float(np.median(steps)) if len(steps) else 0.0
+    strange = late[~_explained(stamps, late, contents, step)]
+    for run in np.split(strange, np.flatnonzero(np.diff(strange) > 1) + 1):
+        if len(run) <= _FARTHEST:
+            continue
+        # The clock went back at the run's start, or where the rows after it go on.
+        first, last = max(int(run[0]), 1), min(int(run[-1]) + 2, len(stamps))
+        row = first + int(np.argmin(np.diff(stamps[first - 1 : last])))
+        if stamps[row - 1] - stamps[row] > _FARTHEST * step:
+            return row
+    return None
+
+
+def _explained(
+    stamps: np.ndarray, late: np.ndarray, contents: np.ndarray, step: float
+) -> np.ndarray:
+    """Which late rows (m,) fill a hole among the others, or repeat one of them, cell by cell."""
+    others = np.delete(np.arange(len(stamps)), late)
+    kept = stamps[others]  # Never goes back.
+    at = np.searchsorted(kept, stamps[late])
+    same = others[np.minimum(at, len(kept) - 1)]
+    again = (stamps[same] == stamps[late]) & np.all(
+        (contents[same] == contents[late]) | np.isnan(contents[same]) | np.isnan(contents[late]),
+        axis=1,
+    )
+    bounds = np.concatenate([[-np.inf], kept, [np.inf]])
+    new = np.flatnonzero(~again)
+    new = new[np.lexsort((stamps[late[new]], at[new]))]
+    # Each hole's late rows in order: the first and the last are a step away from its edges.
+    hole, starts, counts = np.unique(at[new], return_index=True, return_counts=True)
+    times = stamps[late[new]]
+    fits = np.ones(len(hole), dtype=bool)
+    for edge in (
+        times[starts] - bounds[hole],
+        bounds[hole + 1] - times[starts + counts - 1],
+    ):
+        # At an end of the log one side is open.
+        fits &= np.isinf(edge) | ((edge >= _NEAREST * step) & (edge <= _FARTHEST * step))
+    fills = np.zeros(len(late), dtype=bool)
+    fills[new] = np.repeat(fits, counts)
+    return again | fills
+
+
 def ordered_rows(table: Table, time: str, names: Sequence[str]) -> tuple[Table, list[Dirt]]:
     """The rows of a table in the order of their strictly increasing times.
 
@@ -80,6 +151,9 @@ def ordered_rows(table: Table, time: str, names: Sequence[str]) -> tuple[Table, 
 
 def _in_order(table: Table, time: str, names: Sequence[str]) -> tuple[Table, list[Dirt]]:
     """Rows whose times go back somewhere, in order; and what was done."""
+    row = set_back_row(table.columns[time], table.stack(names))
+    if row is not None:
+        _refuse_jump(table, time, row)
     table, kept, wrong = _without_wrong_stamps(table, time)
     stamps = table.columns[time]
     late = kept[_late_rows(stamps[kept])]

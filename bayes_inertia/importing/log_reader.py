@@ -16,13 +16,8 @@ from bayes_inertia.importing.attitude_forms import (
     from_tracker_axes,
     to_quaternions,
 )
-from bayes_inertia.importing.common_clock import (
-    SHARED_ZERO,
-    ZERO_OF_FILE,
-    FileShare,
-    Logs,
-    on_one_clock,
-)
+from bayes_inertia.importing.common_clock import Logs, on_one_clock
+from bayes_inertia.importing.file_share import SHARED_ZERO, ZERO_OF_FILE, FileShare
 from bayes_inertia.importing.leap_seconds import SECOND, tai_to_utc
 from bayes_inertia.importing.mapping_schema import (
     AttitudeStream,
@@ -164,8 +159,6 @@ def _read_part(part: MappedStream, table: RawTable, mapping: MappingPart, where:
         invalid = ~_valid_rows(part.valid, table, where)
         values = np.where(invalid[:, None], np.nan, values)
         notes.append(f"{table.label}: {int(invalid.sum())} rows are flagged as not valid")
-    if stamps.missing.any():
-        notes.append(f"{table.label}: {int(stamps.missing.sum())} rows without a time")
     if values.size == 0 or not np.isfinite(values[~stamps.missing]).any():
         raise CampaignError(
             "there is no reading at all",
@@ -174,7 +167,7 @@ def _read_part(part: MappedStream, table: RawTable, mapping: MappingPart, where:
         )
     if isinstance(part, WheelStream):
         values = _of_all_wheels(values, part, mapping)
-    return FileShare(part, table.label, stamps, values, tuple(notes))
+    return FileShare(part, table.label, stamps, values, tuple(notes), table.lines)
 
 
 def _stamps(table: RawTable, time: TimeStampPart, where: str) -> TimeStamps:
@@ -221,7 +214,8 @@ def _with_epoch(stamps: TimeStamps, time: TimeStampPart, where: str) -> TimeStam
         raise CampaignError("missing key", where=f"{where}.epoch", advice=f"add it: {question}")
     if time.epoch in (SHARED_ZERO, ZERO_OF_FILE):
         return stamps
-    return replace(stamps, ns=stamps.ns + utc_ns(time.epoch, f"{where}.epoch"), absolute=True)
+    zero = utc_ns(time.epoch, f"{where}.epoch")
+    return replace(stamps, ns=stamps.ns + zero, absolute=True, zero_ns=zero)
 
 
 def _stamped(

@@ -12,7 +12,7 @@ import numpy as np
 
 from bayes_inertia.importing.clock_guess import guessed_clock, stamp_units
 from bayes_inertia.importing.column_families import ColumnFamily, time_names
-from bayes_inertia.importing.common_clock import SHARED_ZERO
+from bayes_inertia.importing.file_share import SHARED_ZERO
 from bayes_inertia.importing.known_notation import notation_of
 from bayes_inertia.importing.mapping_text import mapping_comment, mapping_entry, mapping_value
 from bayes_inertia.importing.questions import UNKNOWN, question_at

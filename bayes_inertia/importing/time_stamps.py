@@ -110,6 +110,8 @@ class TimeStamps:
         Whether other absolute clocks share the scale.
     resolution_s : float
         The step in which the file can write a stamp [s].
+    zero_ns : int, optional
+        The stamp of the clock's own zero.
 
     Examples
     --------
@@ -122,6 +124,7 @@ class TimeStamps:
     missing: np.ndarray
     absolute: bool
     resolution_s: float
+    zero_ns: int = 0
 
     @property
     def first_ns(self) -> int:
