@@ -22,6 +22,9 @@ from bayes_inertia.errors import CampaignError
 _GLITCHES = 0.02
 # A late row fits where its neighbours are this many steps away.
 _NEAREST, _FARTHEST = 0.75, 3.0
+# So many rows before and after a clock was set back are in order, but for one; of shuffled rows
+# half go back, and that happens by chance once in 10,000 times.
+_RUNS_ON = 10
 # Neighbours of a wrong stamp are two steps apart, within this share of a step.
 _REGULAR = 0.1
 # A stamp is far off if it is away from the others by this many times their whole duration, and by
@@ -59,16 +62,19 @@ def set_back_row(stamps: np.ndarray, contents: np.ndarray) -> int | None:
     if not np.any(np.diff(stamps) < 0.0):
         return None
     late = _late_rows(stamps)
-    steps = np.diff(np.unique(stamps))
+    # Of the rows in order: two sessions together have steps that none of them has.
+    steps = np.diff(np.unique(np.delete(stamps, late)))
     step = float(np.median(steps)) if len(steps) else 0.0
-    strange = late[~_explained(stamps, late, contents, step)]
-    for run in np.split(strange, np.flatnonzero(np.diff(strange) > 1) + 1):
-        if len(run) <= _FARTHEST:
+    strange = ~_explained(stamps, late, contents, step)
+    for run in np.split(np.arange(len(late)), np.flatnonzero(np.diff(late) > 1) + 1):
+        if strange[run].sum() <= _FARTHEST:
             continue
         # The clock went back at the run's start, or where the rows after it go on.
-        first, last = max(int(run[0]), 1), min(int(run[-1]) + 2, len(stamps))
+        first, last = max(int(late[run[0]]), 1), min(int(late[run[-1]]) + 2, len(stamps))
         row = first + int(np.argmin(np.diff(stamps[first - 1 : last])))
-        if stamps[row - 1] - stamps[row] > _FARTHEST * step:
+        beside = (stamps[max(row - _RUNS_ON, 0) : row], stamps[row : row + _RUNS_ON])
+        astray = sum(int((np.diff(rows) < 0.0).sum()) for rows in beside)
+        if astray <= 1 and stamps[row - 1] - stamps[row] > _FARTHEST * step:
             return row
     return None
 

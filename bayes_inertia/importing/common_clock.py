@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
+from bayes_inertia.campaign.row_order import set_back_row
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.counter_wraps import counted_on
 from bayes_inertia.importing.file_share import ZERO_OF_FILE, FileShare
@@ -78,9 +80,30 @@ def on_one_clock(
             for share in shares
             if share.stream.holds == holds
         ]
+        if holds == "rate":
+            _refuse_second_session(logged)
         stream = in_order(joined(logged))
         streams[holds] = held(stream) if holds == "wheel_torque" else stream
     return Logs(relative_to_body(streams, mapping), epoch_ns, absolute[0], tuple(unused))
+
+
+def _refuse_second_session(files: Sequence[LoggedStream]) -> None:
+    """Refuse files of one gyro that overlap with other readings: their clocks start anew."""
+    ordered = sorted((file for file in files if len(file.time)), key=lambda file: file.time[0])
+    for before, after in pairwise(ordered):
+        late = after.time <= before.time[-1]
+        row = set_back_row(
+            np.concatenate([before.time, after.time[late]]),
+            np.concatenate([before.values, after.values[late]]),
+        )
+        if row is not None:
+            raise CampaignError(
+                f"the times overlap with those of {before.files[0]}, which ends "
+                f"{before.time[-1] - after.time[0]:.6g} s after this file begins",
+                where=after.files[0],
+                advice='write epoch = "file" for every stream if each file starts its own clock; '
+                "else name the files of one gyro only, or correct the kind of their clocks",
+            )
 
 
 def _first_ns(share: FileShare) -> int:

@@ -280,7 +280,4 @@ def held(stream: LoggedStream) -> LoggedStream:
     rows = np.arange(len(stream.time))[:, None]
     last = np.maximum.accumulate(np.where(np.isnan(stream.values), -1, rows), axis=0)
     values = np.take_along_axis(stream.values, np.maximum(last, 0), axis=0)
-    begun = (last >= 0).all(axis=1)
-    early = int((~begun).sum())
-    note = [_rows(early, "before every wheel had its first command", "left out")] if early else []
-    return replace(stream, values=values).rows(begun, *note)
+    return replace(stream, values=values).rows((last >= 0).all(axis=1))
