@@ -125,7 +125,8 @@ def _periods(share: FileShare) -> list[_Period]:
         whole = unit == own and not np.any(share.counts % max(int(size), 1))
         for bits in _BITS:
             ns = int(size * 2**bits)
-            periods.append(_Period(f"2^{bits} {unit}", ns, whole and bits >= _LONG_BITS))
+            name = f"2^{bits} {unit}" if unit.isalpha() else f"2^{bits} counts of {unit}"
+            periods.append(_Period(name, ns, whole and bits >= _LONG_BITS))
     return [period for period in periods if period.ns < 2**61]  # Sums stay within 64 bits.
 
 
