@@ -148,7 +148,7 @@ def stamp_units(table: RawTable, names: Sequence[str]) -> list[str]:
     >>> stamp_units(RawTable("a.csv", {k: RawColumn(v) for k, v in cuc.items()}), list(cuc))
     ['s', 's/2^16']
     """
-    units = []
+    units: list[str] = []
     for name in names:
         column, words = table.column(name), {*words_of(name)}
         unit = (

@@ -265,19 +265,19 @@ def exact_ns(
         )
     if unit.denominator != 1:
         return _rounded(np.where(missing, 0.0, values), unit), missing, 1e-9
-    unit = int(unit)
+    one = int(unit)
     if column.exact is not None:
-        return _decimal_ns(table, name, int(unit), zero), missing, max(unit * 1e-18, 1e-9)
+        return _decimal_ns(table, name, one, zero), missing, max(one * 1e-18, 1e-9)
     if column.values.dtype.kind in "iu":
-        ns = (column.values.astype(np.int64) - math.floor(zero)) * unit
-        return ns - round((zero % 1.0) * unit), missing, 1e-9
+        ns = (column.values.astype(np.int64) - math.floor(zero)) * one
+        return ns - round((zero % 1.0) * one), missing, 1e-9
     spacing = np.spacing(np.float32(size)) if column.single else np.spacing(size)
     # Whole units and the rest apart: each is exact, the sum of floats would not be.
     numbers = np.where(missing, 0.0, values)
     whole = np.floor(numbers)
     rest = numbers - whole - zero % 1.0
-    ns = (whole.astype(np.int64) - math.floor(zero)) * unit
-    return ns + np.rint(rest * unit).astype(np.int64), missing, float(spacing) * unit / SECOND
+    ns = (whole.astype(np.int64) - math.floor(zero)) * one
+    return ns + np.rint(rest * one).astype(np.int64), missing, float(spacing) * one / SECOND
 
 
 def _decimal_ns(table: RawTable, name: str, unit: int, zero: float) -> np.ndarray:
