@@ -7,7 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from bayes_inertia.importing.clock_guess import stamp_columns
 from bayes_inertia.importing.raw_table import RawColumn, RawTable
+from bayes_inertia.importing.time_texts import is_date
 
 # What ends a name, without signs and in small letters -> unit.
 _UNITS: Mapping[str, str] = MappingProxyType(
@@ -44,8 +46,6 @@ _QUATERNIONS: tuple[tuple[tuple[str, ...], str], ...] = (
     (("0", "1", "2", "3"), ""),
     (("1", "2", "3", "4"), ""),
 )
-# What a date and time of ISO 8601 begins with, by calendar or by day of year.
-_DATE = re.compile(r"\d{4}-(\d{2}-\d{2}|\d{3})[T ]\d{2}:\d{2}")
 _TIME = re.compile(
     r"(t|time|times|utc|tai|gps|epoch|timestamps?|tow|week|met|sclk|unix|posix|mjd|jd|date|datetime|"
     r"(unix|gps|posix|time)(time|stamp)[a-z]*|sec|s)"
@@ -178,17 +178,11 @@ def time_names(table: RawTable) -> list[str]:
         for name in table.columns
         if _TIME.fullmatch(re.split(r"[^a-z]+", split_unit(name)[0].lower().strip("_ "))[0])
     ]
-    weeks = [name for name in named if "week" in name.lower()]
-    seconds = [name for name in named if name not in weeks]
-    if weeks and seconds:
-        return [weeks[0], seconds[0]]
-    return (named or [name for name in table.columns if _holds_dates(table.column(name))])[:1]
+    return stamp_columns(table, named or [n for n, c in table.columns.items() if _holds_dates(c)])
 
 
 def _holds_dates(column: RawColumn) -> bool:
-    return bool(
-        column.is_text and len(column.values) and _DATE.match(str(column.values[0]).strip())
-    )
+    return column.is_text and len(column.values) > 0 and is_date(str(column.values[0]))
 
 
 def _stems(columns: Mapping[str, RawColumn]) -> dict[str, tuple[str, str]]:

@@ -6,9 +6,12 @@ import os
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
+
+import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.known_offsets import known_offset
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes, text_of, write_new_files
@@ -23,7 +26,8 @@ from bayes_inertia.importing.imported_folder import (
     zero_of_clock,
 )
 from bayes_inertia.importing.log_reader import read_logs
-from bayes_inertia.importing.mapping import parse_mapping
+from bayes_inertia.importing.logged_stream import LoggedStream
+from bayes_inertia.importing.mapping import parse_mapping, streams_that_hold
 from bayes_inertia.importing.mapping_schema import MappingPart
 from bayes_inertia.importing.reduction import reduced_content
 from bayes_inertia.importing.rest_noise import RestNoise, rest_noise
@@ -97,6 +101,8 @@ def import_logs(
     parsed = parse_mapping(text_of(data, label), label)
     logs = read_logs(files, parsed, label)
     cut = cut_into_slews(logs, parsed, label)
+    for stream in logs.streams.values():
+        _refuse_outside(stream, cut, parsed, label)
     noises = rest_noise(logs, cut.scan, parsed)
     _require_noises(parsed, noises, label)
     slews = [slew_tables(window, logs.streams) for window in cut.windows]
@@ -113,6 +119,39 @@ def import_logs(
         encoded, campaign = reduced_content(encoded, campaign)
     written = write_new_files(folder, encoded, holds="campaign")
     return ImportedCampaign(written, logs, cut, tuple(noises), campaign)
+
+
+def _refuse_outside(stream: LoggedStream, cut: SlewCut, mapping: MappingPart, label: str) -> None:
+    """Refuse a stream of which no reading lies in a slew, and name the offset that explains it."""
+    spans = [(window.start, window.end) for window in cut.windows]
+    away = [
+        np.maximum(np.maximum(start - stream.time, stream.time - end), 0.0) for start, end in spans
+    ]
+    nearest = float(np.min(away))
+    # One command may be in force all the time.
+    if nearest == 0.0 or len(stream.time) < 2:
+        return
+    known = known_offset(stream.time, spans)
+    stated = streams_that_hold(mapping, stream.holds)[0].offset_s
+    files = ", ".join(PurePath(file).name for file in stream.files)
+    size = nearest if known is None else abs(known[0])
+    if known is None:
+        first = spans[0][0] - float(stream.time[0])
+        advice = (
+            f"its first reading and the first slew are {abs(first):.6g} s apart: state the offset "
+            "of its clock, correct time.kind or time.epoch, or leave the stream out"
+        )
+    else:
+        seconds, why, inside = known
+        advice = (
+            f"write offset_s = {stated + seconds:.9g} ({why}): {inside} then lie in a slew; or "
+            "leave the stream out"
+        )
+    raise CampaignError(
+        f"all {len(stream.time)} readings of {files} lie outside every slew, by {size:.6g} s",
+        where=f"{label}, key streams.{stream.holds}.offset_s",
+        advice=advice,
+    )
 
 
 def _read_back(content: Mapping[str, bytes], label: str) -> Campaign:

@@ -16,13 +16,9 @@ from bayes_inertia.importing.attitude_forms import (
     from_tracker_axes,
     to_quaternions,
 )
-from bayes_inertia.importing.common_clock import (
-    SHARED_ZERO,
-    ZERO_OF_FILE,
-    FileShare,
-    Logs,
-    on_one_clock,
-)
+from bayes_inertia.importing.common_clock import Logs, on_one_clock
+from bayes_inertia.importing.file_share import SHARED_ZERO, ZERO_OF_FILE, FileShare
+from bayes_inertia.importing.leap_seconds import SECOND, tai_to_utc
 from bayes_inertia.importing.mapping_schema import (
     AttitudeStream,
     MappedStream,
@@ -63,7 +59,7 @@ class _Tables:
 def _wanted(stream: MappedStream) -> tuple[str, ...]:
     """The columns that a stream names; none if it leaves some to the file."""
     flag = () if stream.valid is None else (stream.valid.name,)
-    named = stream.time.names and stream.names
+    named = (stream.time.names or stream.time.rate_hz) and stream.names
     return (*stream.time.names, *stream.names, *flag) if named else ()
 
 
@@ -163,8 +159,6 @@ def _read_part(part: MappedStream, table: RawTable, mapping: MappingPart, where:
         invalid = ~_valid_rows(part.valid, table, where)
         values = np.where(invalid[:, None], np.nan, values)
         notes.append(f"{table.label}: {int(invalid.sum())} rows are flagged as not valid")
-    if stamps.missing.any():
-        notes.append(f"{table.label}: {int(stamps.missing.sum())} rows without a time")
     if values.size == 0 or not np.isfinite(values[~stamps.missing]).any():
         raise CampaignError(
             "there is no reading at all",
@@ -173,11 +167,13 @@ def _read_part(part: MappedStream, table: RawTable, mapping: MappingPart, where:
         )
     if isinstance(part, WheelStream):
         values = _of_all_wheels(values, part, mapping)
-    return FileShare(part, table.label, stamps, values, tuple(notes))
+    return FileShare(part, table.label, stamps, values, tuple(notes), table.lines)
 
 
 def _stamps(table: RawTable, time: TimeStampPart, where: str) -> TimeStamps:
     where = f"{where}.time"
+    if time.rate_hz is not None:
+        return _with_epoch(_of_row_numbers(table, time, where), time, where)
     names = time.names or list(table.time_names)
     # What the file says of its time is not said of another column.
     stated = table.time_kind if names == list(table.time_names) else ""
@@ -186,28 +182,69 @@ def _stamps(table: RawTable, time: TimeStampPart, where: str) -> TimeStamps:
         if not value:
             question = question_at(("streams", "time", key))
             raise CampaignError("missing key", where=f"{where}.{key}", advice=f"add it: {question}")
-    stamps = _stamped(table, names, kind, where)
-    if kind not in FREE_CLOCKS:
-        if time.epoch:
-            raise CampaignError(
-                f"the clock {kind!r} has a zero of its own that everybody knows",
-                where=f"{where}.epoch",
-                advice="leave the key out",
-            )
-        return stamps
+    stamps = _stamped(table, names, kind, time, where)
+    if kind in FREE_CLOCKS:
+        return _with_epoch(stamps, time, where)
+    if time.epoch and kind != "cds":
+        raise CampaignError(
+            f"the clock {kind!r} has a zero of its own that everybody knows",
+            where=f"{where}.epoch",
+            advice="leave the key out",
+        )
+    return stamps
+
+
+def _of_row_numbers(table: RawTable, time: TimeStampPart, where: str) -> TimeStamps:
+    """Stamps of a log without any: its rows follow each other at the stated rate."""
+    if time.names or time.kind:
+        raise CampaignError(
+            "a rate and columns of the time are both given",
+            where=f"{where}.rate_hz",
+            advice="leave names and kind out if the rows have no stamps, else rate_hz",
+        )
+    assert time.rate_hz is not None
+    ns = np.rint(np.arange(table.rows) * (1e9 / time.rate_hz)).astype(np.int64)
+    return TimeStamps(ns, np.zeros(table.rows, dtype=bool), absolute=False, resolution_s=1e-9)
+
+
+def _with_epoch(stamps: TimeStamps, time: TimeStampPart, where: str) -> TimeStamps:
+    """Stamps that count from a zero of their own, with the date of it where one is stated."""
     if not time.epoch:
         question = question_at(("streams", "time", "epoch"))
         raise CampaignError("missing key", where=f"{where}.epoch", advice=f"add it: {question}")
     if time.epoch in (SHARED_ZERO, ZERO_OF_FILE):
         return stamps
-    return replace(stamps, ns=stamps.ns + utc_ns(time.epoch, f"{where}.epoch"), absolute=True)
+    zero = utc_ns(time.epoch, f"{where}.epoch")
+    return replace(stamps, ns=stamps.ns + zero, absolute=True, zero_ns=zero)
 
 
-def _stamped(table: RawTable, names: list[str], kind: str, where: str) -> TimeStamps:
+def _stamped(
+    table: RawTable, names: list[str], kind: str, time: TimeStampPart, where: str
+) -> TimeStamps:
     try:
-        return times_to_seconds(table, names, kind)
+        return times_to_seconds(
+            table,
+            names,
+            kind,
+            units=time.units,
+            form=time.format,
+            gps_rollovers=time.gps_rollovers,
+            first_day=_first_day(time.epoch, f"{where}.epoch") if kind == "cds" else 0,
+        )
     except CampaignError as error:
         raise error.inside(where) from None
+
+
+def _first_day(epoch: str, where: str) -> int:
+    """Days from 1958-01-01 to the epoch of an agency."""
+    if not epoch:
+        return 0
+    days, rest = divmod(tai_to_utc(utc_ns(epoch, where)), 86400 * SECOND)
+    if rest:
+        raise CampaignError(
+            f"{epoch!r} is no midnight", where=where, advice='write such as "2000-01-01T00:00:00Z"'
+        )
+    return days
 
 
 def utc_ns(text: str, where: str) -> int:

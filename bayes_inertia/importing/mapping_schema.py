@@ -51,6 +51,14 @@ class TimeStampPart(_MappingTable):
     names: list[str] = Field(default=[], description='names = ["..."], the columns of the time')
     kind: str = ""
     epoch: str = ""
+    # What each of several columns counts, such as "ns" or "s/65536"; else their names say it.
+    units: list[str] = []
+    # How dates are written, in directives of strptime; "" for the forms that are told.
+    format: str = ""
+    # How often GPS weeks of ten bits began anew.
+    gps_rollovers: int | None = Field(default=None, ge=0, le=4)
+    # Rows a second of a log without stamps.
+    rate_hz: float | None = Field(default=None, gt=0.0)
     # Whether the sensor samples at regular times although the stamps jitter about them.
     regular: bool = False
 

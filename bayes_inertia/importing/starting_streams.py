@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.importing.clock_guess import guessed_clock
+from bayes_inertia.importing.clock_guess import guessed_clock, stamp_units
 from bayes_inertia.importing.column_families import ColumnFamily, time_names
-from bayes_inertia.importing.common_clock import SHARED_ZERO
+from bayes_inertia.importing.file_share import SHARED_ZERO
 from bayes_inertia.importing.known_notation import notation_of
 from bayes_inertia.importing.mapping_text import mapping_comment, mapping_entry, mapping_value
 from bayes_inertia.importing.questions import UNKNOWN, question_at
@@ -167,6 +167,9 @@ def _time(group: FileGroup, path: tuple[str, ...], one_clock: bool) -> list[str]
     names = time_names(table)
     guess = guessed_clock(table, names)
     entry: dict[str, Any] = {"names": names or UNKNOWN, "kind": guess.kind}
+    units = stamp_units(table, names)
+    if len(names) > 1 and set(units) != {"date"}:
+        entry["units"] = [unit or UNKNOWN for unit in units]
     if guess.kind in FREE_CLOCKS:
         entry["epoch"] = SHARED_ZERO if one_clock else UNKNOWN
     hints = {"kind": guess.hint}

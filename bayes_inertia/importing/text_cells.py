@@ -13,6 +13,7 @@ from typing import NamedTuple
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.raw_table import EMPTY_CELLS, number_of
 from bayes_inertia.importing.text_options import TextOptions
+from bayes_inertia.importing.time_texts import is_date
 
 WHITESPACE = "whitespace"
 _DELIMITERS = ("\t", ";", ",", "|", WHITESPACE)
@@ -221,7 +222,7 @@ def is_reading(cell: str, decimal: str) -> bool:
     """
     if number_of(cell, decimal) == number_of(cell, decimal):
         return not (decimal == "," and "." in cell and "," in cell)
-    return bool(_TIME.fullmatch(cell))
+    return bool(_TIME.fullmatch(cell)) or is_date(cell)
 
 
 def told_form(lines: Sequence[tuple[int, str]], options: TextOptions, label: str) -> TextForm:

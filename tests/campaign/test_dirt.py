@@ -100,7 +100,7 @@ def test_a_clock_that_jumps_back_is_refused(tmp_path, by):
 
 def test_a_clock_that_jumps_back_by_whole_steps_is_refused(tmp_path):
     error = refusal(dirty(tmp_path / "c", jump(10.0)))
-    assert_teaches(error, ["slew_01.csv, line", "repeated with another content"])
+    assert_teaches(error, ["slew_01.csv, line", "goes back", "set back by"])
 
 
 def test_a_lost_row_leaves_its_commands_unknown(tmp_path):

@@ -11,7 +11,7 @@ from support.raw_logs import log_columns, write_csv
 from bayes_inertia.app.cli import main
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError, OutputError
-from bayes_inertia.importing.clock_guess import guessed_clock
+from bayes_inertia.importing.clock_guess import guessed_clock, stamp_units
 from bayes_inertia.importing.column_families import families, time_names
 from bayes_inertia.importing.import_logs import import_logs
 from bayes_inertia.importing.questions import open_questions
@@ -211,6 +211,34 @@ KINDS = [
     ("gps_s", 216018.0, "s"),
     ("mjd", 61100.5, "?"),
 ]
+
+STAMPS = [
+    ({"sec": [1772366400, 1772366401], "nanosec": [0, 5e8]}, "unix_s", ["s", "ns"]),
+    ({"hdr.stamp.secs": [1772366400] * 2, "hdr.stamp.nsecs": [0, 5e8]}, "unix_s", ["s", "ns"]),
+    ({"gps_sec": [1456401618, 1456401619], "gps_usec": [0, 5e5]}, "gps_s", ["s", "us"]),
+    ({"rtcDate": ["2026-03-01"] * 2, "rtcTime": ["12:00:00.25"] * 2}, "?", ["date", "date"]),
+    ({"DATE": ["01-Mar-2026"] * 2, "TIME_UTC": ["12:00:00", "12:00:01"]}, "utc", ["date", "date"]),
+    ({"coarse": [456789000, 456789001], "fine": [16384, 49152]}, "s", ["s", "s/2^16"]),
+    ({"sclk_coarse": [456789000, 456789001], "sclk_fine": [64, 192]}, "s", ["s", "s/2^8"]),
+    ({"day": [24896, 24896], "ms_of_day": [43200000, 43200250]}, "cds", ["day", "ms"]),
+    ({"day": [24896] * 2, "ms_of_day": [0, 0], "us_of_ms": [1, 501]}, "cds", ["day", "ms", "us"]),
+    ({"year": [2026] * 2, "doy": [60] * 2, "hour": [1] * 2, "min": [2] * 2, "sec": [0, 0.25]}, "?",
+     ["year", "doy", "h", "min", "s"]),
+    # What follows a stamp is not always a part of it.
+    ({"t_s": [0, 1], "dt_ms": [3, 4]}, "s", ["s"]),
+    ({"time_s": [0.25, 0.5], "time_us": [250000, 500000]}, "s", ["s"]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("columns", "kind", "units"), STAMPS, ids=[" ".join(c) for c, *_ in STAMPS]
+)
+def test_stamps_in_several_columns_are_seen(columns, kind, units):
+    table = RawTable("a.csv", {n: RawColumn(np.array(v)) for n, v in columns.items()})
+    names = time_names(table)
+    assert names == list(columns)[: len(units)]
+    assert stamp_units(table, names) == units
+    assert guessed_clock(table, names).kind == kind
 
 
 @pytest.mark.parametrize(("name", "first", "kind"), KINDS, ids=[row[0] for row in KINDS])

@@ -186,4 +186,6 @@ def test_rows_of_one_time_are_filled_up_and_never_averaged():
         stream([0, 1, 1, 2, 2], [[1.0, 1.0], [2.0, nan], [nan, 3.0], [4.0, 4.0], [9.0, 9.0]])
     )
     assert rows.values.tolist() == [[1.0, 1.0], [2.0, 3.0], [4.0, 4.0]]
-    assert rows.notes == ("1 row repeated a time and was left out",)
+    assert rows.notes == (
+        "1 of 5 rows repeat the time of another with other readings and are left out",
+    )
