@@ -9,7 +9,12 @@ from typing import Literal
 
 from bayes_inertia.campaign.isolated_arrays import ArrayKind, FileArrays, read_arrays
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.importing.aem_file import aem_segments, is_aem, read_aem
+from bayes_inertia.importing.aem_file import (
+    aem_segments,
+    is_aem,
+    read_aem,
+    refuse_other_messages,
+)
 from bayes_inertia.importing.array_tables import table_of, tables_of
 from bayes_inertia.importing.json_lines import read_json_lines
 from bayes_inertia.importing.nasa_42 import read_42
@@ -57,6 +62,7 @@ def file_format(path: Path) -> FileFormat:
     _refuse_packed(head, path)
     if is_aem(head):
         return "aem"
+    refuse_other_messages(head, path)
     by_suffix: dict[str, FileFormat] = {
         ".h5": "hdf5",
         ".hdf5": "hdf5",
