@@ -16,7 +16,8 @@ from bayes_inertia.importing.aem_file import (
     refuse_other_messages,
 )
 from bayes_inertia.importing.array_tables import table_of, tables_of
-from bayes_inertia.importing.json_lines import read_json_lines
+from bayes_inertia.importing.json_lines import json_arrays, read_json_lines
+from bayes_inertia.importing.long_table import one_row_a_time
 from bayes_inertia.importing.nasa_42 import read_42
 from bayes_inertia.importing.numpy_file import numpy_arrays
 from bayes_inertia.importing.parquet_file import read_parquet_file
@@ -152,22 +153,23 @@ def read_raw(
     form = file_format(file)
     if form == "aem":
         return read_aem(file, table)
-    if form in ("numpy", "hdf5", "netcdf", "mat"):
-        held = _arrays(file, form)
-        return table_of(
+    held = _arrays(file, form)
+    if held is not None:
+        found = table_of(
             held.arrays, held.units, str(file), table=table, columns=columns, closed=held.closed
         )
+        return one_row_a_time(found)
     if table:
         raise CampaignError(
             f"no table {table!r}", where=str(file), advice="the file is one table: name none"
         )
-    if form == "json":
-        return read_json_lines(file)
     if form == "42":
         return read_42(file)
+    if form == "json":
+        return one_row_a_time(read_json_lines(file))
     if form == "parquet":
-        return read_parquet_file(file)
-    return read_text_table(file, options or TextOptions())
+        return one_row_a_time(read_parquet_file(file))
+    return one_row_a_time(read_text_table(file, options or TextOptions()))
 
 
 def tables_in(path: str | Path) -> list[str]:
@@ -192,13 +194,16 @@ def tables_in(path: str | Path) -> list[str]:
     form = file_format(file)
     if form == "aem":
         return aem_segments(file)
-    if form in ("numpy", "hdf5", "netcdf", "mat"):
-        return tables_of(_arrays(file, form).arrays)
-    return [""]
+    held = _arrays(file, form)
+    return [""] if held is None else tables_of(held.arrays)
 
 
-def _arrays(file: Path, form: str) -> FileArrays:
+def _arrays(file: Path, form: str) -> FileArrays | None:
+    """What a file of arrays holds; None for a file of another form."""
+    if form == "json":
+        arrays = json_arrays(file)
+        return None if arrays is None else FileArrays(arrays, {}, {})
     if form == "numpy":
         return FileArrays(numpy_arrays(file), {}, {})
     kinds: dict[str, ArrayKind] = {"hdf5": "hdf5", "netcdf": "netcdf", "mat": "mat"}
-    return read_arrays(file, kinds[form])
+    return read_arrays(file, kinds[form]) if form in kinds else None
