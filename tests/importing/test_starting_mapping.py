@@ -101,7 +101,7 @@ def answered(text: str) -> str:
 
 def test_a_started_mapping_asks_and_once_answered_imports(log, tmp_path):
     mapping = tmp_path / "mapping.toml"
-    count = write_starting_mapping([log], mapping)
+    count = write_starting_mapping([log], mapping).questions
     text = mapping.read_text()
     asked = open_questions(tomllib.loads(text))
     assert count == len(asked) == 14
@@ -131,7 +131,7 @@ def test_what_a_file_states_is_not_asked(tmp_path):
     )
     rows = log.read_text().splitlines()
     log.write_text("\n".join([rows[0], "s,deg/s,deg/s,deg/s", *rows[1:]]) + "\n")
-    text = starting_mapping([log])
+    text = starting_mapping([log]).text
     asked = open_questions(tomllib.loads(text))
     assert ("streams", "rate", "unit") not in asked
     assert ("streams", "rate", "frame") in asked
@@ -141,7 +141,7 @@ def test_what_a_file_states_is_not_asked(tmp_path):
 def test_files_that_differ_in_a_number_are_one_stream(tmp_path):
     columns = {"t_s": np.arange(4.0)} | {f"w{a}_dps": np.ones(4) for a in "xyz"}
     files = [write_csv(tmp_path / f"gyro_{k}.csv", columns) for k in (1, 2, 10)]
-    streams = tomllib.loads(starting_mapping(files))["streams"]
+    streams = tomllib.loads(starting_mapping(files).text)["streams"]
     assert [stream["files"] for stream in streams] == [["gyro_*.csv"]]
 
 
@@ -190,7 +190,7 @@ def test_a_column_of_dates_is_the_time_whatever_its_name(tmp_path):
     log = tmp_path / "a.csv"
     rows = [f"2026-03-14T02:00:0{k}.250Z;0,1;0,2;0,3" for k in range(4)]
     log.write_text("\n".join(["Zeit;wx;wy;wz", *rows]) + "\n")
-    text = starting_mapping([log])
+    text = starting_mapping([log]).text
     assert 'time = { names = ["Zeit"], kind = "utc" }' in text
 
 
@@ -224,7 +224,7 @@ def test_a_clock_is_suggested_where_name_and_size_leave_one(name, first, kind):
 
 def test_the_question_of_a_clock_says_what_each_answer_would_mean(tmp_path):
     columns = {"time": 1772366400.0 + np.arange(4.0)} | {f"w{a}_dps": np.ones(4) for a in "xyz"}
-    text = starting_mapping([write_csv(tmp_path / "gyro.csv", columns)])
+    text = starting_mapping([write_csv(tmp_path / "gyro.csv", columns)]).text
     words = " ".join(text.replace("#", " ").split())
     assert "2026-03-01T12:00:00Z as unix_s" in words
 
@@ -232,7 +232,7 @@ def test_the_question_of_a_clock_says_what_each_answer_would_mean(tmp_path):
 def test_names_of_simulators_say_frame_and_sense(tmp_path):
     columns = {"t_s": np.arange(4.0)} | {f"omega_BN_B[{k}]": np.ones(4) for k in range(3)}
     columns |= {f"sigma_BN[{k}]": np.ones(4) for k in range(3)}
-    text = starting_mapping([write_csv(tmp_path / "sim.csv", columns)])
+    text = starting_mapping([write_csv(tmp_path / "sim.csv", columns)]).text
     streams = {stream["holds"]: stream for stream in tomllib.loads(text)["streams"]}
     assert (streams["rate"]["unit"], streams["rate"]["frame"]) == ("rad/s", "body")
     assert streams["attitude"]["maps"] == "inertial_to_body"
@@ -240,7 +240,7 @@ def test_names_of_simulators_say_frame_and_sense(tmp_path):
     # Names of one's own leave order and direction open.
     columns = {"t_s": np.arange(4.0)} | {f"q{k}": np.ones(4) for k in range(4)}
     asked = open_questions(
-        tomllib.loads(starting_mapping([write_csv(tmp_path / "a.csv", columns)]))
+        tomllib.loads(starting_mapping([write_csv(tmp_path / "a.csv", columns)]).text)
     )
     assert {("streams", "attitude", key) for key in ("scalar", "maps", "frame")} <= set(asked)
 
@@ -248,7 +248,7 @@ def test_names_of_simulators_say_frame_and_sense(tmp_path):
 def test_wheels_of_one_type_are_described_once(tmp_path):
     columns = {"t_s": np.arange(4.0)} | {f"w{a}_dps": np.ones(4) for a in "xyz"}
     columns |= {f"rw_{a}_rpm": np.ones(4) for a in "xyz"}
-    text = starting_mapping([write_csv(tmp_path / "log.csv", columns)])
+    text = starting_mapping([write_csv(tmp_path / "log.csv", columns)]).text
     wheels = tomllib.loads(text)["wheels"]
     assert [wheel["name"] for wheel in wheels] == ["wheel_x", "wheel_y", "wheel_z"]
     assert [wheel.get("same_as") for wheel in wheels] == [None, "wheel_x", "wheel_x"]
