@@ -58,7 +58,9 @@ def one_row_a_time(table: RawTable) -> RawTable:
     labels = [".".join(cells) for cells in zip(*map(_texts, _columns(table, named)), strict=True)]
     if len(set(labels)) > _MOST_NAMES or set(labels) & set(times):
         return table
-    rows, first = _rows(list(zip(*map(_texts, _columns(table, times)), strict=True)), labels)
+    cells = [c.values if c.exact is None else c.exact for c in _columns(table, times)]
+    stamps = list(zip(*(column.tolist() for column in cells), strict=True))
+    rows, first = _rows(stamps, labels)
     made = {name: _picked(table.column(name), first) for name in times}
     units = next((_texts(c) for n, c in table.columns.items() if _UNIT.fullmatch(bare[n])), None)
     of_label = np.array(labels)
@@ -96,19 +98,26 @@ def _named_by(table: RawTable, parameters: Sequence[str], others: set[str]) -> l
     return several or texts[:1]
 
 
-def _rows(stamps: Sequence[tuple[str, ...]], labels: Sequence[str]) -> tuple[np.ndarray, list[int]]:
+def _rows(stamps: Sequence[tuple], labels: Sequence[str]) -> tuple[np.ndarray, list[int]]:
     """The new row of each old one, and the first old row of each new one.
 
-    What one parameter reads twice at one time makes two rows, for later steps to judge.
+    What one parameter reads twice at one time makes two rows, for later steps to judge. Where one
+    parameter follows the other the rows are brought into the order of their times, unless the
+    times of a parameter go back themselves.
     """
-    times: dict[tuple[str, str], int] = {}
-    row_of: dict[tuple, int] = {}
-    rows, first = np.zeros(len(labels), dtype=int), []
+    counts: dict[tuple, int] = {}
+    members: dict[tuple, list[int]] = {}
+    last: dict[str, tuple] = {}
+    forward = True
     for index, (stamp, label) in enumerate(zip(stamps, labels, strict=True)):
-        count = times[stamp, label] = times.get((stamp, label), -1) + 1
-        rows[index] = row_of.setdefault((stamp, count), len(row_of))
-        if rows[index] == len(first):
-            first.append(index)
+        counts[stamp, label] = counts.get((stamp, label), -1) + 1
+        members.setdefault((stamp, counts[stamp, label]), []).append(index)
+        forward = forward and last.get(label, stamp) <= stamp
+        last[label] = stamp
+    rows, first = np.zeros(len(labels), dtype=int), []
+    for number, key in enumerate(sorted(members) if forward else members):
+        rows[members[key]] = number
+        first.append(members[key][0])
     return rows, first
 
 

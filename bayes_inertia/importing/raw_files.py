@@ -25,6 +25,7 @@ from bayes_inertia.importing.raw_table import RawTable
 from bayes_inertia.importing.text_options import TextOptions
 from bayes_inertia.importing.text_table import read_text_table
 
+_WORKBOOKS = (".xlsx", ".xlsm", ".xlsb")
 _HEAD = 1024  # Bytes by which a format is told.
 
 FileFormat = Literal["text", "aem", "json", "42", "parquet", "numpy", "hdf5", "netcdf", "mat"]
@@ -104,7 +105,7 @@ def _is_npz(path: Path) -> bool:
 
 def _refuse_packed(head: bytes, path: Path) -> None:
     packed = {
-        b"PK": "a ZIP archive or an Excel workbook",
+        b"PK": "an Excel workbook" if path.suffix.lower() in _WORKBOOKS else "a ZIP archive",
         b"\x1f\x8b": "a gzip archive",
         b"\xd0\xcf\x11\xe0": "an Excel workbook",
         b"BZh": "a bzip2 archive",
@@ -113,9 +114,9 @@ def _refuse_packed(head: bytes, path: Path) -> None:
     }
     for mark, what in packed.items():
         if head.startswith(mark) and path.suffix.lower() != ".npz":
-            raise CampaignError(
-                f"is {what}", where=str(path), advice="unpack it, or save its table as CSV"
-            )
+            sheets = "save each of its sheets as CSV"
+            advice = sheets if "Excel" in what else "unpack it, or save its table as CSV"
+            raise CampaignError(f"is {what}", where=str(path), advice=advice)
 
 
 def read_raw(

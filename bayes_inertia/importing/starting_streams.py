@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.importing.clock_guess import guessed_clock
+from bayes_inertia.importing.clock_guess import ClockGuess, guessed_clock
 from bayes_inertia.importing.column_families import ColumnFamily, time_names
 from bayes_inertia.importing.common_clock import SHARED_ZERO
 from bayes_inertia.importing.known_notation import notation_of
@@ -95,7 +95,7 @@ def _pattern(files: Sequence[Path]) -> list[str]:
 def _readings(group: FileGroup, family: ColumnFamily) -> list[str]:
     """Columns, unit and sense of readings."""
     path = ("streams", family.holds)
-    says = notation_of(family.holds, family.names[0])
+    says = _said(group, family)
     lines = [mapping_entry((*path, "names"), list(family.names))]
     unit, why = says.get("unit", ("", ""))
     if family.stated_unit:
@@ -112,6 +112,20 @@ def _readings(group: FileGroup, family: ColumnFamily) -> list[str]:
     return lines
 
 
+def _said(group: FileGroup, family: ColumnFamily) -> dict[str, tuple[str, str]]:
+    """What the name of the first column says, or that of a file of PX4, which is its message."""
+    stem, name = group.files[0].stem, family.names[0]
+    return notation_of(family.holds, f"{stem}/{name}" if "vehicle_" in stem else name)
+
+
+def _guessed_clock(group: FileGroup, names: Sequence[str]) -> ClockGuess:
+    """The clock that the stamps show, or that the notation of the columns and the file says."""
+    guess = guessed_clock(group.table, names)
+    columns = " ".join([*group.table.columns, f"{group.files[0].stem}/{' '.join(names)}"])
+    says = notation_of("time", columns)
+    return ClockGuess(*says["kind"]) if guess.kind == UNKNOWN and says else guess
+
+
 def _range(table: RawTable, names: Sequence[str]) -> str:
     """Between what the readings of columns lie."""
     values = np.concatenate([table.columns[name].values.astype(float) for name in names])
@@ -124,14 +138,15 @@ def _range(table: RawTable, names: Sequence[str]) -> str:
 def _attitude(group: FileGroup, family: ColumnFamily) -> list[str]:
     """Form, columns and sense of attitudes; what the file states is left out."""
     stated = stated_attitude(group.table)
-    says = notation_of("attitude", family.names[0])
+    says = _said(group, family)
     path = ("streams", "attitude")
     values: dict[str, tuple[Any, str]] = {
         "form": (family.form, ""),
         "names": (list(family.names), ""),
     }
     if family.form == "quaternion":
-        values["scalar"] = (family.scalar or UNKNOWN, _FROM_NAMES)
+        scalar = (family.scalar or UNKNOWN, _FROM_NAMES)
+        values["scalar"] = scalar if family.scalar else says.get("scalar", scalar)
     if family.form == "euler":
         values |= {"sequence": (UNKNOWN, ""), "turns": (UNKNOWN, "")}
         values["unit"] = (family.unit or family.stated_unit or UNKNOWN, _FROM_NAMES)
@@ -165,7 +180,7 @@ def _time(group: FileGroup, path: tuple[str, ...], one_clock: bool) -> list[str]
     if table.time_names and table.time_kind and table.time_kind not in FREE_CLOCKS:
         return [f"# the file states its time: {', '.join(table.time_names)} ({table.time_kind})"]
     names = time_names(table)
-    guess = guessed_clock(table, names)
+    guess = _guessed_clock(group, names)
     entry: dict[str, Any] = {"names": names or UNKNOWN, "kind": guess.kind}
     if guess.kind in FREE_CLOCKS:
         entry["epoch"] = SHARED_ZERO if one_clock else UNKNOWN

@@ -93,6 +93,16 @@ def test_one_row_a_parameter_becomes_one_row_a_time(tmp_path, kind):
     assert table.columns[names[0]].unit == ("rad/s" if kind == "YAMCS" else "")
 
 
+def test_parameters_below_each_other_with_times_of_their_own_come_in_the_order_of_time(tmp_path):
+    rows = [f"{t + 0.1 * k},{axis},{k}" for k, axis in enumerate(AXES) for t in TIME]
+    table = read(tmp_path, "a.csv", "\n".join(["t,parameter,value", *rows]))
+    assert (np.diff(table.numbers("t")) > 0.0).all()
+    assert [int(np.isfinite(table.numbers(axis)).sum()) for axis in AXES] == [ROWS] * 3
+    back = [row for row in rows if "GYRO_X" in row]
+    table = read(tmp_path, "b.csv", "\n".join(["t,parameter,value", *back[9:], *back[:9]]))
+    assert (np.diff(table.numbers("t")) < 0.0).any()
+
+
 def test_what_a_parameter_reads_twice_at_one_time_stays(tmp_path):
     text = "t,parameter,value\n" + "".join(f"{t},w,1\n{t},w,2\n{t},h,3\n" for t in TIME)
     table = read(tmp_path, "a.csv", text)

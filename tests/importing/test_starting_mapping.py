@@ -41,10 +41,61 @@ LOOKS = [
     ("a.csv", "t_s rx_N_m ry_N_m rz_N_m", ["t_s"], [("position", 3, "m")]),
     ("a.csv", "t_s wheel_radps", ["t_s"], [("wheel_speed", 1, "rad/s")]),
     ("a.csv", "t temperature voltage", ["t"], []),
+    (
+        "cosmos.txt",
+        "TARGET RECEIVED_TIMESECONDS GYRO_X GYRO_Y GYRO_Z",
+        ["RECEIVED_TIMESECONDS"],
+        [("rate", 3, "")],
+    ),
+    # ROS: topics as messages are echoed, and as PlotJuggler writes them.
+    (
+        "imu.csv",
+        "time field.orientation.x field.orientation.y field.orientation.z field.orientation.w "
+        "field.angular_velocity.x field.angular_velocity.y field.angular_velocity.z "
+        "field.linear_acceleration.x field.linear_acceleration.y field.linear_acceleration.z "
+        "orientation_covariance[0] orientation_covariance[1] orientation_covariance[2]",
+        ["time"],
+        [("attitude", 4, ""), ("rate", 3, "")],
+    ),
+    (
+        "a.csv",
+        "__time /imu/angular_velocity/x /imu/angular_velocity/y /imu/angular_velocity/z "
+        "/imu/orientation/w /imu/orientation/x /imu/orientation/y /imu/orientation/z "
+        "/imu/linear_acceleration/x /imu/linear_acceleration/y /imu/linear_acceleration/z",
+        ["__time"],
+        [("rate", 3, ""), ("attitude", 4, "")],
+    ),
+    # PX4: a file a message as ulog2csv writes it, and all in one as PlotJuggler does.
+    (
+        "log_vehicle_angular_velocity_0.csv",
+        "timestamp timestamp_sample xyz[0] xyz[1] xyz[2] xyz_derivative[0] xyz_derivative[1] "
+        "xyz_derivative[2]",
+        ["timestamp"],
+        [("rate", 3, "")],
+    ),
+    (
+        "log_vehicle_attitude_0.csv",
+        "timestamp q[0] q[1] q[2] q[3] delta_q_reset[0] delta_q_reset[1] delta_q_reset[2] "
+        "delta_q_reset[3]",
+        ["timestamp"],
+        [("attitude", 4, "")],
+    ),
+    (
+        "a.csv",
+        "timestamp vehicle_angular_velocity/xyz.00 vehicle_angular_velocity/xyz.01 "
+        "vehicle_angular_velocity/xyz.02 vehicle_attitude/q.00 vehicle_attitude/q.01 "
+        "vehicle_attitude/q.02 vehicle_attitude/q.03",
+        ["timestamp"],
+        [("rate", 3, ""), ("attitude", 4, "")],
+    ),
+    ("log_vehicle_rates_setpoint_0.csv", "timestamp roll pitch yaw", ["timestamp"], []),
+    ("log_vehicle_torque_setpoint_0.csv", "timestamp xyz[0] xyz[1] xyz[2]", ["timestamp"], []),
 ]
 
 
-@pytest.mark.parametrize(("file", "names", "times", "expected"), LOOKS, ids=[x[1] for x in LOOKS])
+@pytest.mark.parametrize(
+    ("file", "names", "times", "expected"), LOOKS, ids=[x[1][:60] for x in LOOKS]
+)
 def test_usual_columns_are_recognised(file, names, times, expected):
     table = RawTable(file, {name: RawColumn(np.zeros(2)) for name in names.split()})
     assert time_names(table) == times
@@ -175,6 +226,33 @@ def test_the_command_says_what_it_did_and_what_to_do_next(log, tmp_path, capsys)
         assert part in said
     paths = (str(tmp_path), "bayes-inertia")
     assert all(len(line) <= 80 for line in said.splitlines() if not any(p in line for p in paths))
+
+
+def test_a_mapping_without_a_stream_is_no_success(tmp_path, capsys):
+    log = write_csv(tmp_path / "a.csv", {"t": np.arange(9.0), "foo": np.ones(9), "b": np.ones(9)})
+    code, _, error = command(capsys, log, "--start", tmp_path / "m.toml")
+    assert code == 2
+    assert "no stream was recognised (a.csv: foo, b)" in error.splitlines()[-1]
+    assert '# files = ["a.csv"]' in (tmp_path / "m.toml").read_text()
+    columns = {name: np.ones(9) for name in ("rw1_rpm", "rw2_rpm", "foo")}
+    log = write_csv(tmp_path / "b.csv", {"t": np.arange(9.0), **columns})
+    code, said, _ = command(capsys, log, "--start", tmp_path / "n.toml")
+    assert code == 0
+    assert "no stream holds the rates" in said
+    assert said.splitlines()[-1] == "not recognised: b.csv: foo"
+
+
+def test_files_of_px4_say_clock_unit_and_sense(tmp_path):
+    stamps = {"timestamp": np.arange(9.0) * 4000 + 81234567}
+    rates = {f"xyz[{k}]": np.arange(9.0) for k in range(3)}
+    fixes = {f"q[{k}]": np.full(9, float(k == 0)) for k in range(4)}
+    files = [
+        write_csv(tmp_path / "log_vehicle_angular_velocity_0.csv", {**stamps, **rates}),
+        write_csv(tmp_path / "log_vehicle_attitude_0.csv", {**stamps, **fixes}),
+    ]
+    rate, attitude = tomllib.loads(starting_mapping(files).text)["streams"]
+    assert (rate["unit"], rate["frame"], rate["time"]["kind"]) == ("rad/s", "body", "us")
+    assert (attitude["scalar"], attitude["maps"]) == ("first", "inertial_to_body")
 
 
 def test_the_command_needs_one_of_its_two_ways(log, capsys):
