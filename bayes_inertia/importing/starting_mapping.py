@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import tomlkit
 
 from bayes_inertia.errors import OutputError
@@ -18,6 +19,7 @@ from bayes_inertia.importing.column_families import ColumnFamily, families, time
 from bayes_inertia.importing.mapping_text import mapping_comment, mapping_value
 from bayes_inertia.importing.questions import open_questions
 from bayes_inertia.importing.raw_files import read_raw, tables_in
+from bayes_inertia.importing.raw_table import RawTable
 from bayes_inertia.importing.starting_hardware import hardware_text, wheel_words
 from bayes_inertia.importing.starting_streams import FileGroup, stream_text
 
@@ -51,6 +53,9 @@ _NOTHING_SEEN = """\
 # unit = "rad/s"
 # frame = "body"
 """
+# Names, in small letters, of a column that says which packet a row is.
+_PACKET = re.compile(r"(.*[ _.])?(packet|pkt|apid|msg|message|record)([ _]?(type|name|id))?")
+_MOST_PACKETS = 40  # More different values are a counter, or texts.
 _WHEEL_STREAMS = ("wheel_torque", "wheel_momentum", "wheel_speed")
 
 
@@ -163,16 +168,48 @@ def _groups(files: Sequence[Path]) -> list[FileGroup]:
     groups: dict[tuple, FileGroup] = {}
     for path in sorted(set(files)):
         for name in tables_in(path):
-            table = read_raw(path, table=name)
-            key = (name, path.suffix, tuple(table.columns), re.sub(r"\d+", "", path.stem))
-            before = groups.get(key)
-            group = (path,) if before is None else (*before.files, path)
-            groups[key] = FileGroup(group, name, table if before is None else before.table)
+            for packet, table in _packets(read_raw(path, table=name)).items():
+                stem = re.sub(r"\d+", "", path.stem)
+                key = (name, packet, path.suffix, tuple(table.columns), stem)
+                before = groups.get(key)
+                group = (path,) if before is None else (*before.files, path)
+                shown = table if before is None else before.table
+                groups[key] = FileGroup(group, name, shown, packet)
     return list(groups.values())
 
 
+def _packets(table: RawTable) -> dict[tuple[str, str | int] | None, RawTable]:
+    """The rows of each packet where a column says which, with the columns that it fills."""
+    for name, column in table.columns.items():
+        values, counts = np.unique(column.values, return_counts=True)
+        if _PACKET.fullmatch(name.lower()) and 1 < len(values) <= _MOST_PACKETS < counts.sum():
+            of_row = column.values == values[:, None]
+            parts = zip(values.tolist(), of_row, strict=True)
+            return {(name, _plain(value)): _filled(table, name, rows) for value, rows in parts}
+    return {None: table}
+
+
+def _plain(value: str | float) -> str | int:
+    return value if isinstance(value, str) else int(value)
+
+
+def _filled(table: RawTable, packet: str, rows: np.ndarray) -> RawTable:
+    """Some rows of a table, without the packet and columns in which they hold nothing."""
+    columns = {
+        name: replace(
+            column,
+            values=column.values[rows],
+            exact=None if column.exact is None else column.exact[rows],
+        )
+        for name, column in table.columns.items()
+        if name != packet and (column.is_text or np.isfinite(column.values[rows]).any())
+    }
+    return replace(table, columns=columns, lines=None)
+
+
 def _families(group: FileGroup) -> list[ColumnFamily]:
-    found = families(group.table, group.files[0].name)
+    packet = "" if group.packet is None else f"{group.packet[1]}_"
+    found = families(group.table, packet + group.files[0].name)
     if group.table.attitude is not None:
         form = "quaternion" if group.table.attitude.scalar else "euler"
         found = [family for family in found if family.holds != "attitude"]
@@ -189,6 +226,7 @@ def _left_over(
         used = {name for other, family in streams if other is group for name in family.names}
         rest = [n for n in group.table.columns if n not in used | set(time_names(group.table))]
         if rest:
-            where = f"{group.files[0].name} {group.table_name}".strip()
+            packet = "" if group.packet is None else str(group.packet[1])
+            where = " ".join(filter(None, (group.files[0].name, group.table_name, packet)))
             lines.append(f"{where}: {', '.join(rest)}")
     return lines

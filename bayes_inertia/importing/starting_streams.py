@@ -40,11 +40,14 @@ class FileGroup:
         Their table; "" for files that are one table.
     table : RawTable
         The first of them.
+    packet : tuple of str and (str or int), optional
+        Of tables with rows of several packets, the column that says which, and its value.
     """
 
     files: tuple[Path, ...]
     table_name: str
     table: RawTable
+    packet: tuple[str, str | int] | None = None
 
 
 def stream_text(
@@ -78,8 +81,11 @@ def stream_text(
     lines += _time(group, path, one_clock)
     lines.append("offset_s = 0.0  # true time minus stamp [s]: -0.125 if stamps are 0.125 s late")
     lines += _attitude(group, family) if family.holds == "attitude" else _readings(group, family)
+    if group.packet is not None:
+        of_packet = dict(zip(("name", "equals"), group.packet, strict=True))
+        lines.append(f"valid = {mapping_value(of_packet)}  # the rows of this packet")
     flags = [n for n in group.table.columns if re.search(r"valid|flag|status|quality", n.lower())]
-    if flags:
+    if flags and group.packet is None:
         lines.append(f'# valid = {{ name = "{flags[0]}", equals = 1 }}  # rows that count')
     text = "\n".join(lines) + "\n"
     return "\n".join(f"# {line}" for line in text.splitlines()) + "\n" if commented else text

@@ -255,6 +255,22 @@ def test_files_of_px4_say_clock_unit_and_sense(tmp_path):
     assert (attitude["scalar"], attitude["maps"]) == ("first", "inertial_to_body")
 
 
+def test_rows_of_several_packets_are_streams_of_their_own(tmp_path):
+    rows = [f"{0.25 * i},GYRO,0.1,0.2,0.3" for i in range(60)]
+    rows += [f"{0.25 * i},MAG,1e-5,2e-5,3e-5" for i in range(60)]
+    (tmp_path / "a.csv").write_text("\n".join(["t_s,PACKET,x,y,z", *rows]))
+    started = starting_mapping([tmp_path / "a.csv"])
+    rate, field = tomllib.loads(started.text)["streams"]
+    assert (rate["holds"], rate["names"]) == ("rate", ["x", "y", "z"])
+    assert rate["valid"] == {"name": "PACKET", "equals": "GYRO"}
+    assert (field["holds"], field["valid"]["equals"]) == ("magnetic_field", "MAG")
+    assert started.left_over == ()
+    rows = [f"{0.25 * i}," + ("100,1,2,3," if i % 2 else "101,,,,7") for i in range(60)]
+    (tmp_path / "b.csv").write_text("\n".join(["t_s,apid,gx,gy,gz,u", *rows]))
+    (rate,) = tomllib.loads(starting_mapping([tmp_path / "b.csv"]).text)["streams"]
+    assert rate["valid"] == {"name": "apid", "equals": 100}
+
+
 def test_the_command_needs_one_of_its_two_ways(log, capsys):
     code, _, error = command(capsys, log)
     assert code == 2
