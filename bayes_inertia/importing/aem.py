@@ -272,6 +272,13 @@ def _attitude(
     if _type(segment).startswith("EULER"):
         angles, sequence = _angles(segment, names, label)
         return StatedAttitude(angles, "", *frames, sequence, "deg"), tuple(notes)
+    _check_quaternions(segment, names, label)
+    return StatedAttitude(_QUATERNION, "last", *frames), tuple(notes)
+
+
+def _check_quaternions(segment: AemSegment, names: Sequence[str], label: str) -> None:
+    """Refuse attitudes that are no quaternions, or whose scalar could stand anywhere."""
+    meta = segment.metadata
     if not _type(segment).startswith("QUATERNION"):
         raise _unread_type(segment, label, "export QUATERNION, EULER_ANGLE or SPIN")
     if not set(_QUATERNION) <= set(names):
@@ -286,15 +293,13 @@ def _attitude(
             where=label,
             advice="write where the scalar QC stands",
         )
-    if segment.names:  # XML names each component.
-        return StatedAttitude(_QUATERNION, "last", *frames), tuple(notes)
-    if not _scalar(segment):
+    # XML names each component.
+    if not segment.names and not _scalar(segment):
         raise CampaignError(
             "the metadata lack QUATERNION_TYPE, so nothing says where the scalar stands",
             where=label,
             advice="add QUATERNION_TYPE = FIRST or LAST to the metadata",
         )
-    return StatedAttitude(_QUATERNION, "last", *frames), tuple(notes)
 
 
 def _spin_angles(

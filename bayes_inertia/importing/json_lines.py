@@ -194,10 +194,11 @@ def _by_name(value: dict[str, Any]) -> dict[str, Any]:
     """An object with its rows as columns where it is a table as pandas and InfluxDB write it."""
     names = value.get("columns")
     rows = next((value[key] for key in ("data", "values", "rows") if key in value), None)
-    table = isinstance(names, list) and isinstance(rows, list) and len(rows) > 0
-    if table and all(isinstance(row, list) and len(row) == len(names) for row in rows):
-        return dict(zip(map(str, names), map(list, zip(*rows, strict=True)), strict=True))
-    return value
+    if not isinstance(names, list) or not isinstance(rows, list) or not rows:
+        return value
+    if not all(isinstance(row, list) and len(row) == len(names) for row in rows):
+        return value
+    return dict(zip(map(str, names), map(list, zip(*rows, strict=True)), strict=True))
 
 
 def _array(values: list[Any], where: str) -> np.ndarray:
@@ -224,7 +225,8 @@ def _records(text: str, label: str) -> tuple[list[dict[str, Any]], list[int], tu
         if not all(isinstance(record, dict) for record in listed):
             raise CampaignError("a list of other things than objects", where=label, advice=_ADVICE)
         return listed, list(range(1, len(listed) + 1)), ()
-    records, lines = [], []
+    records: list[dict[str, Any]] = []
+    lines: list[int] = []
     written = text.split("\n")
     for number, line in enumerate(written, start=1):
         if not line.strip():
