@@ -36,6 +36,8 @@ class LoggedStream:
         The files, as messages name them.
     notes : tuple of str, optional
         What was sorted, dropped or taken from the files, for people.
+    overlap : bool, optional
+        Whether files repeat rows of each other, as downloads of one log do.
 
     Examples
     --------
@@ -50,6 +52,7 @@ class LoggedStream:
     file: np.ndarray
     files: tuple[str, ...]
     notes: tuple[str, ...] = ()
+    overlap: bool = False
 
     @property
     def step(self) -> float:
@@ -170,6 +173,9 @@ def in_order(stream: LoggedStream, place: Callable[[int], str] | None = None) ->
     swapped = _late_rows(stream)
     stream = stream.rows(order, *([_rows(swapped, "out of order", "sorted")] if swapped else []))
     repeated = np.concatenate([[False], np.diff(stream.time) == 0.0])
+    # The last row of a slew's file may be the first of the next.
+    again = int((repeated[1:] & (np.diff(stream.file) != 0)).sum())
+    stream = replace(stream, overlap=again >= max(len(stream.files), 2))
     if not repeated.any():
         return stream
     values, again, lost = _filled(stream.values, repeated)
