@@ -57,6 +57,8 @@ class FileShare:
         The stamp of each row.
     values : (rows, width) array
         Readings in SI units and the package's senses; NaN where there is none.
+    rounding : tuple of float
+        Standard deviation of the rounding in the file, as of `LoggedStream`.
     notes : tuple of str, optional
         What a user should know of the file.
     """
@@ -65,6 +67,7 @@ class FileShare:
     file: str
     stamps: TimeStamps
     values: np.ndarray
+    rounding: tuple[float, ...]
     notes: tuple[str, ...] = ()
 
 
@@ -173,5 +176,11 @@ def _logged(share: FileShare, epoch_ns: int) -> LoggedStream:
     keep = np.isfinite(time) & np.isfinite(share.values).any(axis=1)
     file = np.zeros(int(keep.sum()), dtype=int)
     return LoggedStream(
-        share.stream.holds, time[keep], share.values[keep], file, (share.file,), share.notes
+        share.stream.holds,
+        time[keep],
+        share.values[keep],
+        file,
+        (share.file,),
+        share.notes,
+        share.rounding,
     )

@@ -16,13 +16,13 @@ from bayes_inertia.importing.common_clock import Logs
 from bayes_inertia.importing.cut_picture import cut_picture
 from bayes_inertia.importing.imported_folder import (
     PICTURE_FILE,
-    RECORD_FILE,
     description_text,
     record_text,
     table_texts,
     zero_of_clock,
 )
 from bayes_inertia.importing.log_reader import read_logs
+from bayes_inertia.importing.mapped_lines import RECORD_FILE
 from bayes_inertia.importing.mapping import parse_mapping
 from bayes_inertia.importing.mapping_schema import MappingPart
 from bayes_inertia.importing.reduction import reduced_content
@@ -154,6 +154,6 @@ def _require_noises(mapping: MappingPart, noises: Sequence[RestNoise], label: st
     advice = (
         f"the rests of the log show {', '.join(lines)}: paste it if the data sheet agrees"
         if lines
-        else "take it from the data sheet: the log has too few readings at rest to measure it"
+        else "take it from the data sheet: the rests of the log do not show it"
     )
     raise CampaignError("missing key", where=f"{label}, key {part}.{key}", advice=advice)

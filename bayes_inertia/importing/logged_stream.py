@@ -30,6 +30,9 @@ class LoggedStream:
         The files, as messages name them.
     notes : tuple of str, optional
         What was sorted, dropped or taken from the files, for people.
+    rounding : tuple of float, optional
+        Standard deviation of the rounding of each element in the files; one number of attitudes,
+        about any axis [rad].
 
     Examples
     --------
@@ -44,6 +47,7 @@ class LoggedStream:
     file: np.ndarray
     files: tuple[str, ...]
     notes: tuple[str, ...] = ()
+    rounding: tuple[float, ...] = (0.0,)
 
     @property
     def step(self) -> float:
@@ -175,6 +179,7 @@ def joined(streams: Sequence[LoggedStream]) -> LoggedStream:
         ),
         files,
         tuple(note for stream in streams for note in stream.notes),
+        tuple(np.max([stream.rounding for stream in streams], axis=0).tolist()),
     )
 
 

@@ -16,6 +16,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import nnls
 
+from bayes_inertia.campaign.quantisation import quantisation_sigma, quantisation_step
+from bayes_inertia.campaign.stuck import resolution
 from bayes_inertia.maths.values import array_dataclass
 
 _FEWEST_DIFFERENCES = 8
@@ -23,9 +25,8 @@ _SMALLEST_SERIES = 6
 # Largest improvement of chi^2 that chance may give to a kind of noise that is not there.
 _CHANCE = 9.0
 _REWEIGHTINGS = 5
-# A level that this share of steps between readings are multiples of is the step of a converter.
-_ON_LEVELS = 0.98
-_LEVEL_ROUNDING = 1e-3
+# Rows of a log that show the step of its rounding.
+_ROWS_OF_ROUNDING = 20_000
 
 
 @array_dataclass
@@ -66,7 +67,42 @@ class NoiseFit:
     deviations: np.ndarray
 
 
-def fit_noise(series: Sequence[np.ndarray], step: float) -> NoiseFit | None:
+def rounding_sigmas(values: np.ndarray) -> tuple[float, ...]:
+    """Standard deviation of the rounding of each column, in its unit; 0 where none is seen.
+
+    Parameters
+    ----------
+    values : (n, k) array
+        Readings of one quantity; NaN where there is none. A column that never changes is taken to
+        be rounded like the coarsest of the others.
+
+    Returns
+    -------
+    tuple of float
+        step / sqrt(12).
+
+    Examples
+    --------
+    >>> speeds = np.array([[300.0, 100.0, 50.0], [100.0, 100.0, 50.5], [200.0, 100.0, 49.5]])
+    >>> [round(sigma, 2) for sigma in rounding_sigmas(speeds)]
+    [28.87, 28.87, 0.14]
+    """
+    # Coarse rounding, which alone matters, is seen in a part of a long log.
+    values = values[:: max(1, len(values) // _ROWS_OF_ROUNDING)]
+    columns = [np.unique(column[np.isfinite(column)]) for column in values.T]
+    # Two different values are a step or more apart.
+    steps = [
+        (resolution(column) if len(column) == 2 else quantisation_step(column)) or 0.0
+        for column in columns
+    ]
+    steps = [
+        max(steps) if len(column) == 1 else step
+        for column, step in zip(columns, steps, strict=True)
+    ]
+    return tuple(quantisation_sigma(step) for step in steps)
+
+
+def fit_noise(series: Sequence[np.ndarray], step: float, rounding: float = 0.0) -> NoiseFit | None:
     """Fit the noise of readings in one or several uninterrupted series.
 
     Parameters
@@ -75,11 +111,15 @@ def fit_noise(series: Sequence[np.ndarray], step: float) -> NoiseFit | None:
         Readings at rest, equally spaced, without gaps; short series do not count.
     step : float
         Time between readings [s].
+    rounding : float, optional
+        Standard deviation of the rounding of a reading, if the series do not show it: the white
+        noise is never less than that of the rounding.
 
     Returns
     -------
     NoiseFit or None
-        The noise, in the readings' unit; None where there are too few of them.
+        The noise, in the readings' unit; None where there are too few of them, or where they show
+        none at all.
 
     Examples
     --------
@@ -90,23 +130,44 @@ def fit_noise(series: Sequence[np.ndarray], step: float) -> NoiseFit | None:
     """
     series = [values for values in series if len(values) >= _SMALLEST_SERIES]
     lengths, variances, freedom = _hadamard(series)
-    if not len(lengths):
-        return None
     samples = sum(len(values) for values in series)
+    if samples:
+        step_seen = quantisation_step(np.concatenate(series)) or 0.0
+        rounding = max(rounding, quantisation_sigma(step_seen))
+    if not len(lengths):
+        # Rounding may leave one value only.
+        still = samples > _FEWEST_DIFFERENCES and all(np.ptp(values) == 0.0 for values in series)
+        return _rounded(samples, step, rounding) if still and rounding > 0.0 else None
     kinds = np.stack([_white(lengths), _walk(lengths), np.ones(len(lengths))], axis=1)
     shares = _shares(kinds, variances, freedom)
     white, walk, flicker = np.sqrt(shares)
+    if max(white, rounding) == 0.0:
+        return None
     return NoiseFit(
-        float(white),
+        float(max(white, rounding)),
         float(1.0 / np.sqrt(2.0 * freedom[0])),
         float(walk),
-        _level(series),
+        _steps_of(rounding),
         float(flicker),
         step,
         samples,
         lengths,
         np.sqrt(variances),
     )
+
+
+def _rounded(samples: int, step: float, rounding: float) -> NoiseFit:
+    """The noise of readings of which rounding leaves one value."""
+    none = np.zeros(0)
+    error = float(1.0 / np.sqrt(2.0 * samples))
+    return NoiseFit(
+        rounding, error, 0.0, _steps_of(rounding), 0.0, step, samples, none.astype(int), none
+    )
+
+
+def _steps_of(rounding: float) -> float:
+    """The step that leaves this standard deviation."""
+    return rounding / quantisation_sigma(1.0)
 
 
 def _hadamard(series: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -181,21 +242,3 @@ def _fitted(
     shares[chosen] = found
     ratio = variances / model
     return shares, float(np.sum(freedom * (ratio - 1.0 - np.log(ratio))))
-
-
-def _level(series: Sequence[np.ndarray]) -> float:
-    """The step between neighbouring values of a converter; 0 where none is seen."""
-    values = np.unique(np.concatenate(series))
-    gaps = np.diff(values)
-    # Rounding of decimals makes gaps that are none.
-    scale = float(np.abs(values).max())
-    gaps = gaps[gaps > 1e-12 * scale]
-    if not len(gaps):
-        return 0.0
-    level = float(np.median(gaps[gaps <= np.quantile(gaps, 0.1) * (1.0 + _LEVEL_ROUNDING)]))
-    total = sum(len(v) for v in series)
-    multiples = np.diff(np.concatenate(series)) / level
-    on = np.abs(multiples - np.rint(multiples)) < _LEVEL_ROUNDING * np.maximum(1, np.abs(multiples))
-    # Readings of many digits are all different: only values that return show a converter.
-    repeated = len(values) < 0.5 * total
-    return level if repeated and float(on.mean()) > _ON_LEVELS else 0.0

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from decimal import Decimal
 
 import numpy as np
 from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation
 
+from bayes_inertia.campaign.quantisation import quantisation_sigma
 from bayes_inertia.importing.common_clock import Logs
 from bayes_inertia.importing.logged_stream import LoggedStream
 from bayes_inertia.importing.mapping_schema import MappingPart
@@ -48,8 +50,14 @@ class RestNoise:
 
     @property
     def seen(self) -> tuple[float, ...]:
-        """White noise per sample of each axis, to two digits."""
-        return tuple(float(f"{fit.white:.2g}") for fit in self.fits)
+        """White noise per sample of each axis, to two digits and not below the rounding."""
+        seen = []
+        for fit in self.fits:
+            rounded = Decimal(f"{fit.white:.1e}")
+            if float(rounded) < quantisation_sigma(fit.quantisation):
+                rounded += Decimal((0, (1,), rounded.as_tuple().exponent))
+            seen.append(float(rounded))
+        return tuple(seen)
 
     @property
     def differs(self) -> bool:
@@ -103,7 +111,10 @@ def rest_noise(logs: Logs, scan: MotionScan | None, mapping: MappingPart) -> lis
 
 def _rates(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[RestNoise]:
     rate = logs.streams["rate"]
-    fits = [_fit(rate.time, axis, scan) for axis in rate.values.T]
+    fits = [
+        _fit(rate.time, axis, scan, rounding)
+        for axis, rounding in zip(rate.values.T, np.broadcast_to(rate.rounding, 3), strict=True)
+    ]
     stated = mapping.rate_sensor.sigma
     if all(fit is not None for fit in fits):
         yield RestNoise(
@@ -122,9 +133,11 @@ def _momenta(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[Res
         return
     torque = logs.streams.get("wheel_torque")
     commanded = np.zeros_like(stream.values) if torque is None else _impulse(torque, stream.time)
+    roundings = np.broadcast_to(stream.rounding, len(mapping.wheels))
     for k, wheel in enumerate(mapping.wheels):
-        momentum = stream.values[:, k] * (wheel.spin_inertia if speed else 1.0)
-        fit = _fit(stream.time, momentum - commanded[:, k], scan)
+        size = wheel.spin_inertia if speed else 1.0
+        momentum = stream.values[:, k] * size
+        fit = _fit(stream.time, momentum - commanded[:, k], scan, roundings[k] * size)
         if fit is not None:
             stated = wheel.momentum_sigma
             key = f"wheels.{wheel.name}.momentum_sigma"
@@ -153,18 +166,20 @@ def _attitudes(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[R
         turns["sigma_cross"] += list((errors @ across.T).T)
         turns["sigma_roll"].append(errors @ boresight)
     for name, series in turns.items():
-        fit = fit_noise(series, stream.step)
+        fit = fit_noise(series, stream.step, stream.rounding[0])
         stated = getattr(tracker, name)
         if fit is not None:
             key = f"star_tracker.{name}"
             yield RestNoise(key, "rad", (fit,), None if stated is None else (stated,))
 
 
-def _fit(time: np.ndarray, values: np.ndarray, scan: MotionScan) -> NoiseFit | None:
+def _fit(
+    time: np.ndarray, values: np.ndarray, scan: MotionScan, rounding: float = 0.0
+) -> NoiseFit | None:
     given = _without_outliers(values)
     rows = _series(time, given, scan)
     step = float(np.median(np.diff(time[given]))) if given.sum() > 1 else 0.0
-    return fit_noise([values[r] for r in rows], step)
+    return fit_noise([values[r] for r in rows], step, float(rounding))
 
 
 def _without_outliers(values: np.ndarray) -> np.ndarray:

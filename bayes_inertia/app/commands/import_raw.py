@@ -60,7 +60,7 @@ def import_command(
                 "no folder for the campaign", where="import", advice="add -o CAMPAIGN"
             )
         from bayes_inertia.importing.import_logs import import_logs
-        from bayes_inertia.importing.imported_folder import RECORD_FILE
+        from bayes_inertia.importing.mapped_lines import RECORD_FILE
 
         imported = import_logs(raw, using, out)
         if as_json:
@@ -89,7 +89,8 @@ def show_import(imported: ImportedCampaign) -> None:
     imported : ImportedCampaign
         The import.
     """
-    from bayes_inertia.importing.imported_folder import PICTURE_FILE, RECORD_FILE, zero_of_clock
+    from bayes_inertia.importing.imported_folder import PICTURE_FILE, zero_of_clock
+    from bayes_inertia.importing.mapped_lines import RECORD_FILE
 
     console = plain_console()
     console.width = min(console.width, _WIDTH)
