@@ -13,7 +13,6 @@ A rotation that `maps = "inertial_to_body"` has v_B = C v_N. For each form:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -144,7 +143,7 @@ def without_solution(
 
 
 def rounding_of_attitudes(
-    values: np.ndarray, convention: AttitudeConvention, sigmas: Sequence[float]
+    values: np.ndarray, convention: AttitudeConvention, sigmas: np.ndarray
 ) -> float:
     """Standard deviation of an attitude about any axis from rounding of its columns.
 
@@ -154,7 +153,7 @@ def rounding_of_attitudes(
         The columns; NaN throughout a row without a fix.
     convention : AttitudeConvention
         What they are.
-    sigmas : sequence of float
+    sigmas : (columns,) array
         Standard deviation of the rounding of each column.
 
     Returns
@@ -164,8 +163,9 @@ def rounding_of_attitudes(
 
     Examples
     --------
+    >>> fix, sigmas = np.array([[0.0, 0.0, 0.6, 0.8]]), np.full(4, 1e-4)
     >>> quaternion = AttitudeConvention("quaternion", "inertial_to_body")
-    >>> round(rounding_of_attitudes(np.array([[0.0, 0.0, 0.6, 0.8]]), quaternion, [1e-4] * 4), 7)
+    >>> round(rounding_of_attitudes(fix, quaternion, sigmas), 7)
     0.0002
     """
     given = values[np.isfinite(values).all(axis=1)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from bayes_inertia.importing.cut_picture import cut_picture
 from bayes_inertia.importing.imported_folder import (
     PICTURE_FILE,
     description_text,
+    raw_place,
     record_text,
     table_texts,
     zero_of_clock,
@@ -108,14 +109,16 @@ def import_logs(
     # The description comes last: an interrupted import leaves no campaign.
     content["campaign.toml"] = description_text(parsed, slews, noises)
     encoded = {name: text.encode("utf-8") for name, text in content.items()}
-    campaign = _read_back(encoded, label)
+    campaign = _read_back(encoded, label, lambda where: raw_place(where, parsed, slews))
     if parsed.reduce == "block_means":
         encoded, campaign = reduced_content(encoded, campaign)
     written = write_new_files(folder, encoded, holds="campaign")
     return ImportedCampaign(written, logs, cut, tuple(noises), campaign)
 
 
-def _read_back(content: Mapping[str, bytes], label: str) -> Campaign:
+def _read_back(
+    content: Mapping[str, bytes], label: str, raw_place: Callable[[str], str]
+) -> Campaign:
     """The campaign that a folder with this content would be; what is wrong is the mapping's."""
     with tempfile.TemporaryDirectory() as folder:
         for name, data in content.items():
@@ -125,7 +128,7 @@ def _read_back(content: Mapping[str, bytes], label: str) -> Campaign:
         except CampaignError as error:
             where = error.where.replace(str(Path(folder, "campaign.toml")), label)
             where = where.replace(f"{folder}{os.sep}", "")
-            raise CampaignError(error.what, where=where, advice=error.advice) from None
+            raise CampaignError(error.what, where=raw_place(where), advice=error.advice) from None
 
 
 def _zero_in_words(logs: Logs) -> str:

@@ -208,11 +208,12 @@ def _refuse_no_reading(part: MappedStream, shares: Sequence[FileShare], where: s
                 where=where, holds=part.holds
             ),
         )
-    rows = sum(int(rows.any(axis=1).sum()) for rows in given)
-    if part.holds == "rate" and rows < _FEWEST_RATES:
+    counts = np.sum([rows.sum(axis=0) for rows in given], axis=0)
+    if part.holds == "rate" and counts.min() < _FEWEST_RATES:
+        few = [n for n, c in zip(part.names, counts, strict=True) if c < _FEWEST_RATES]
         raise CampaignError(
-            f"the rate has {rows} reading{'s' * (rows > 1)} only",
-            where=f"{', '.join(files)}, columns {', '.join(part.names)}",
+            f"{counts.min()} reading{'' if counts.min() == 1 else 's'} only",
+            where=f"{', '.join(files)}, column{'s' * (len(few) > 1)} {', '.join(few)}",
             advice="give the rates of whole slews: was the sensor off, or the export cut?",
         )
 

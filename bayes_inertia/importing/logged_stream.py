@@ -199,4 +199,7 @@ def held(stream: LoggedStream) -> LoggedStream:
     rows = np.arange(len(stream.time))[:, None]
     last = np.maximum.accumulate(np.where(np.isnan(stream.values), -1, rows), axis=0)
     values = np.take_along_axis(stream.values, np.maximum(last, 0), axis=0)
-    return replace(stream, values=values).rows((last >= 0).all(axis=1))
+    known = (last >= 0).all(axis=1)
+    early = int((~known).sum())
+    note = [_rows(early, "before every wheel had a command", "left out")] if early else []
+    return replace(stream, values=values).rows(known, *note)

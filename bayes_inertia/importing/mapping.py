@@ -60,6 +60,7 @@ def parse_mapping(text: str, label: str) -> MappingPart:
     """
     document = toml_document(text, label)
     refuse_open_questions(document, label)
+    _refuse_few_axes(document, label)
     complete = with_si_hardware(with_alike_wheels(document, label), label)
     mapping = checked_document(complete, label, MappingPart)
     _check_streams(mapping, label)
@@ -74,6 +75,20 @@ def parse_mapping(text: str, label: str) -> MappingPart:
         if isinstance(stream, WheelStream):
             _check_wheels(stream, mapping, where)
     return mapping
+
+
+def _refuse_few_axes(document: dict[str, Any], label: str) -> None:
+    """Refuse rates about fewer than three axes, before the form of the file does without a why."""
+    streams = document.get("streams")
+    for stream in streams if isinstance(streams, list) else []:
+        names = stream.get("names") if isinstance(stream, dict) else None
+        if isinstance(names, list) and 0 < len(names) < 3 and stream.get("holds") == "rate":
+            raise CampaignError(
+                f"{len(names)} column{'s' * (len(names) - 1)} for the rates about three axes",
+                where=f"{label}, key streams.rate.names",
+                advice="name one a sensor axis; a rig that is held to turn about fewer axes cannot "
+                "be fitted, as the model turns freely about all three",
+            )
 
 
 def _require(condition: bool, where: str, what: str, advice: str) -> None:

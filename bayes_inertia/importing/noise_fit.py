@@ -12,12 +12,12 @@ References: D. W. Allan, Proc. IEEE 54, 221 (1966); IEEE Std 952-1997, annex C; 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from decimal import Decimal
 
 import numpy as np
 from scipy.optimize import nnls
 
 from bayes_inertia.campaign.quantisation import quantisation_sigma, quantisation_step
-from bayes_inertia.campaign.stuck import resolution
 from bayes_inertia.maths.values import array_dataclass
 
 _FEWEST_DIFFERENCES = 8
@@ -27,6 +27,10 @@ _CHANCE = 9.0
 _REWEIGHTINGS = 5
 # Rows of a log that show the step of its rounding.
 _ROWS_OF_ROUNDING = 20_000
+_NUMBERS_OF_DECIMALS = 200  # of a column; fewer than so many show no step:
+_FEWEST_NUMBERS = 3
+# Readings whose differences are larger than this many sds of their rounding show other noise.
+_ONLY_ROUNDING = 3.0
 
 
 @array_dataclass
@@ -67,39 +71,55 @@ class NoiseFit:
     deviations: np.ndarray
 
 
-def rounding_sigmas(values: np.ndarray) -> tuple[float, ...]:
+def rounding_sigmas(values: np.ndarray) -> np.ndarray:
     """Standard deviation of the rounding of each column, in its unit; 0 where none is seen.
 
     Parameters
     ----------
     values : (n, k) array
-        Readings of one quantity; NaN where there is none. A column that never changes is taken to
-        be rounded like the coarsest of the others.
+        Numbers of one quantity as they lie in a file; NaN where there is none. A column that never
+        changes is taken to be rounded like the coarsest of the others.
 
     Returns
     -------
-    tuple of float
+    (k,) array
         step / sqrt(12).
 
     Examples
     --------
-    >>> speeds = np.array([[300.0, 100.0, 50.0], [100.0, 100.0, 50.5], [200.0, 100.0, 49.5]])
-    >>> [round(sigma, 2) for sigma in rounding_sigmas(speeds)]
-    [28.87, 28.87, 0.14]
+    >>> speeds = np.array([[300.0, 100.0, 50.0], [150.0, 100.0, 50.5], [450.0, 100.0, 49.5]])
+    >>> rounding_sigmas(speeds).round(2).tolist()
+    [43.3, 43.3, 0.14]
     """
     # Coarse rounding, which alone matters, is seen in a part of a long log.
     values = values[:: max(1, len(values) // _ROWS_OF_ROUNDING)]
     columns = [np.unique(column[np.isfinite(column)]) for column in values.T]
-    # Two different values are a step or more apart.
+    # Two values alone show a step only where they are multiples of it themselves.
     steps = [
-        (resolution(column) if len(column) == 2 else quantisation_step(column)) or 0.0
+        quantisation_step(np.append(column, 0.0) if len(column) == 2 else column) or 0.0
         for column in columns
     ]
     steps = [
         max(steps) if len(column) == 1 else step
         for column, step in zip(columns, steps, strict=True)
     ]
-    return tuple(quantisation_sigma(step) for step in steps)
+    decimal = _decimal_step(columns)
+    return np.array([quantisation_sigma(max(step, decimal)) for step in steps])
+
+
+def _decimal_step(columns: Sequence[np.ndarray]) -> float:
+    """The unit of the last decimal in which all numbers are written; 0 for too few numbers."""
+    numbers = {
+        number
+        for column in columns
+        for number in column[:: max(1, len(column) // _NUMBERS_OF_DECIMALS)].tolist()
+        if number != 0.0
+    }
+    if len(numbers) < _FEWEST_NUMBERS:
+        return 0.0
+    # Twelve digits: products with a step have rounding of their own in the last ones.
+    last = [Decimal(f"{number:.12g}").normalize().as_tuple().exponent for number in numbers]
+    return 10.0 ** min(int(exponent) for exponent in last)
 
 
 def fit_noise(series: Sequence[np.ndarray], step: float, rounding: float = 0.0) -> NoiseFit | None:
@@ -141,7 +161,8 @@ def fit_noise(series: Sequence[np.ndarray], step: float, rounding: float = 0.0) 
     kinds = np.stack([_white(lengths), _walk(lengths), np.ones(len(lengths))], axis=1)
     shares = _shares(kinds, variances, freedom)
     white, walk, flicker = np.sqrt(shares)
-    if max(white, rounding) == 0.0:
+    # A walk alone does not show how much less the white noise is; rounding that hides all does.
+    if white == 0.0 and np.sqrt(variances[0]) > _ONLY_ROUNDING * rounding:
         return None
     return NoiseFit(
         float(max(white, rounding)),

@@ -136,6 +136,8 @@ def _momenta(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[Res
     roundings = np.broadcast_to(stream.rounding, len(mapping.wheels))
     for k, wheel in enumerate(mapping.wheels):
         size = wheel.spin_inertia if speed else 1.0
+        if roundings[k] == 0.0 and len(np.unique(stream.values[:, k], equal_nan=True)) < 3:
+            continue  # A reading that never changes shows the noise of the commands only.
         momentum = stream.values[:, k] * size
         fit = _fit(stream.time, momentum - commanded[:, k], scan, roundings[k] * size)
         if fit is not None:

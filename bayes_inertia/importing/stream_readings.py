@@ -25,11 +25,13 @@ from bayes_inertia.importing.mapping_schema import (
 from bayes_inertia.importing.noise_fit import rounding_sigmas
 from bayes_inertia.importing.raw_table import RawTable, number_of
 from bayes_inertia.importing.stated_facts import agreed_attitude, agreed_unit
-from bayes_inertia.importing.unit_factors import to_si_with
+from bayes_inertia.importing.unit_factors import to_si_with, unit_factor
 
 # Quaternions of one length, but for this share of it, are counts; this share of the rows must be.
 _EVEN_LENGTH = 1e-3
 _MOST = 0.9
+# A column with less than this share of the readings of the fullest is worth a word.
+_COMPLETE = 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,10 +81,10 @@ def readings_of(part: MappedStream, table: RawTable, where: str) -> TableReading
         flagged = ~_valid_rows(part.valid, table, where)[:, None]
         notes.append(f"{int(flagged.sum())} rows are flagged as not valid")
     if isinstance(part, AttitudeStream):
-        values, rounding, marked = _attitudes(part, table, flagged, where)
+        values, rounding, said = _attitudes(part, table, flagged, where)
     else:
-        values, rounding, marked = _readings(part, table, flagged, where)
-    return TableReadings(values, rounding, (*notes, *([marked] if marked else [])))
+        values, rounding, said = _readings(part, table, flagged, where)
+    return TableReadings(values, rounding, (*notes, *said))
 
 
 def _marks(part: MappedStream, numbers: np.ndarray) -> np.ndarray:
@@ -92,37 +94,41 @@ def _marks(part: MappedStream, numbers: np.ndarray) -> np.ndarray:
 
 def _readings(
     part: ReadingsStream, table: RawTable, flagged: np.ndarray, where: str
-) -> tuple[np.ndarray, tuple[float, ...], str]:
+) -> tuple[np.ndarray, tuple[float, ...], list[str]]:
     """Columns in SI units, torques on the wheel; their rounding; what was taken for no reading."""
-    columns, marked = [], 0
+    read = table.stack(part.names)
+    marks = _marks(part, read)
+    read = np.where(flagged | marks, np.nan, read)
+    roundings = rounding_sigmas(read)
+    values = np.empty_like(read)
     for k, name in enumerate(part.names):
         unit = agreed_unit(table, name, part.holds, part.unit, where)
         scale, offset = (v[k] if isinstance(v, list) else v for v in (part.scale, part.offset))
-        numbers = table.numbers(name)
-        marks = _marks(part, numbers)
-        marked += int(marks.sum())
-        numbers = np.where(marks, np.nan, numbers)
-        columns.append(to_si_with(numbers, unit, part.holds, scale=scale, offset=offset))
-    values = np.where(flagged, np.nan, np.stack(columns, axis=1))
-    rounding = rounding_sigmas(values)
+        values[:, k] = to_si_with(read[:, k], unit, part.holds, scale=scale, offset=offset)
+        roundings[k] *= abs(scale) * unit_factor(part.holds, unit)
     # 0 - values, because -values would make zeros negative.
     body = isinstance(part, TorqueStream) and part.acts_on == "body"
-    said = f"{marked} cells hold a mark of no reading ({part.missing})" if marked else ""
-    return 0.0 - values if body else values, rounding, said
+    said = [f"{marks.sum()} cells hold {part.missing}, a mark of no reading"] if marks.any() else []
+    counts = np.isfinite(values).sum(axis=0)
+    fewest = int(np.argmin(counts))
+    # Commands may change one by one.
+    if counts[fewest] < _COMPLETE * counts.max() and not isinstance(part, TorqueStream):
+        said.append(f"{part.names[fewest]} has {counts[fewest]} readings, others {counts.max()}")
+    return 0.0 - values if body else values, tuple(roundings.tolist()), said
 
 
 def _attitudes(
     part: AttitudeStream, table: RawTable, flagged: np.ndarray, where: str
-) -> tuple[np.ndarray, tuple[float, ...], str]:
+) -> tuple[np.ndarray, tuple[float, ...], list[str]]:
     """Quaternions, body from inertial, scalar last; rounding [rad]; what was taken for no fix."""
     names, convention, of_tracker = agreed_attitude(table, part, where)
     read = np.where(flagged, np.nan, table.stack(names))
     values = read * np.array(part.scale)
     without = without_solution(values, convention, _marks(part, read))
-    said = ""
+    said = []
     if without.any():
         texts = ", ".join(f"{value:.6g}" for value in np.unique(read[without])[:4])
-        said = f"{int(without.sum())} rows hold {texts} in all of {', '.join(names)}: no fix"
+        said = [f"{int(without.sum())} rows hold {texts} in all of {', '.join(names)}: no fix"]
         values = np.where(without[:, None], np.nan, values)
     problem = bad_attitude(values, convention)
     if problem is not None:
@@ -130,26 +136,32 @@ def _attitudes(
         raise CampaignError(
             f"{what}: {read[row].tolist()}",
             where=f"{table.place(row, names[0])} to {names[-1]}",
-            advice=_counts(values, convention)
-            or "repair the row, leave all its cells empty, say `missing = ...` in the mapping if "
-            "it marks no fix, or name other columns there",
+            advice=_advice_on(row, read, convention, part.scale != 1.0),
         )
     quaternions = to_quaternions(values, convention)
-    rounding = rounding_of_attitudes(values, convention, rounding_sigmas(values))
+    # Of the numbers in the file: decimals are not seen once they are scaled.
+    roundings = rounding_sigmas(np.where(np.isnan(values), np.nan, read)) * np.abs(part.scale)
+    rounding = rounding_of_attitudes(values, convention, roundings)
     if of_tracker:
         quaternions = from_tracker_axes(quaternions, np.array(part.body_from_tracker))
     return quaternions, (rounding,), said
 
 
-def _counts(values: np.ndarray, convention: AttitudeConvention) -> str:
-    """What to do with quaternions that all have one length other than 1; "" if they have not."""
-    lengths = np.linalg.norm(values, axis=1)
-    lengths = lengths[np.isfinite(lengths)]
-    length = float(np.median(lengths)) if len(lengths) else 0.0
-    even = np.abs(lengths - length) <= _EVEN_LENGTH * length
-    if convention.form != "quaternion" or length == 0.0 or even.mean() < _MOST:
-        return ""
-    return f"if these are counts, add scale = {1.0 / length:.10g} to the stream of the mapping"
+def _advice_on(row: int, read: np.ndarray, convention: AttitudeConvention, scaled: bool) -> str:
+    """What to do with a row that is no attitude."""
+    different = np.unique(read[np.isfinite(read).all(axis=1)], axis=0)
+    lengths = np.linalg.norm(different, axis=1)
+    length = max(float(np.median(lengths)), 1e-300) if len(lengths) else 1.0
+    even = len(different) > 1 and np.mean(np.abs(lengths / length - 1.0) <= _EVEN_LENGTH) >= _MOST
+    counts = convention.form == "quaternion" and even and abs(length - 1.0) > _EVEN_LENGTH
+    if counts and not scaled:
+        return f"if these are counts, add scale = {1.0 / length:.10g} to the stream"
+    if (read == read[row]).all(axis=1).sum() > 1:
+        marks = ", ".join(f"{number:.10g}" for number in np.unique(read[row]))
+        return f"if such rows mark that there is no fix, add missing = [{marks}] to the stream"
+    return (
+        "repair the row, leave all its cells empty (no fix), or name other columns in the mapping"
+    )
 
 
 def _valid_rows(valid: ValidRows, table: RawTable, where: str) -> np.ndarray:
