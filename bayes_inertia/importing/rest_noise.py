@@ -60,6 +60,12 @@ class RestNoise:
         return tuple(seen)
 
     @property
+    def step(self) -> float:
+        """The step of the readings where their noise is that of its rounding; 0 where it is not."""
+        fits = [f for f in self.fits if f.white <= quantisation_sigma(f.quantisation)]
+        return max((fit.quantisation for fit in fits), default=0.0)
+
+    @property
     def differs(self) -> bool:
         """Whether the stated noise is another one than the seen."""
         if self.stated is None:

@@ -174,10 +174,11 @@ def _show_noise(console: Console, noises: tuple[RestNoise, ...]) -> None:
         table.add_row(noise.key, stated, _numbers(noise.seen), noise.unit)
     console.print(table)
     for noise in noises:
+        of = f" (rounding to steps of {noise.step:.2g} {noise.unit})" if noise.step else ""
         if noise.differs:
-            console.print(f"  {noise.key}: the rests show another noise: {noise.toml()}")
+            console.print(f"  {noise.key}: the rests show another noise: {noise.toml()}{of}")
         if noise.stated is None:
-            console.print(f"  {noise.key}: to use these readings, state {noise.toml()}")
+            console.print(f"  {noise.key}: to use these readings, state {noise.toml()}{of}")
 
 
 def _numbers(values: tuple[float, ...]) -> str:
