@@ -188,7 +188,8 @@ def raw_place(where: str, mapping: MappingPart, slews: Sequence[SlewTables]) -> 
             raw = ", ".join(stream.files[k] for k in np.unique(stream.file))
             at = "" if moment is None else f" at {moment:.6g} s"
             name = _raw_column(mapping, key, column, written.names)
-            return f"{raw}, column {name}, in {tables.window.name}{at}"
+            many = "s" * (", " in name)
+            return f"{raw}, column{many} {name}, in {tables.window.name}{at}"
     return where
 
 

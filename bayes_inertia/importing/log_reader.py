@@ -108,6 +108,8 @@ def read_logs(files: Sequence[str | Path], mapping: MappingPart, label: str) -> 
             used[path].append(stream)
             read.append(_read_part(stream, tables.table(path, stream), where))
         _refuse_no_reading(stream, read, where)
+        if stream.holds == "rate":
+            _refuse_few_rates(stream, read, mapping)
         shares += [_of_all_wheels(share, mapping) for share in read]
     unused = tuple(path.name for path in paths if path not in used)
     return on_one_clock(shares, mapping, label, unused)
@@ -208,14 +210,23 @@ def _refuse_no_reading(part: MappedStream, shares: Sequence[FileShare], where: s
                 where=where, holds=part.holds
             ),
         )
-    counts = np.sum([rows.sum(axis=0) for rows in given], axis=0)
-    if part.holds == "rate" and counts.min() < _FEWEST_RATES:
+
+
+def _refuse_few_rates(
+    part: MappedStream, shares: Sequence[FileShare], mapping: MappingPart
+) -> None:
+    """Refuse rates that are too few for a slew."""
+    a_slew_each = len(shares) > 1 and mapping.cut.by != "rest" and not mapping.slews
+    for together in [[share] for share in shares] if a_slew_each else [shares]:
+        counts = np.sum([np.isfinite(share.values).sum(axis=0) for share in together], axis=0)
         few = [n for n, c in zip(part.names, counts, strict=True) if c < _FEWEST_RATES]
-        raise CampaignError(
-            f"{counts.min()} reading{'' if counts.min() == 1 else 's'} only",
-            where=f"{', '.join(files)}, column{'s' * (len(few) > 1)} {', '.join(few)}",
-            advice="give the rates of whole slews: was the sensor off, or the export cut?",
-        )
+        if few:
+            files = ", ".join(share.file for share in together)
+            raise CampaignError(
+                f"{counts.min()} reading{'' if counts.min() == 1 else 's'} only",
+                where=f"{files}, column{'s' * (len(few) > 1)} {', '.join(few)}",
+                advice="give the rates of whole slews: was the sensor off, or the export cut?",
+            )
 
 
 def _stamps(table: RawTable, time: TimeStampPart, where: str) -> TimeStamps:

@@ -11,6 +11,7 @@ from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.quantisation import quantisation_sigma
+from bayes_inertia.campaign.stuck import stuck_fixes
 from bayes_inertia.importing.common_clock import Logs
 from bayes_inertia.importing.logged_stream import LoggedStream
 from bayes_inertia.importing.mapping_schema import MappingPart
@@ -167,7 +168,8 @@ def _attitudes(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[R
     boresight = np.array(tracker.boresight) / np.linalg.norm(tracker.boresight)
     across = np.linalg.svd(boresight[None, :])[2][1:]
     turns: dict[str, list[np.ndarray]] = {"sigma_cross": [], "sigma_roll": []}
-    for rows in _series(stream.time, np.isfinite(stream.values).all(axis=1), scan):
+    given = np.isfinite(stream.values).all(axis=1) & ~stuck_fixes(stream.values)
+    for rows in _series(stream.time, given, scan):
         attitude = Rotation.from_quat(stream.values[rows])
         # A small rotation in body axes stands on the right of a quaternion.
         errors = (attitude[0].inv() * attitude).as_rotvec()

@@ -112,7 +112,7 @@ def _readings(
     counts = np.isfinite(values).sum(axis=0)
     fewest = int(np.argmin(counts))
     # Commands may change one by one.
-    if counts[fewest] < _COMPLETE * counts.max() and not isinstance(part, TorqueStream):
+    if counts[fewest] < (1 if isinstance(part, TorqueStream) else _COMPLETE * counts.max()):
         said.append(f"{part.names[fewest]} has {counts[fewest]} readings, others {counts.max()}")
     return 0.0 - values if body else values, tuple(roundings.tolist()), said
 
@@ -138,6 +138,8 @@ def _attitudes(
             where=f"{table.place(row, names[0])} to {names[-1]}",
             advice=_advice_on(row, read, convention, part.scale != 1.0),
         )
+    if not np.isfinite(values).any():
+        said.append("no row holds a fix")
     quaternions = to_quaternions(values, convention)
     # Of the numbers in the file: decimals are not seen once they are scaled.
     roundings = rounding_sigmas(np.where(np.isnan(values), np.nan, read)) * np.abs(part.scale)
