@@ -56,7 +56,7 @@ class RestNoise:
         for fit in self.fits:
             rounded = Decimal(f"{fit.white:.1e}")
             if float(rounded) < quantisation_sigma(fit.quantisation):
-                rounded += Decimal((0, (1,), rounded.as_tuple().exponent))
+                rounded += Decimal(1).scaleb(int(rounded.as_tuple().exponent))
             seen.append(float(rounded))
         return tuple(seen)
 
@@ -168,8 +168,10 @@ def _attitudes(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[R
     boresight = np.array(tracker.boresight) / np.linalg.norm(tracker.boresight)
     across = np.linalg.svd(boresight[None, :])[2][1:]
     turns: dict[str, list[np.ndarray]] = {"sigma_cross": [], "sigma_roll": []}
-    given = np.isfinite(stream.values).all(axis=1) & ~stuck_fixes(stream.values)
-    for rows in _series(stream.time, given, scan):
+    given = np.isfinite(stream.values).all(axis=1)
+    # Fixes that rounding makes alike are stuck too, but then all at rest are.
+    others = _series(stream.time, given & ~stuck_fixes(stream.values), scan)
+    for rows in others or _series(stream.time, given, scan):
         attitude = Rotation.from_quat(stream.values[rows])
         # A small rotation in body axes stands on the right of a quaternion.
         errors = (attitude[0].inv() * attitude).as_rotvec()
