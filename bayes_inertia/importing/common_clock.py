@@ -186,5 +186,6 @@ def _logged(share: FileShare, epoch_ns: int) -> LoggedStream:
         np.zeros(len(keep), dtype=int),
         (share.file,),
         tuple(notes),
+        share.rounding,
     )
     return in_order(stream, lambda row: share.place(int(keep[row])))

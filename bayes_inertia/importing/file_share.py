@@ -29,6 +29,8 @@ class FileShare:
         The stamp of each row.
     values : (rows, width) array
         Readings in SI units and the package's senses; NaN where there is none.
+    rounding : tuple of float
+        Standard deviation of the rounding in the file, as of `LoggedStream`.
     notes : tuple of str, optional
         What a user should know of the file.
     lines : (rows,) array of int, optional
@@ -39,6 +41,7 @@ class FileShare:
     file: str
     stamps: TimeStamps
     values: np.ndarray
+    rounding: tuple[float, ...]
     notes: tuple[str, ...] = ()
     lines: np.ndarray | None = None
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
 
@@ -19,14 +19,15 @@ from bayes_inertia.importing.common_clock import Logs
 from bayes_inertia.importing.cut_picture import cut_picture
 from bayes_inertia.importing.imported_folder import (
     PICTURE_FILE,
-    RECORD_FILE,
     description_text,
+    raw_place,
     record_text,
     table_texts,
     zero_of_clock,
 )
 from bayes_inertia.importing.log_reader import read_logs
 from bayes_inertia.importing.logged_stream import LoggedStream
+from bayes_inertia.importing.mapped_lines import RECORD_FILE
 from bayes_inertia.importing.mapping import parse_mapping, streams_that_hold
 from bayes_inertia.importing.mapping_schema import MappingPart
 from bayes_inertia.importing.reduction import reduced_content
@@ -114,7 +115,7 @@ def import_logs(
     # The description comes last: an interrupted import leaves no campaign.
     content["campaign.toml"] = description_text(parsed, slews, noises)
     encoded = {name: text.encode("utf-8") for name, text in content.items()}
-    campaign = _read_back(encoded, label)
+    campaign = _read_back(encoded, label, lambda where: raw_place(where, parsed, slews))
     if parsed.reduce == "block_means":
         encoded, campaign = reduced_content(encoded, campaign)
     written = write_new_files(folder, encoded, holds="campaign")
@@ -154,7 +155,9 @@ def _refuse_outside(stream: LoggedStream, cut: SlewCut, mapping: MappingPart, la
     )
 
 
-def _read_back(content: Mapping[str, bytes], label: str) -> Campaign:
+def _read_back(
+    content: Mapping[str, bytes], label: str, raw_place: Callable[[str], str]
+) -> Campaign:
     """The campaign that a folder with this content would be; what is wrong is the mapping's."""
     with tempfile.TemporaryDirectory() as folder:
         for name, data in content.items():
@@ -164,7 +167,7 @@ def _read_back(content: Mapping[str, bytes], label: str) -> Campaign:
         except CampaignError as error:
             where = error.where.replace(str(Path(folder, "campaign.toml")), label)
             where = where.replace(f"{folder}{os.sep}", "")
-            raise CampaignError(error.what, where=where, advice=error.advice) from None
+            raise CampaignError(error.what, where=raw_place(where), advice=error.advice) from None
 
 
 def _zero_in_words(logs: Logs) -> str:
@@ -193,6 +196,6 @@ def _require_noises(mapping: MappingPart, noises: Sequence[RestNoise], label: st
     advice = (
         f"the rests of the log show {', '.join(lines)}: paste it if the data sheet agrees"
         if lines
-        else "take it from the data sheet: the log has too few readings at rest to measure it"
+        else "take it from the data sheet: the rests of the log do not show it"
     )
     raise CampaignError("missing key", where=f"{label}, key {part}.{key}", advice=advice)

@@ -36,6 +36,9 @@ class LoggedStream:
         The files, as messages name them.
     notes : tuple of str, optional
         What was sorted, dropped or taken from the files, for people.
+    rounding : tuple of float, optional
+        Standard deviation of the rounding of each element in the files; one number of attitudes,
+        about any axis [rad].
     overlap : bool, optional
         Whether files repeat rows of each other, as downloads of one log do.
 
@@ -52,6 +55,7 @@ class LoggedStream:
     file: np.ndarray
     files: tuple[str, ...]
     notes: tuple[str, ...] = ()
+    rounding: tuple[float, ...] = (0.0,)
     overlap: bool = False
 
     @property
@@ -267,6 +271,7 @@ def joined(streams: Sequence[LoggedStream]) -> LoggedStream:
         ),
         files,
         tuple(note for stream in streams for note in stream.notes),
+        tuple(np.max([stream.rounding for stream in streams], axis=0).tolist()),
     )
 
 
@@ -286,4 +291,7 @@ def held(stream: LoggedStream) -> LoggedStream:
     rows = np.arange(len(stream.time))[:, None]
     last = np.maximum.accumulate(np.where(np.isnan(stream.values), -1, rows), axis=0)
     values = np.take_along_axis(stream.values, np.maximum(last, 0), axis=0)
-    return replace(stream, values=values).rows((last >= 0).all(axis=1))
+    known = (last >= 0).all(axis=1)
+    early = int((~known).sum())
+    note = [_rows(early, "before every wheel had a command", "left out")] if early else []
+    return replace(stream, values=values).rows(known, *note)

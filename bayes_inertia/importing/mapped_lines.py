@@ -7,7 +7,8 @@ import re
 from pathlib import Path
 from types import MappingProxyType
 
-from bayes_inertia.importing.imported_folder import RECORD_FILE
+RECORD_FILE = "import.json"
+"""The record of an import, in the folder of its campaign."""
 
 _TABLE = re.compile(r"\s*\[\[?\s*([\w-]+)\s*\]\]?\s*(#.*)?$")
 _ENTRY = re.compile(r"""\s*([\w-]+)\s*=\s*(?:["']([^"']*)["'])?""")
@@ -36,11 +37,29 @@ def mapped_lines(folder: Path, key: str) -> list[str]:
         name, text = mapping["name"], mapping["text"]
     except (OSError, ValueError, KeyError, TypeError):
         return []
-    return [f"{name}, line {number}: {line}" for number, line in _lines_of(text, key)]
+    return [f"{name}, line {number}: {line}" for number, line in lines_of(text, key)]
 
 
-def _lines_of(text: str, key: str) -> list[tuple[int, str]]:
-    """Number and text of the lines that state a key."""
+def lines_of(text: str, key: str) -> list[tuple[int, str]]:
+    """Number and text of the lines of a mapping that state a key.
+
+    Parameters
+    ----------
+    text : str
+        The mapping.
+    key : str
+        Path of the key in campaign.toml, such as "columns.rate.unit".
+
+    Returns
+    -------
+    list of tuple of int and str
+        Empty where the mapping does not state it.
+
+    Examples
+    --------
+    >>> lines_of('[[streams]]\\nholds = "rate"\\nunit = "deg/s"', "columns.rate.unit")
+    [(3, 'unit = "deg/s"')]
+    """
     first, *middle, last = key.split(".")
     wanted = "streams" if first == "columns" else first
     label = "holds" if first == "columns" else "name"

@@ -91,6 +91,8 @@ class _StreamPart(_MappingTable):
     time: TimeStampPart = TimeStampPart()
     offset_s: float = 0.0
     valid: ValidRows | None = None
+    # Numbers of the file, before `scale`, that mark "no reading" or "no solution", such as -9999.
+    missing: Numbers | None = None
     text: TextFilePart = TextFilePart()
 
 
@@ -146,6 +148,7 @@ class AttitudeStream(_StreamPart):
     names: list[str] = []
     scalar: Literal["first", "last"] | None = None
     maps: Literal["inertial_to_body", "body_to_inertial"] | None = None
+    scale: Numbers = 1.0
     sequence: str = ""
     turns: Literal["intrinsic", "extrinsic"] | None = None
     unit: str = ""

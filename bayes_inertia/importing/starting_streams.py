@@ -87,6 +87,7 @@ def stream_text(
     flags = [n for n in group.table.columns if re.search(r"valid|flag|status|quality", n.lower())]
     if flags and group.packet is None:
         lines.append(f'# valid = {{ name = "{flags[0]}", equals = 1 }}  # rows that count')
+    lines.append("# missing = -9999  # what marks that there is no reading")
     text = "\n".join(lines) + "\n"
     return "\n".join(f"# {line}" for line in text.splitlines()) + "\n" if commented else text
 
@@ -167,6 +168,8 @@ def _attitude(group: FileGroup, family: ColumnFamily) -> list[str]:
             f"{key} = {mapping_value(value)}" for key, value in stated.items() if value
         )
         lines.append(mapping_comment(f"the file states {told}"))
+    if not stated:
+        lines.append("# scale = 1.0  # for counts: element = scale * count")
     if stated.get("frame") != "body":
         lines.append('# body_from_tracker = [[...], [...], [...]]  # with frame = "tracker"')
     return lines

@@ -354,6 +354,16 @@ def test_the_largest_commands_of_a_wrong_unit_are_no_dirt():
     assert [record.kind for record, _ in dirt] == ["outliers"]
 
 
+def test_one_number_that_marks_no_command_is_dirt_however_often():
+    wheel = Wheel("x", (1.0, 0.0, 0.0), 1e-3, max_torque=0.02)
+    torque = np.full((200, 1), 0.01)
+    torque[::10] = -9999.0
+    channels = {"time": np.arange(200.0), "wheel_torque": torque}
+    kept, dirt = without_impossible_torques(channels, [wheel])
+    assert np.isnan(kept["wheel_torque"]).sum() == 20
+    assert [record.kind for record, _ in dirt] == ["outliers"]
+
+
 @pytest.mark.parametrize("row", [0, 1, 37, -1])
 @pytest.mark.parametrize("stamp", ["-3.7e283", "0.0", "1e12", "4e5"])
 def test_a_stamp_far_from_all_others_never_counts(tmp_path, row, stamp):

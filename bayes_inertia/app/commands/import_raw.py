@@ -62,7 +62,7 @@ def import_command(
                 "no folder for the campaign", where="import", advice="add -o CAMPAIGN"
             )
         from bayes_inertia.importing.import_logs import import_logs
-        from bayes_inertia.importing.imported_folder import RECORD_FILE
+        from bayes_inertia.importing.mapped_lines import RECORD_FILE
 
         imported = import_logs(raw, using, out)
         if as_json:
@@ -108,7 +108,8 @@ def show_import(imported: ImportedCampaign) -> None:
     imported : ImportedCampaign
         The import.
     """
-    from bayes_inertia.importing.imported_folder import PICTURE_FILE, RECORD_FILE, zero_of_clock
+    from bayes_inertia.importing.imported_folder import PICTURE_FILE, zero_of_clock
+    from bayes_inertia.importing.mapped_lines import RECORD_FILE
 
     console = plain_console()
     console.width = min(console.width, _WIDTH)
@@ -192,10 +193,11 @@ def _show_noise(console: Console, noises: tuple[RestNoise, ...]) -> None:
         table.add_row(noise.key, stated, _numbers(noise.seen), noise.unit)
     console.print(table)
     for noise in noises:
+        of = f" (rounding to steps of {noise.step:.2g} {noise.unit})" if noise.step else ""
         if noise.differs:
-            console.print(f"  {noise.key}: the rests show another noise: {noise.toml()}")
+            console.print(f"  {noise.key}: the rests show another noise: {noise.toml()}{of}")
         if noise.stated is None:
-            console.print(f"  {noise.key}: to use these readings, state {noise.toml()}")
+            console.print(f"  {noise.key}: to use these readings, state {noise.toml()}{of}")
 
 
 def _numbers(values: tuple[float, ...]) -> str:
