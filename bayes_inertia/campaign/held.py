@@ -22,8 +22,8 @@ from bayes_inertia.campaign.units import to_si
 # Where fewer readings than this share stand twice, sds are wrong by less than 5 %.
 _FEWEST_HELD = 0.1
 _FEWEST_RUNS = 5
-# Between neighbours that are so many steps apart, rounding repeats less than one row in twenty: this
-# share of them shows a hold.
+# Between neighbours that are so many steps apart, rounding repeats less than one row in twenty:
+# where this share of them stands twice, they are held.
 _MANY_STEPS, _NO_CHANCE = 20.0, 0.2
 # A steady drift moves by one step, never by the next whole number.
 _DRIFT = 1.5
@@ -44,17 +44,17 @@ _WORDS = ("once", "twice", "three", "four", "five", "six", "seven", "eight", "ni
 
 @dataclass(frozen=True)
 class HeldReadings:
-    """Which readings of a channel only repeat those before them.
+    """Which readings of a channel only repeat those before them, in one slew.
 
     Parameters
     ----------
-    repeats : tuple of (n, k) array of bool
-        For each series True where a reading repeats the one before, False at the first of each run.
+    repeats : (n, k) array of bool
+        True where a reading repeats the one before, False at the first of each run.
     lengths : (runs,) array of int
         How often each reading stands.
     """
 
-    repeats: tuple[np.ndarray, ...]
+    repeats: np.ndarray
     lengths: np.ndarray
 
     def __str__(self) -> str:
@@ -67,7 +67,7 @@ class HeldReadings:
 
 def held_readings(
     series: Sequence[tuple[np.ndarray, np.ndarray]], *, by_axis: bool = True
-) -> HeldReadings | None:
+) -> list[HeldReadings | None]:
     """Repeated readings of a channel whose sensor was polled faster than it measures.
 
     Parameters
@@ -79,33 +79,41 @@ def held_readings(
 
     Returns
     -------
-    HeldReadings or None
-        None where readings are not held. The first of equal readings counts as read; runs that are
-        much longer than usual are left to `stuck_readings`.
+    list of HeldReadings or None
+        For each slew; None where readings are not held. The first of equal readings counts as
+        read; runs that are much longer than usual are left to `stuck_readings`.
 
     Examples
     --------
     >>> rate = np.random.default_rng(1).normal(size=(50, 3)).repeat(4, axis=0)
-    >>> held = held_readings([(0.25 * np.arange(200.0), rate)])
-    >>> str(held), int(held.repeats[0].any(axis=1).sum())
+    >>> (held,) = held_readings([(0.25 * np.arange(200.0), rate)])
+    >>> str(held), int(held.repeats.any(axis=1).sum())
     ('each reading stands four times', 150)
     """
-    width = series[0][1].shape[1] if series else 0
-    found = _held_rows(series)
-    if found is not None:
-        rows, lengths = found
-        return HeldReadings(tuple(np.repeat(r[:, None], width, axis=1) for r in rows), lengths)
-    if not by_axis or width < 2:
+    found = _found(series)
+    if by_axis and not any(found):
+        axes = [_found([(t, v[:, [k]]) for t, v in series]) for k in range(series[0][1].shape[1])]
+        found = [_beside(of_axes) for of_axes in zip(*axes, strict=True)]
+    return found
+
+
+def _found(series: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[HeldReadings | None]:
+    """Whole rows that are held, in each series by its own evidence, or that of the others too."""
+    found = [_held_rows([one])[0] for one in series]
+    rest = [i for i, held in enumerate(found) if held is None]
+    for i, held in zip(rest, _held_rows([series[i] for i in rest]), strict=True):
+        found[i] = held
+    return found
+
+
+def _beside(axes: Sequence[HeldReadings | None]) -> HeldReadings | None:
+    """What is held in some of the axes (each (n, 1)) of one slew."""
+    held = [axis for axis in axes if axis is not None]
+    if not held:
         return None
-    axes = [_held_rows([(time, values[:, [k]]) for time, values in series]) for k in range(width)]
-    lengths = [axis[1] for axis in axes if axis is not None]
-    if not lengths:
-        return None
-    repeats = [np.zeros(values.shape, dtype=bool) for _, values in series]
-    for k, axis in enumerate(axes):
-        for mask, rows in zip(repeats, axis[0] if axis is not None else (), strict=False):
-            mask[:, k] = rows
-    return HeldReadings(tuple(repeats), np.concatenate(lengths))
+    none = np.zeros_like(held[0].repeats)
+    repeats = [none if axis is None else axis.repeats for axis in axes]
+    return HeldReadings(np.hstack(repeats), np.concatenate([axis.lengths for axis in held]))
 
 
 def counted_once(
@@ -133,57 +141,57 @@ def counted_once(
             continue
         names = getattr(columns, key).names
         series = [(result[i][k].stamps, result[i][k].table.stack(names)) for i, k in places]
-        held = held_readings(series, by_axis=key != "attitude")
-        for (i, k), mask in zip(places, () if held is None else held.repeats, strict=False):
-            result[i][k] = _without(result[i][k], names, mask, channel, str(held))
+        found = held_readings(series, by_axis=key != "attitude")
+        for (i, k), held in zip(places, found, strict=True):
+            if held is not None:
+                result[i][k] = _without(result[i][k], names, held, channel)
     return result
 
 
 def _without(
-    rows: StreamRows, names: Sequence[str], repeats: np.ndarray, channel: str, what: str
+    rows: StreamRows, names: Sequence[str], held: HeldReadings, channel: str
 ) -> StreamRows:
-    """Rows of a stream without repeats (rows, k) in some columns, and with a record of them."""
-    repeated = np.flatnonzero(repeats.any(axis=1))
-    if not len(repeated):
-        return rows
-    values = np.where(repeats, np.nan, rows.table.stack(names))
-    table = replace(rows.table, columns={**rows.table.columns, **dict(zip(names, values.T))})
-    poll = to_si(np.median(np.diff(rows.stamps)), "time", rows.stream.time.unit)
+    """Rows of a stream without the repeats in some of its columns, and with a record of them."""
+    repeated = np.flatnonzero(held.repeats.any(axis=1))
+    values = np.where(held.repeats, np.nan, rows.table.stack(names))
+    columns = {**rows.table.columns, **dict(zip(names, values.T, strict=True))}
+    poll = float(to_si(np.median(np.diff(rows.stamps)), "time", rows.stream.time.unit))
     note = (
-        f"{what}: {len(repeated)} of {len(repeats)} rows repeat the one before and do not count; "
+        f"{held}: {len(repeated)} of {len(values)} rows repeat the one before and do not count; "
         f"a reading may be up to {poll:.3g} s older than its stamp"
     )
     record = Dirt("duplicate", channel, "", tuple(repeated.tolist()), "masked", note)
+    table = replace(rows.table, columns=columns)
     return replace(rows, table=table, dirt=(*rows.dirt, record))
 
 
 def _held_rows(
     series: Sequence[tuple[np.ndarray, np.ndarray]],
-) -> tuple[list[np.ndarray], np.ndarray] | None:
-    """Which rows (n,) of each series repeat the one before, and the lengths of their runs."""
+) -> list[HeldReadings | None]:
+    """What is held in each series by the evidence of all; None where no row repeats another."""
     given = [np.flatnonzero(np.isfinite(values).any(axis=1)) for _, values in series]
     runs = [
         _run_starts(time[rows], values[rows])
         for (time, values), rows in zip(series, given, strict=True)
     ]
     counts = [np.diff(np.append(f, len(r))) for (f, _), r in zip(runs, given, strict=True)]
-    lengths = np.concatenate(counts)
+    lengths = np.concatenate([np.zeros(0, dtype=int), *counts])
     held = lengths > 1
     if held.sum() < max(_FEWEST_RUNS, _FEWEST_HELD * len(lengths)):
-        return None
+        return [None] * len(series)
     usual = float(np.median(lengths[held]))
     firsts = [rows[first] for rows, (first, _) in zip(given, runs, strict=True)]
     readings = np.concatenate([v[rows] for (_, v), rows in zip(series, firsts, strict=True)])
     moved = _moved(readings, np.concatenate([joins for _, joins in runs]))
     if not _beyond_rounding(lengths, moved, usual):
-        return None
-    repeats = []
+        return [None] * len(series)
+    found: list[HeldReadings | None] = []
     for (_, values), rows, first, count in zip(series, given, firsts, counts, strict=True):
-        mask = np.zeros(len(values), dtype=bool)
-        mask[rows] = np.repeat(count <= _LONGEST * usual, count)
-        mask[first] = False
-        repeats.append(mask)
-    return repeats, lengths[lengths <= _LONGEST * usual]
+        repeats, held_run = np.zeros(values.shape, dtype=bool), count <= _LONGEST * usual
+        repeats[rows] = np.repeat(held_run, count)[:, None]
+        repeats[first] = False
+        found.append(HeldReadings(repeats, count[held_run]) if repeats.any() else None)
+    return found
 
 
 def _beyond_rounding(lengths: np.ndarray, moved: np.ndarray, usual: float) -> bool:
@@ -193,9 +201,7 @@ def _beyond_rounding(lengths: np.ndarray, moved: np.ndarray, usual: float) -> bo
         return True
     drifts = np.nanmedian(np.append(moved[held], 0.0)) < _DRIFT
     regular = np.abs(lengths - usual) <= max(1.0, _JITTER * usual)
-    return bool(
-        not drifts and regular.mean() >= _REGULAR and np.mean(lengths == 1) <= _FEW_SINGLE
-    )
+    return bool(not drifts and regular.mean() >= _REGULAR and np.mean(lengths == 1) <= _FEW_SINGLE)
 
 
 def _run_starts(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -212,7 +218,7 @@ def _run_starts(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.nd
 def _moved(readings: np.ndarray, joins: np.ndarray) -> np.ndarray:
     """Steps of rounding from each reading (runs, k) to the nearer of its neighbours, NaN without.
 
-    The axis counts that moves most; `joins` (runs,) says which reading follows the one before without a break.
+    The axis counts that moves most; `joins` (runs,) says which follow the one before at once.
     """
     count = np.zeros(len(readings) - 1)
     for axis in readings.T:

@@ -127,10 +127,10 @@ def _once(stream: LoggedStream) -> LoggedStream:
     """A stream without rows that only repeat a reading; commands are held by nature."""
     if stream.holds not in _MEASURED:
         return stream
-    held = held_readings([(stream.time, stream.values)], by_axis=stream.holds != "attitude")
+    (held,) = held_readings([(stream.time, stream.values)], by_axis=stream.holds != "attitude")
     if held is None:
         return stream
-    values = np.where(held.repeats[0], np.nan, stream.values)
+    values = np.where(held.repeats, np.nan, stream.values)
     return replace(stream, values=values).rows(np.isfinite(values).any(axis=1), str(held))
 
 
