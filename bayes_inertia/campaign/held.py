@@ -103,6 +103,11 @@ def _found(series: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[HeldReadings
     rest = [i for i, held in enumerate(found) if held is None]
     for i, held in zip(rest, _held_rows([series[i] for i in rest]), strict=True):
         found[i] = held
+    for (_, before), (_, values), held in zip(series, series[1:], found[1:], strict=False):
+        rows, earlier = (np.flatnonzero(np.isfinite(v).any(axis=1)) for v in (values, before))
+        # What a slew begins with may stand since the one before it.
+        if held and len(earlier) and np.array_equal(before[earlier[-1]], values[rows[0]]):
+            held.repeats[rows[0]] = True
     return found
 
 
@@ -208,11 +213,10 @@ def _run_starts(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.nd
     """First row of each run of equal rows (n, k), and whether the row before it is near in time."""
     if not len(time):
         return np.zeros(0, dtype=int), np.zeros(0, dtype=bool)
-    steps = np.diff(time)
-    near = steps <= _BREAK * np.median(steps) if len(steps) else np.zeros(0, dtype=bool)
     same = (values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1]))
-    first = np.flatnonzero(np.concatenate([[True], ~(same.all(axis=1) & near)]))
-    return first, np.concatenate([[False], near])[first]
+    first = np.flatnonzero(np.append(True, ~same.all(axis=1)))
+    steps = np.diff(time, prepend=-np.inf)
+    return first, (steps <= _BREAK * np.median(steps))[first]
 
 
 def _moved(readings: np.ndarray, joins: np.ndarray) -> np.ndarray:

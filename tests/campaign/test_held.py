@@ -84,6 +84,19 @@ def test_what_stands_much_longer_is_left_to_be_called_stuck():
     assert held.repeats[:200].mean() == 0.75
 
 
+def test_what_stands_since_the_slew_before_is_no_reading():
+    readings = held_by(slew(np.random.default_rng(1), 2e-5), 4)
+    one, two = held_readings([(TIME[:202], readings[:202]), (TIME[202:], readings[202:])])
+    assert one is not None
+    assert two is not None
+    assert two.repeats[:2].all()
+    assert not two.repeats[2].any()
+    later = np.append(TIME[:202], TIME[202:] + 300.0)
+    (whole,) = held_readings([(later, readings)])
+    assert whole is not None
+    np.testing.assert_array_equal(whole.repeats, np.concatenate([one.repeats, two.repeats]))
+
+
 @pytest.mark.parametrize("width", [1, 3])
 @pytest.mark.parametrize("step_over_noise", [0.1, 1.0, 2.0, 3.0, 5.0, 30.0])
 @pytest.mark.parametrize(
