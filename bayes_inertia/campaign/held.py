@@ -29,7 +29,7 @@ _MANY_STEPS, _NO_CHANCE = 20.0, 0.2
 _DRIFT = 1.5
 # Regular lengths are within one row of the usual one, or this share of it; all but a few are.
 _JITTER, _REGULAR, _FEW_SINGLE = 0.3, 0.8, 0.05
-# Of the usual length: what stands longer is stuck, not held.
+# A run may miss readings. What stands longer than so many usual lengths are equal readings.
 _LONGEST = 3.0
 # A break in time is longer than so many steps.
 _BREAK = 5.0
@@ -81,7 +81,8 @@ def held_readings(
     -------
     list of HeldReadings or None
         For each slew; None where readings are not held. The first of equal readings counts as
-        read; runs that are much longer than usual are left to `stuck_readings`.
+        read. In runs that are much longer than usual there is one in each usual length: whether
+        they are stuck is for `stuck_readings` to tell.
 
     Examples
     --------
@@ -192,10 +193,12 @@ def _held_rows(
         return [None] * len(series)
     found: list[HeldReadings | None] = []
     for (_, values), rows, first, count in zip(series, given, firsts, counts, strict=True):
-        repeats, held_run = np.zeros(values.shape, dtype=bool), count <= _LONGEST * usual
-        repeats[rows] = np.repeat(held_run, count)[:, None]
-        repeats[first] = False
-        found.append(HeldReadings(repeats, count[held_run]) if repeats.any() else None)
+        short = np.repeat(count <= _LONGEST * usual, count)
+        since = np.arange(len(rows)) - np.repeat(np.searchsorted(rows, first), count)
+        repeats = np.zeros(values.shape, dtype=bool)
+        repeats[rows] = ((since > 0) & (short | (since % round(usual) > 0)))[:, None]
+        lasting = count[count <= _LONGEST * usual]
+        found.append(HeldReadings(repeats, lasting) if repeats.any() and len(lasting) else None)
     return found
 
 

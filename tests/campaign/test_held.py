@@ -11,6 +11,7 @@ from support.dirty_example import dirty
 
 from bayes_inertia.campaign.held import held_readings
 from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.campaign.stuck import stuck_readings
 
 ROWS, STEP = 480, 0.25
 TIME = STEP * np.arange(ROWS)
@@ -75,13 +76,14 @@ def test_wheels_that_are_read_in_turn_are_held_each_by_itself():
     assert held_readings([(TIME, np.stack(turns, axis=1))], by_axis=False) == [None]
 
 
-def test_what_stands_much_longer_is_left_to_be_called_stuck():
+def test_what_stands_much_longer_can_be_called_stuck():
     readings = held_by(slew(np.random.default_rng(1), 2e-5), 4)
     readings[200:240] = readings[200]
     (held,) = held_readings([(TIME, readings)])
     assert held is not None
-    assert not held.repeats[200:240].any()
-    assert held.repeats[:200].mean() == 0.75
+    assert held.repeats.mean() == 0.75
+    stuck = stuck_readings(np.where(held.repeats, np.nan, readings), [2e-5] * 3)
+    assert np.flatnonzero(stuck[:, 0]).tolist() == list(range(200, 240, 4))
 
 
 def test_what_stands_since_the_slew_before_is_no_reading():
