@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.held import held_readings
 from bayes_inertia.campaign.known_offsets import known_offset
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError
@@ -35,6 +36,8 @@ from bayes_inertia.importing.rest_noise import RestNoise, rest_noise
 from bayes_inertia.importing.slew_cutting import SlewCut, cut_into_slews
 from bayes_inertia.importing.slew_tables import slew_tables
 
+_MEASURED = ("rate", "attitude", "wheel_momentum", "wheel_speed")
+
 
 @dataclass(frozen=True)
 class ImportedCampaign:
@@ -45,7 +48,7 @@ class ImportedCampaign:
     folder : Path
         The folder.
     logs : Logs
-        The streams that were read.
+        The streams that were read, each reading once.
     cut : SlewCut
         The slews, and what was left out.
     noises : tuple of RestNoise
@@ -100,13 +103,15 @@ def import_logs(
     """
     label, data = str(mapping), read_bytes(Path(mapping))
     parsed = parse_mapping(text_of(data, label), label)
-    logs = read_logs(files, parsed, label)
+    written = read_logs(files, parsed, label)
+    logs = replace(written, streams={key: _once(s) for key, s in written.streams.items()})
     cut = cut_into_slews(logs, parsed, label)
-    for stream in logs.streams.values():
+    for stream in written.streams.values():
         _refuse_outside(stream, cut, parsed, label)
     noises = rest_noise(logs, cut.scan, parsed)
     _require_noises(parsed, noises, label)
-    slews = [slew_tables(window, logs.streams) for window in cut.windows]
+    # Tables keep the rows of the logs: reading them back counts each reading once, and says so.
+    slews = [slew_tables(window, written.streams) for window in cut.windows]
     paths = sorted({Path(file) for file in files})
     content = table_texts(parsed, slews)
     if cut.scan is not None:
@@ -118,8 +123,19 @@ def import_logs(
     campaign = _read_back(encoded, label, lambda where: raw_place(where, parsed, slews))
     if parsed.reduce == "block_means":
         encoded, campaign = reduced_content(encoded, campaign)
-    written = write_new_files(folder, encoded, holds="campaign")
-    return ImportedCampaign(written, logs, cut, tuple(noises), campaign)
+    target = write_new_files(folder, encoded, holds="campaign")
+    return ImportedCampaign(target, logs, cut, tuple(noises), campaign)
+
+
+def _once(stream: LoggedStream) -> LoggedStream:
+    """A stream without rows that only repeat a reading; commands are held by nature."""
+    if stream.holds not in _MEASURED:
+        return stream
+    (held,) = held_readings([(stream.time, stream.values)], by_axis=stream.holds != "attitude")
+    if held is None:
+        return stream
+    values = np.where(held.repeats, np.nan, stream.values)
+    return replace(stream, values=values).rows(np.isfinite(values).any(axis=1), str(held))
 
 
 def _refuse_outside(stream: LoggedStream, cut: SlewCut, mapping: MappingPart, label: str) -> None:
