@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.conventions import limits
 from bayes_inertia.conventions.hypothesis import KeyChange, Mistake
 from bayes_inertia.conventions.lateness import Lateness, channels_of, gross_lateness, lateness
@@ -24,6 +26,27 @@ _RARITY = 2
 # Two latenesses are one if they differ by less than this share.
 _SAME = 0.25
 _STREAM = {CLOSURE: "star tracker", CONSERVATION: "wheels", DRIVE: "torque commands"}
+# Slew's channel and what people call the readings, by entry of `[columns]`.
+_CHANNEL = {
+    "attitude": ("attitude", "star-tracker fixes"),
+    "rate": ("rate", "rates"),
+    "wheel_torque": ("wheel_torque", "torque commands"),
+    "wheel_momentum": ("wheel_momentum", "tachometer readings"),
+    "wheel_speed": ("wheel_momentum", "tachometer readings"),
+}
+# Clocks differ by these [s], because of what they count: GPS, UTC, atomic or terrestrial time.
+_KNOWN_OFFSETS = {
+    18.0: "GPS time is ahead of UTC",
+    19.0: "atomic time is ahead of GPS time",
+    32.184: "terrestrial time is ahead of atomic time",
+    37.0: "atomic time is ahead of UTC",
+    51.184: "terrestrial time is ahead of GPS time",
+    64.0: "",
+    69.184: "terrestrial time is ahead of UTC",
+}
+_HOUR, _HOURS = 3600.0, 14
+# This share of the readings must lie beside the rates with an offset that is proposed.
+_MOST = 0.8
 _EFFECT = {
     CLOSURE: "star_tracker_time_offset or rate_sensor_delay",
     CONSERVATION: "rate_sensor_delay",
@@ -110,6 +133,106 @@ def shifted_misfit(misfits: Misfits, reading: Reading, remedy: Remedy) -> float:
     return np.inf if slews is None else worst(Misfits(misfits.campaign, slews).of(reading))
 
 
+def known_offsets(misfits: Misfits, reading: Reading, columns: Columns) -> tuple[Remedy, ...]:
+    """Clocks that are off by what clocks of different kinds differ by, tried by name.
+
+    Parameters
+    ----------
+    misfits : Misfits
+        The telemetry.
+    reading : Reading
+        Conventions as stated, which the data break.
+    columns : mapping
+        The campaign's `[columns]`.
+
+    Returns
+    -------
+    tuple of Remedy
+        Those that make all laws hold, the best first.
+    """
+    laws = misfits.of(reading)
+    before, fixes = worst(laws), misfits.slews.fixes.sum()
+    entries = [entry for entry in _CHANNEL if entry in columns]
+    wheels = [entry for entry in entries if entry.startswith("wheel")]
+    longest = max(slew.duration for slew in misfits.campaign.slews)
+    found = []
+    for streams in (*([entry] for entry in entries), *([wheels] if len(wheels) > 1 else [])):
+        for offset, why in _KNOWN_OFFSETS.items():
+            for seconds in (-offset, offset) if offset < longest else ():
+                shifts = {_CHANNEL[entry][0]: seconds for entry in streams}
+                slews = sampled(misfits.campaign, shifts)
+                if slews is None or slews.fixes.sum() < _MOST * fixes:
+                    continue
+                fits = Misfits(misfits.campaign, slews).of(reading)
+                after = worst(fits)
+                if set(fits) == set(laws) and after < min(
+                    limits.ORDINARY, before / limits.IMPROVEMENT
+                ):
+                    mistake = _mistake(columns, dict.fromkeys(streams, seconds), why)
+                    found.append(Remedy(mistake, before, after))
+    return tuple(sorted(found, key=lambda remedy: remedy.after))
+
+
+def streams_apart(campaign: Campaign, columns: Columns) -> tuple[str, ...]:
+    """Streams all of whose readings lie before or after the rates, and the offset that is known.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        As it was read.
+    columns : mapping
+        Its `[columns]`.
+
+    Returns
+    -------
+    tuple of str
+        One a stream, without full stop.
+    """
+    said = []
+    for entry, (channel, people) in _CHANNEL.items():
+        if entry not in columns or entry == "rate":
+            continue
+        pairs = [(_times(slew, channel), _times(slew, "rate")) for slew in campaign.slews]
+        pairs = [(own, rates) for own, rates in pairs if len(own) and len(rates)]
+        if pairs and not any(_beside(own, rates).any() for own, rates in pairs):
+            said.append(_apart(entry, people, pairs, columns))
+    return tuple(said)
+
+
+_Pairs = list[tuple[np.ndarray, np.ndarray]]
+
+
+def _times(slew: Slew, channel: str) -> np.ndarray:
+    """Times of the rows that hold a reading of a channel [s]."""
+    values = getattr(slew, channel)
+    return slew.time[:0] if values is None else slew.time[np.isfinite(values).any(axis=1)]
+
+
+def _beside(own: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    return (own >= rates[0]) & (own <= rates[-1])
+
+
+def _apart(entry: str, people: str, pairs: _Pairs, columns: Columns) -> str:
+    own, rates = pairs[0]
+    away = own[0] - rates[-1] if own[0] > rates[-1] else own[-1] - rates[0]
+    count = sum(len(times) for times, _ in pairs)
+    where = f"{abs(away):.4g} s {'after' if away > 0.0 else 'before'} the rates"
+    said = f"all {count} {people} lie outside every slew ({where} at the nearest)"
+    known = [*_KNOWN_OFFSETS, *(_HOUR * k for k in range(1, _HOURS + 1))]
+    shares = {
+        s: np.mean(np.concatenate([_beside(times + s, r) for times, r in pairs]))
+        for offset in known
+        for s in (-offset, offset)
+    }
+    best = max(shares, key=lambda s: (shares[s], -abs(s)))
+    if shares[best] < _MOST:
+        return f"{said}: state their clock's offset as columns.{entry}.offset_s"
+    stated = float(columns[entry].get("offset_s", 0.0))
+    why = f"{abs(best) / _HOUR:g} h" if abs(best) >= _HOUR else _KNOWN_OFFSETS[abs(best)]
+    key = f"columns.{entry}.offset_s = {stated + best:g}"
+    return f"{said}: they lie beside the rates with {key}{why and f' ({why})'}"
+
+
 def _is_gross(misfits: Misfits, late: Lateness) -> bool:
     # A wheel that lags its command makes the command look early.
     lag = "wheel_torque" in channels_of(misfits, late.law) and late.seconds > 0.0
@@ -171,18 +294,20 @@ def fixes_in_motion(misfits: Misfits) -> bool:
 
 
 def _sense(seconds: float) -> str:
-    return f"{abs(seconds):.2g} s {'late' if seconds < 0.0 else 'early'}"
+    size = f"{abs(seconds):.6g}" if abs(seconds) in _KNOWN_OFFSETS else f"{abs(seconds):.2g}"
+    return f"{size} s {'late' if seconds < 0.0 else 'early'}"
 
 
-def _mistake(columns: Columns, shifts: Mapping[str, float]) -> Mistake:
+def _mistake(columns: Columns, shifts: Mapping[str, float], why: str = "") -> Mistake:
     changes = []
     for entry, seconds in shifts.items():
         stated = float(columns.get(entry, {}).get("offset_s", 0.0))
-        mended = float(f"{stated + seconds:.3g}")
+        # A known offset has six digits, an estimated one three.
+        mended = float(f"{stated + seconds:{'.6g' if abs(seconds) in _KNOWN_OFFSETS else '.3g'}}")
         changes.append(KeyChange(f"columns.{entry}.offset_s", stated, mended))
     what = " and ".join(f"the time stamps of {_NAMES[entry]}" for entry in shifts)
     seconds = next(iter(shifts.values()))
-    words = f"{what} are {_sense(seconds)}"
+    words = f"{what} are {_sense(seconds)}{why and f' ({why})'}"
     return Mistake(tuple(changes), _RARITY, lambda reading: reading, words)
 
 
