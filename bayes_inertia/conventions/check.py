@@ -25,11 +25,13 @@ from bayes_inertia.conventions.clocks import (
     shifted_misfit,
     streams_apart,
 )
-from bayes_inertia.conventions.columns import faulty_columns, without_sign
+from bayes_inertia.conventions.columns import copied_commands, faulty_columns, without_sign
 from bayes_inertia.conventions.companions import with_companions
 from bayes_inertia.conventions.dirt_at_rest import dirt_of
 from bayes_inertia.conventions.doubts import Factors, broken_limits, doubtful_places, factors
+from bayes_inertia.conventions.hypothesis import Mistake
 from bayes_inertia.conventions.invisible import invisible
+from bayes_inertia.conventions.laws import DRIVE
 from bayes_inertia.conventions.linear_fit import worst
 from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.reading import Reading, stated_reading
@@ -255,7 +257,7 @@ def _unchecked(
     campaign: Campaign, written: Campaign, columns: Columns, faults: tuple[str, ...]
 ) -> ConventionsCheck:
     """What is said of a campaign whose streams do not meet."""
-    doubts = (*faults, *streams_apart(written, columns), *broken_limits(written, set()))
+    doubts = (*faults, *streams_apart(written, columns), *broken_limits(written, {}))
     verdict: Verdict = "doubtful" if doubts else "consistent"
     said = wording.verdict_in_words({}, (), verdict, (), doubts)
     return ConventionsCheck(campaign.name, verdict, said, {}, doubts=doubts)
@@ -273,9 +275,11 @@ def _held_against_laws(
     singles = mistakes(campaign, columns)
     judgement = judged(misfits, stated, singles)
     reading = judgement.reading
-    differ = factors(misfits, reading)
+    differ = None if faults else factors(misfits, reading)
     # What a column that is no reading makes wrong is no convention.
-    mending, clock = ((), Clocks()) if faults else _mending(misfits, judgement, columns, differ)
+    mending, clock = (), Clocks()
+    if not faults:
+        mending, clock = _mending(misfits, judgement, singles, columns, differ)
     wrong = bool(mending) or worst(misfits.of(reading)) > limits.HOPELESS
     doubts = () if mending else (*faults, *_doubts(misfits, written, columns, reading, differ))
     verdict: Verdict = "wrong" if wrong else "doubtful" if doubts else "consistent"
@@ -302,7 +306,11 @@ def _held_against_laws(
 
 
 def _mending(
-    misfits: Misfits, judgement: Judgement, columns: Columns, differ: Factors | None
+    misfits: Misfits,
+    judgement: Judgement,
+    singles: Sequence[Mistake],
+    columns: Columns,
+    differ: Factors | None,
 ) -> tuple[tuple[Remedy, ...], Clocks]:
     """What mends the data: keys, then clocks, then what one stream alone may have wrong."""
     mending, clock = judgement.remedies, Clocks()
@@ -310,7 +318,8 @@ def _mending(
         clock = clocks(misfits, judgement.reading, columns)
         mending = _of_clocks(misfits, judgement.reading, clock)
     # Two mistakes at once are less likely than one in a stream.
-    if not mending or len(mending[0].mistake.changes) > 1:
+    pair = mending and len(mending[0].mistake.changes) > 1 and mending[0].mistake not in singles
+    if not mending or pair:
         mending = _of_streams(misfits, judgement.reading, columns, differ) or mending
     return mending, clock
 
@@ -323,12 +332,13 @@ def _doubts(
     differ: Factors | None,
 ) -> tuple[str, ...]:
     """What is doubtful although no change mends it, and where."""
-    held = {law for law, fit in misfits.of(reading).items() if fit.worst < limits.ORDINARY}
+    holds = {law: fit.worst < limits.ORDINARY for law, fit in misfits.of(reading).items()}
     return (
+        *(() if holds.get(DRIVE, True) else copied_commands(written, columns)),
         *doubtful_places(misfits, reading),
         *(differ.words() if differ is not None else ()),
         *streams_apart(written, columns),
-        *broken_limits(written, held),
+        *broken_limits(written, holds),
     )
 
 

@@ -12,7 +12,13 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.conventions import limits
 from bayes_inertia.conventions.hypothesis import KeyChange, Mistake
-from bayes_inertia.conventions.lateness import Lateness, channels_of, gross_lateness, lateness
+from bayes_inertia.conventions.lateness import (
+    KNOWN_OFFSETS,
+    Lateness,
+    channels_of,
+    gross_lateness,
+    lateness,
+)
 from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE
 from bayes_inertia.conventions.linear_fit import worst
 from bayes_inertia.conventions.misfits import Misfits
@@ -34,17 +40,8 @@ _CHANNEL = {
     "wheel_momentum": ("wheel_momentum", "tachometer readings"),
     "wheel_speed": ("wheel_momentum", "tachometer readings"),
 }
-# Clocks differ by these [s], because of what they count: GPS, UTC, atomic or terrestrial time.
-_KNOWN_OFFSETS = {
-    18.0: "GPS time is ahead of UTC",
-    19.0: "atomic time is ahead of GPS time",
-    32.184: "terrestrial time is ahead of atomic time",
-    37.0: "atomic time is ahead of UTC",
-    51.184: "terrestrial time is ahead of GPS time",
-    64.0: "",
-    69.184: "terrestrial time is ahead of UTC",
-}
-_HOUR, _HOURS = 3600.0, 14
+# Time zones, and what else a clock counts from UTC [s].
+_HOUR, _HOURS, _OF_UTC = 3600.0, 14, (18.0, 37.0)
 # This share of the readings must lie beside the rates with an offset that is proposed.
 _MOST = 0.8
 _EFFECT = {
@@ -148,29 +145,31 @@ def known_offsets(misfits: Misfits, reading: Reading, columns: Columns) -> tuple
     Returns
     -------
     tuple of Remedy
-        Those that make all laws hold, the best first.
+        Those that make all laws hold, the most common offset first.
     """
-    laws = misfits.of(reading)
-    before, fixes = worst(laws), misfits.slews.fixes.sum()
+    campaign, laws = misfits.campaign, misfits.of(reading)
+    before = worst(laws)
+    fixes = sum(min(int(slew.fixes.sum()), limits.FIXES_PER_SLEW) for slew in campaign.slews)
     entries = [entry for entry in _CHANNEL if entry in columns]
     wheels = [entry for entry in entries if entry.startswith("wheel")]
-    longest = max(slew.duration for slew in misfits.campaign.slews)
+    longest = max(slew.duration for slew in campaign.slews)
     found = []
     for streams in (*([entry] for entry in entries), *([wheels] if len(wheels) > 1 else [])):
-        for offset, why in _KNOWN_OFFSETS.items():
+        for offset in KNOWN_OFFSETS:
             for seconds in (-offset, offset) if offset < longest else ():
                 shifts = {_CHANNEL[entry][0]: seconds for entry in streams}
-                slews = sampled(misfits.campaign, shifts)
+                slews = sampled(campaign, shifts)
                 if slews is None or slews.fixes.sum() < _MOST * fixes:
                     continue
-                fits = Misfits(misfits.campaign, slews).of(reading)
+                fits = Misfits(campaign, slews).of(reading)
                 after = worst(fits)
                 if set(fits) == set(laws) and after < min(
                     limits.ORDINARY, before / limits.IMPROVEMENT
                 ):
-                    mistake = _mistake(columns, dict.fromkeys(streams, seconds), why)
+                    mistake = _mistake(columns, dict.fromkeys(streams, seconds))
                     found.append(Remedy(mistake, before, after))
-    return tuple(sorted(found, key=lambda remedy: remedy.after))
+    best = min((remedy.after for remedy in found), default=0.0)
+    return tuple(r for r in found if r.after <= limits.EQUAL_FACTOR * best + limits.EQUAL_MISFIT)
 
 
 def streams_apart(campaign: Campaign, columns: Columns) -> tuple[str, ...]:
@@ -218,19 +217,17 @@ def _apart(entry: str, people: str, pairs: _Pairs, columns: Columns) -> str:
     count = sum(len(times) for times, _ in pairs)
     where = f"{abs(away):.4g} s {'after' if away > 0.0 else 'before'} the rates"
     said = f"all {count} {people} lie outside every slew ({where} at the nearest)"
-    known = [*_KNOWN_OFFSETS, *(_HOUR * k for k in range(1, _HOURS + 1))]
-    shares = {
-        s: np.mean(np.concatenate([_beside(times + s, r) for times, r in pairs]))
-        for offset in known
-        for s in (-offset, offset)
-    }
-    best = max(shares, key=lambda s: (shares[s], -abs(s)))
-    if shares[best] < _MOST:
-        return f"{said}: state their clock's offset as columns.{entry}.offset_s"
+    hours = [_HOUR * k for k in range(1, _HOURS + 1)]
+    beside = [h + sign * s for h in hours for sign in (-1.0, 1.0) for s in _OF_UTC]
     stated = float(columns[entry].get("offset_s", 0.0))
-    why = f"{abs(best) / _HOUR:g} h" if abs(best) >= _HOUR else _KNOWN_OFFSETS[abs(best)]
-    key = f"columns.{entry}.offset_s = {stated + best:g}"
-    return f"{said}: they lie beside the rates with {key}{why and f' ({why})'}"
+    for offset in (*KNOWN_OFFSETS, *hours, *beside):
+        seconds = float(np.copysign(offset, -away))
+        inside = np.concatenate([_beside(times + seconds, rates) for times, rates in pairs])
+        if np.mean(inside) > _MOST:
+            why = KNOWN_OFFSETS.get(offset, f"{offset / _HOUR:.4g} h")
+            key = f"columns.{entry}.offset_s = {stated + seconds:.9g}"
+            return f"{said}; they lie beside the rates with {key} ({why})"
+    return f"{said}; state their clock's offset as columns.{entry}.offset_s"
 
 
 def _is_gross(misfits: Misfits, late: Lateness) -> bool:
@@ -294,19 +291,20 @@ def fixes_in_motion(misfits: Misfits) -> bool:
 
 
 def _sense(seconds: float) -> str:
-    size = f"{abs(seconds):.6g}" if abs(seconds) in _KNOWN_OFFSETS else f"{abs(seconds):.2g}"
+    size = f"{abs(seconds):.6g}" if abs(seconds) in KNOWN_OFFSETS else f"{abs(seconds):.2g}"
     return f"{size} s {'late' if seconds < 0.0 else 'early'}"
 
 
-def _mistake(columns: Columns, shifts: Mapping[str, float], why: str = "") -> Mistake:
+def _mistake(columns: Columns, shifts: Mapping[str, float]) -> Mistake:
     changes = []
     for entry, seconds in shifts.items():
         stated = float(columns.get(entry, {}).get("offset_s", 0.0))
         # A known offset has six digits, an estimated one three.
-        mended = float(f"{stated + seconds:{'.6g' if abs(seconds) in _KNOWN_OFFSETS else '.3g'}}")
+        mended = float(f"{stated + seconds:{'.6g' if abs(seconds) in KNOWN_OFFSETS else '.3g'}}")
         changes.append(KeyChange(f"columns.{entry}.offset_s", stated, mended))
     what = " and ".join(f"the time stamps of {_NAMES[entry]}" for entry in shifts)
     seconds = next(iter(shifts.values()))
+    why = KNOWN_OFFSETS.get(abs(seconds), "")
     words = f"{what} are {_sense(seconds)}{why and f' ({why})'}"
     return Mistake(tuple(changes), _RARITY, lambda reading: reading, words)
 

@@ -49,17 +49,7 @@ def faulty_columns(campaign: Campaign, columns: Columns) -> tuple[str, ...]:
     tuple of str
         One sentence each, without full stop, with axis or wheel and the column's name.
     """
-    wheels = [wheel.name for wheel in campaign.wheels]
-    sigma = [wheel.momentum_sigma for wheel in campaign.wheels]
-    speed = "wheel_speed" if "wheel_speed" in columns else "wheel_momentum"
-    rates, tachometers, commands = (
-        _Stream(campaign, channel, columns, key, called, of, noise)
-        for channel, key, called, of, noise in (
-            ("rate", "rate", "the rate about", list("xyz"), campaign.rate_sensor.sigma),
-            ("wheel_momentum", speed, "the tachometer of", wheels, sigma),
-            ("wheel_torque", "wheel_torque", "the command of", wheels, sigma),
-        )
-    )
+    rates, tachometers, commands = _streams(campaign, columns)
     return (
         *_dead_rates(campaign, rates),
         *_copies(rates),
@@ -67,6 +57,39 @@ def faulty_columns(campaign: Campaign, columns: Columns) -> tuple[str, ...]:
         *_dead_wheels(commands, tachometers),
         *_copies(tachometers),
     )
+
+
+def copied_commands(campaign: Campaign, columns: Columns) -> tuple[str, ...]:
+    """Commands that are one for two wheels, which is wrong only where tachometers contradict them.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        As it was read.
+    columns : mapping
+        Its `[columns]`.
+
+    Returns
+    -------
+    tuple of str
+        One sentence each, without full stop.
+    """
+    return tuple(_copies(_streams(campaign, columns)[2], 1e-9))
+
+
+def _streams(campaign: Campaign, columns: Columns) -> list[_Stream]:
+    """Rates, tachometers and commands."""
+    wheels = [wheel.name for wheel in campaign.wheels]
+    sigma = [wheel.momentum_sigma for wheel in campaign.wheels]
+    speed = "wheel_speed" if "wheel_speed" in columns else "wheel_momentum"
+    return [
+        _Stream(campaign, channel, columns, key, called, of, noise)
+        for channel, key, called, of, noise in (
+            ("rate", "rate", "the rate about", list("xyz"), campaign.rate_sensor.sigma),
+            ("wheel_momentum", speed, "the tachometer of", wheels, sigma),
+            ("wheel_torque", "wheel_torque", "the command of", wheels, sigma),
+        )
+    ]
 
 
 class _Stream:
@@ -127,7 +150,7 @@ def _dead_rates(campaign: Campaign, rates: _Stream) -> Iterator[str]:
 
 
 def _stays(stream: _Stream, k: int) -> str:
-    value = stream.column(k)[0]
+    value = stream.column(k)[0] + 0.0
     return f"{stream.names[k]} stays {value:.6g} to the last digit in every slew"
 
 
@@ -144,23 +167,31 @@ def _turned(campaign: Campaign) -> float:
 
 def _dead_wheels(one: _Stream, other: _Stream) -> Iterator[str]:
     """Columns of wheels that keep one value while the wheel's other stream moves."""
+    noisy = any(np.isfinite(one.noise(k)) for k in range(len(one.names)))
     for k in range(len(one.names)):
-        if one.dead(k) and other.moves(k):
-            yield f"{_stays(one, k)}, while {other.names[k]} moves: stuck, or the wrong column"
+        why = f"while {other.names[k]} moves"
+        if not len(other.values) and noisy and one.dead(k) and one.column(k)[0]:
+            # A wheel that is off reads zero; one at speed has the noise of the others.
+            why = "while others show noise"
+        elif not (one.dead(k) and other.moves(k)):
+            continue
+        yield f"{_stays(one, k)}, {why}: stuck, or the wrong column"
 
 
-def _copies(stream: _Stream) -> Iterator[str]:
-    """Columns that agree in their noise, perhaps with another factor."""
+def _copies(stream: _Stream, share: float | None = None) -> Iterator[str]:
+    """Columns that agree in their noise, or to a share of their range, up to a factor."""
     for i, k in combinations(range(len(stream.names)), 2):
-        noise = stream.noise(i)
+        close = limits.COPIED * stream.noise(i)
         rows = np.isfinite(stream.values[:, [i, k]]).all(axis=1)
         a, b = stream.values[rows][:, [i, k]].T
         size = float(np.ptp(b)) if len(b) else 0.0
-        if not np.isfinite(noise) or len(a) < _FEW_ROWS or size == 0.0:
+        if share is not None and len(a):
+            close = share * float(np.ptp(a))
+        if not close > 0.0 or len(a) < _FEW_ROWS or size == 0.0:
             continue
         a, b = a - a.mean(), (b - b.mean()) / size
         slope = float((a @ b) / (b @ b))
-        if not np.abs(a - slope * b).max() < limits.COPIED * noise:
+        if not np.abs(a - slope * b).max() < close:
             continue
         slope /= size
         factor = "" if abs(slope - 1.0) < 1e-6 else f" times {slope:.4g}"

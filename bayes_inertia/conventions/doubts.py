@@ -127,9 +127,9 @@ class Factors:
         }[self.commands_are_wrong]
         wheels = ", ".join(named)
         larger = "tachometers" if abs(value) > 1.0 else "commands"
-        factor = f"a factor of {_rounded(max(abs(value), 1.0 / abs(value))):.3g}"
-        what = f"differ by {factor} ({larger} are larger)"
-        if abs(abs(value) - 1.0) < limits.FACTOR - 1.0:
+        size = max(abs(value), 1.0 / abs(value))
+        what = f"differ by a factor of {_rounded(size):.4g} ({larger} are larger)"
+        if size < limits.FACTOR:
             what = "have opposite signs"
         elif value < 0.0:
             what += " and have opposite signs"
@@ -205,9 +205,9 @@ def factors(misfits: Misfits, reading: Reading) -> Factors | None:
     asked = _moved(reading.time * slews.impulse @ reading.torque.T, slews.valid)
     both = np.sqrt((seen**2).sum((0, 1))), np.sqrt((asked**2).sum((0, 1)))
     sense = np.sign((seen * asked).sum((0, 1)))
-    busy = np.minimum(both[0] / max(both[0].max(), 1e-300), both[1] / max(both[1].max(), 1e-300))
+    busy = np.maximum(both[0] / max(both[0].max(), 1e-300), both[1] / max(both[1].max(), 1e-300))
     with np.errstate(divide="ignore", invalid="ignore"):
-        rough = np.where((busy > _IDLE) & (sense != 0.0), sense * both[0] / both[1], 1.0)
+        rough = np.where((busy > _IDLE) & (sense * both[1] != 0.0), sense * both[0] / both[1], 1.0)
     scaled = replace(reading, torque=np.diag(rough) @ reading.torque)
     fit = misfits.fit(DRIVE, scaled)
     assert fit is not None
@@ -244,15 +244,15 @@ def _side(misfits: Misfits, reading: Reading, values: np.ndarray) -> bool | None
     return bool(tachometers < commands)
 
 
-def broken_limits(campaign: Campaign, held: set[str]) -> tuple[str, ...]:
-    """Limits of the hardware that most of the readings' peaks are far beyond.
+def broken_limits(campaign: Campaign, holds: Mapping[str, bool]) -> tuple[str, ...]:
+    """Limits of the hardware that readings are far beyond.
 
     Parameters
     ----------
     campaign : Campaign
         As it was read, nothing masked.
-    held : set of str
-        The laws that hold as stated: they show that the units are right.
+    holds : mapping of str to bool
+        Whether a law holds as stated; those that do show that the units are right.
 
     Returns
     -------
@@ -267,10 +267,11 @@ def broken_limits(campaign: Campaign, held: set[str]) -> tuple[str, ...]:
         name = max(beyond, key=lambda n: beyond[n][0] / beyond[n][1])
         largest, limit = beyond[name]
         place = "rate_sensor.range" if key == "range" else f"wheels.{name}.{key}"
-        more = f" and of {len(beyond) - 1} more" if len(beyond) > 1 else ""
-        blame = "the limit is wrong, for the laws hold with this unit"
-        if not proof <= held:
-            blame = f"the limit or the unit of {_STREAMS[channel]} is wrong"
+        more = f" (and {len(beyond) - 1} more)" if len(beyond) > 1 and key != "range" else ""
+        told = [holds[law] for law in proof if law in holds]
+        blame = f"the limit or the unit of {_STREAMS[channel]} is wrong"
+        if told and all(told):
+            blame = "the limit is wrong, for the laws of motion hold with this unit"
         said.append(
             f"{place}{more}: {limit:.3g} {unit} is exceeded {largest / limit:.2g} times by "
             f"{_STREAMS[channel]} (up to {largest:.3g} {unit}); {blame}"
@@ -279,9 +280,9 @@ def broken_limits(campaign: Campaign, held: set[str]) -> tuple[str, ...]:
 
 
 _LIMITS = (
-    ("max_torque", "wheel_torque", "N m", {DRIVE, CONSERVATION}),
-    ("max_momentum", "wheel_momentum", "N m s", {DRIVE, CONSERVATION}),
-    ("range", "rate", "rad/s", {CLOSURE}),
+    ("max_torque", "wheel_torque", "N m", (DRIVE, CONSERVATION)),
+    ("max_momentum", "wheel_momentum", "N m s", (DRIVE, CONSERVATION)),
+    ("range", "rate", "rad/s", (CLOSURE, CONSERVATION)),
 )
 _STREAMS = {
     "wheel_torque": "the torque commands",

@@ -7,7 +7,9 @@ lateness of that size is no wrong convention. A lateness far beyond it is a wron
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 
 import numpy as np
 
@@ -19,6 +21,23 @@ from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.reading import Reading
 from bayes_inertia.conventions.sampled_slews import sampled
 
+KNOWN_OFFSETS: Mapping[float, str] = MappingProxyType(
+    {
+        18.0: "GPS time is ahead of UTC",
+        37.0: "atomic time is ahead of UTC",
+        19.0: "atomic time is ahead of GPS time",
+        69.184: "terrestrial time is ahead of UTC",
+        32.184: "terrestrial time is ahead of atomic time",
+        51.184: "terrestrial time is ahead of GPS time",
+        64.0: "a usual offset",
+    }
+)
+"""What clocks differ by [s], the most common first, and why."""
+
+# A lateness beyond this [s] is no delay of a sensor, but perhaps a known offset.
+_NO_DELAY = 5.0
+# A known offset that leaves at most this much more is meant: fixes at rest tell a range.
+_AS_GOOD = 1.1
 _ROUNDS = 6
 # A shift that changes by less than this share of itself has converged.
 _CONVERGED = 0.02
@@ -107,11 +126,26 @@ def lateness(misfits: Misfits, reading: Reading, law: str) -> Lateness | None:
             break
     if not best[0]:
         return None
+    best = _known(misfits, reading, law, best)
     # From shares of the motion to the noise that the campaign states.
     noises = np.sqrt(np.mean(first.sigma**2)) * limits.SHARP / max(first.noise, 1e-30)
     scale = float(noises) if first.noise > 0.0 else 1.0
     moments = int(first.mask.sum())
     return Lateness(law, best[0], before * scale, best[1] * scale, moments)
+
+
+def _known(
+    misfits: Misfits, reading: Reading, law: str, best: tuple[float, float]
+) -> tuple[float, float]:
+    """Shift and residual of the known offset that explains the law as well, else those given."""
+    for offset in KNOWN_OFFSETS if abs(best[0]) > _NO_DELAY else ():
+        shift = float(np.copysign(offset, best[0]))
+        slews = sampled(misfits.campaign, dict.fromkeys(channels_of(misfits, law), shift))
+        data = None if slews is None else Misfits(misfits.campaign, slews).law(law, reading)
+        left = np.inf if data is None else _shift(data)[0]
+        if left < _AS_GOOD * best[1]:
+            return shift, left
+    return best
 
 
 def channels_of(misfits: Misfits, law: str) -> tuple[str, ...]:

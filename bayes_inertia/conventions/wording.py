@@ -51,7 +51,8 @@ def verdict_in_words(
         return f"{agree} But the stated rate bias is stale." if stale else agree
     if verdict == "doubtful":
         size = f" (largest misfit {largest:.2g} sd, {_SD})" if misfits else ""
-        return "\n".join([f"The data are doubtful under the stated conventions{size}:", *places])
+        begin = f"The data are doubtful under the stated conventions{size}:"
+        return "\n".join([begin, *places, _LOOK])
     if not remedies:
         advice = _NOTHING_MENDS if all(doubt.startswith(_OF_LAWS) for doubt in doubts) else _CAUSE
         return "\n".join([_impossible(misfits), *places, advice])
@@ -79,6 +80,7 @@ _NOTHING_MENDS = (
     "look for a torque that the telemetry does not tell, or for an inertia tensor that is wrong "
     "by more than a factor of two."
 )
+_LOOK = "Look there before you fit."
 _CAUSE = "No change of a convention mends it: mend what is said above, and ask again."
 _SD = "in sds of what noise, a wrong J of 30 % and physical effects can make"
 
