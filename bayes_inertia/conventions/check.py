@@ -116,6 +116,25 @@ class ConventionsCheck:
     doubts: tuple[str, ...] = ()
     dirt: tuple[dict[str, Any], ...] = ()
 
+    def doubting(self, doubts: Sequence[str]) -> ConventionsCheck:
+        """The same with more doubts.
+
+        Parameters
+        ----------
+        doubts : sequence of str
+            What is doubtful, and where.
+
+        Returns
+        -------
+        ConventionsCheck
+            Doubtful, unless it is wrong.
+        """
+        if not doubts or self.verdict == "wrong":
+            return self
+        every = (*self.doubts, *doubts)
+        said = wording.verdict_in_words(self.misfits, (), "doubtful", (), every)
+        return replace(self, verdict="doubtful", sentence=said, doubts=every)
+
     def json(self) -> dict[str, Any]:
         """The check as `doctor CAMPAIGN --json` prints it.
 
@@ -125,17 +144,10 @@ class ConventionsCheck:
             With the keys format, verdict, changes, cannot_show, dirt, and more.
         """
         content = asdict(self)
+        names = {"stated": "from", "mended": "to"}
         content["changes"] = [
-            {
-                "key": change.key,
-                "from": change.stated,
-                "to": change.mended,
-                "sigma_before": change.sigma_before,
-                "sigma_after": change.sigma_after,
-                "proposal": change.proposal,
-                "words": change.words,
-            }
-            for change in self.changes
+            {names.get(key, key): value for key, value in change.items()}
+            for change in content["changes"]
         ]
         return json_ready({"format": FORMAT, **content})
 

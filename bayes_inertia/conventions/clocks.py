@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -188,17 +188,16 @@ def streams_apart(campaign: Campaign, columns: Columns) -> tuple[str, ...]:
         One a stream, without full stop.
     """
     said = []
-    for entry, (channel, people) in _CHANNEL.items():
+    for entry, (channel, _) in _CHANNEL.items():
         if entry not in columns or entry == "rate":
             continue
         pairs = [(_times(slew, channel), _times(slew, "rate")) for slew in campaign.slews]
         pairs = [(own, rates) for own, rates in pairs if len(own) and len(rates)]
         if pairs and not any(_beside(own, rates).any() for own, rates in pairs):
-            said.append(_apart(entry, people, pairs, columns))
+            stated = float(columns[entry].get("offset_s", 0.0))
+            count = sum(len(own) for own, _ in pairs)
+            said.append(apart_in_words(entry, count, pairs, stated))
     return tuple(said)
-
-
-_Pairs = list[tuple[np.ndarray, np.ndarray]]
 
 
 def _times(slew: Slew, channel: str) -> np.ndarray:
@@ -211,23 +210,57 @@ def _beside(own: np.ndarray, rates: np.ndarray) -> np.ndarray:
     return (own >= rates[0]) & (own <= rates[-1])
 
 
-def _apart(entry: str, people: str, pairs: _Pairs, columns: Columns) -> str:
+def apart_in_words(
+    entry: str,
+    count: int,
+    pairs: Sequence[tuple[np.ndarray, np.ndarray]],
+    stated: float = 0.0,
+) -> str:
+    """That a stream lies outside every slew, and with which known offset it would not.
+
+    Parameters
+    ----------
+    entry : str
+        Of `[columns]`, such as "attitude".
+    count : int
+        How many readings it has.
+    pairs : sequence of (array, array)
+        Times of its readings and of the rates [s], slew by slew.
+    stated : float, optional
+        The offset that is stated [s].
+
+    Returns
+    -------
+    str
+        Without full stop.
+
+    Examples
+    --------
+    >>> apart_in_words("attitude", 9, [(np.array([3605.0, 3690.0]), np.array([0.0, 99.0]))])[-39:]
+    'columns.attitude.offset_s = -3600 (1 h)'
+    """
     own, rates = pairs[0]
     away = own[0] - rates[-1] if own[0] > rates[-1] else own[-1] - rates[0]
-    count = sum(len(times) for times, _ in pairs)
     where = f"{abs(away):.4g} s {'after' if away > 0.0 else 'before'} the rates"
-    said = f"all {count} {people} lie outside every slew ({where} at the nearest)"
+    said = f"all {count} {_CHANNEL[entry][1]} lie outside every slew ({where} at the nearest)"
     hours = [_HOUR * k for k in range(1, _HOURS + 1)]
     beside = [h + sign * s for h in hours for sign in (-1.0, 1.0) for s in _OF_UTC]
-    stated = float(columns[entry].get("offset_s", 0.0))
     for offset in (*KNOWN_OFFSETS, *hours, *beside):
         seconds = float(np.copysign(offset, -away))
         inside = np.concatenate([_beside(times + seconds, rates) for times, rates in pairs])
         if np.mean(inside) > _MOST:
-            why = KNOWN_OFFSETS.get(offset, f"{offset / _HOUR:.4g} h")
+            why = KNOWN_OFFSETS.get(offset) or _hours(offset)
             key = f"columns.{entry}.offset_s = {stated + seconds:.9g}"
             return f"{said}; they lie beside the rates with {key} ({why})"
     return f"{said}; state their clock's offset as columns.{entry}.offset_s"
+
+
+def _hours(offset: float) -> str:
+    """An offset as whole hours and the seconds beside them."""
+    hours = round(offset / _HOUR)
+    seconds = offset - _HOUR * hours
+    sense = "and" if seconds > 0.0 else "less"
+    return f"{hours} h {sense} {abs(seconds):g} s" if seconds else f"{hours} h"
 
 
 def _is_gross(misfits: Misfits, late: Lateness) -> bool:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 
 from bayes_inertia.app.commands.options import AsJson
@@ -44,7 +45,7 @@ def doctor_command(campaign: _CampaignOrNone = None, as_json: AsJson = False) ->
         return
     from bayes_inertia.conventions.check import check_conventions
 
-    check = check_conventions(campaign)
+    check = check_conventions(campaign).doubting(_left_out(campaign))
     lines = _mapping_lines(campaign, check)
     if as_json:
         print_json(check.json() | {"mapping_lines": lines})
@@ -70,9 +71,20 @@ def refuse_or_warn(campaign: Path) -> None:
     """
     from bayes_inertia.conventions.check import refuse_impossible
 
-    check = refuse_impossible(campaign)
+    check = refuse_impossible(campaign).doubting(_left_out(campaign))
     if check.verdict == "doubtful":
         plain_console(stderr=True).print(f"warning: {check.sentence}")
+
+
+def _left_out(campaign: Path) -> list[str]:
+    """Streams that an import had to leave out of every slew, and the offset that is known."""
+    from bayes_inertia.conventions.clocks import apart_in_words
+    from bayes_inertia.importing.mapped_lines import streams_outside
+
+    return [
+        apart_in_words(key, count, [(np.array(own), np.array(slews))])
+        for key, (count, own, slews) in streams_outside(campaign).items()
+    ]
 
 
 def _mapping_lines(campaign: Path, check: ConventionsCheck) -> list[str]:
