@@ -20,23 +20,20 @@ from bayes_inertia.conventions.candidates import mistakes
 from bayes_inertia.conventions.clocks import (
     Clocks,
     Columns,
-    clocks,
-    known_offsets,
-    shifted_misfit,
     streams_apart,
 )
-from bayes_inertia.conventions.columns import copied_commands, faulty_columns, without_sign
+from bayes_inertia.conventions.columns import copied_commands, faulty_columns
 from bayes_inertia.conventions.companions import with_companions
 from bayes_inertia.conventions.dirt_at_rest import dirt_of
 from bayes_inertia.conventions.doubts import Factors, broken_limits, doubtful_places, factors
-from bayes_inertia.conventions.hypothesis import Mistake
 from bayes_inertia.conventions.invisible import invisible
 from bayes_inertia.conventions.laws import DRIVE
 from bayes_inertia.conventions.linear_fit import worst
 from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.reading import Reading, stated_reading
+from bayes_inertia.conventions.remedies import what_mends
 from bayes_inertia.conventions.sampled_slews import sampled
-from bayes_inertia.conventions.search import Judgement, Remedy, judged, misfit_of
+from bayes_inertia.conventions.search import Remedy, judged, misfit_of
 from bayes_inertia.conventions.stated import stated_columns
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import description_path, read_bytes, text_of
@@ -127,13 +124,14 @@ class ConventionsCheck:
         Returns
         -------
         ConventionsCheck
-            Doubtful, unless it is wrong.
+            Doubtful, unless it is wrong; the same where a change mends it.
         """
-        if not doubts or self.verdict == "wrong":
+        if not doubts or self.changes:
             return self
-        every = (*self.doubts, *doubts)
-        said = wording.verdict_in_words(self.misfits, (), "doubtful", (), every)
-        return replace(self, verdict="doubtful", sentence=said, doubts=every)
+        every = (*doubts, *self.doubts)
+        verdict: Verdict = "wrong" if self.verdict == "wrong" else "doubtful"
+        said = wording.verdict_in_words(self.misfits, (), verdict, (), every)
+        return replace(self, verdict=verdict, sentence=said, doubts=every)
 
     def json(self) -> dict[str, Any]:
         """The check as `doctor CAMPAIGN --json` prints it.
@@ -291,15 +289,15 @@ def _held_against_laws(
     # What a column that is no reading makes wrong is no convention.
     mending, clock = (), Clocks()
     if not faults:
-        mending, clock = _mending(misfits, judgement, singles, columns, differ)
+        mending, clock = what_mends(misfits, judgement, singles, columns, differ)
     wrong = bool(mending) or worst(misfits.of(reading)) > limits.HOPELESS
-    doubts = () if mending else (*faults, *_doubts(misfits, written, columns, reading, differ))
+    doubts = differ.words() if mending and differ is not None else ()
+    if not mending:
+        doubts = (*faults, *_doubts(misfits, written, columns, reading, differ))
     verdict: Verdict = "wrong" if wrong else "doubtful" if doubts else "consistent"
     if mending:
         reading = mending[0].mistake.mend(stated if mending == judgement.remedies else reading)
-        keys = tomllib.loads(text) if text else {}
-        first = with_companions(mending[0].mistake, campaign, keys)
-        mending = (replace(mending[0], mistake=first), *mending[1:])
+        mending = _completed(mending, campaign, text)
     edits = wording.edited_lines(text, mending[0].mistake) if mending else ()
     by_law = misfit_of(misfits.of(stated if wrong else reading))
     stale = not np.array_equal(reading.bias_B, stated.bias_B)
@@ -317,23 +315,11 @@ def _held_against_laws(
     )
 
 
-def _mending(
-    misfits: Misfits,
-    judgement: Judgement,
-    singles: Sequence[Mistake],
-    columns: Columns,
-    differ: Factors | None,
-) -> tuple[tuple[Remedy, ...], Clocks]:
-    """What mends the data: keys, then clocks, then what one stream alone may have wrong."""
-    mending, clock = judgement.remedies, Clocks()
-    if not mending:
-        clock = clocks(misfits, judgement.reading, columns)
-        mending = _of_clocks(misfits, judgement.reading, clock)
-    # Two mistakes at once are less likely than one in a stream.
-    pair = mending and len(mending[0].mistake.changes) > 1 and mending[0].mistake not in singles
-    if not mending or pair:
-        mending = _of_streams(misfits, judgement.reading, columns, differ) or mending
-    return mending, clock
+def _completed(mending: tuple[Remedy, ...], campaign: Campaign, text: str) -> tuple[Remedy, ...]:
+    """Remedies, the first with the keys that share its unit."""
+    keys = tomllib.loads(text) if text else {}
+    first = with_companions(mending[0].mistake, campaign, keys)
+    return (replace(mending[0], mistake=first), *mending[1:])
 
 
 def _doubts(
@@ -351,32 +337,6 @@ def _doubts(
         *(differ.words() if differ is not None else ()),
         *streams_apart(written, columns),
         *broken_limits(written, holds),
-    )
-
-
-def _of_streams(
-    misfits: Misfits, reading: Reading, columns: Columns, differ: Factors | None
-) -> tuple[Remedy, ...]:
-    """What is wrong with one stream: its factor, its signs, or its clock by a known offset."""
-    before = worst(misfits.of(reading))
-    limit = min(limits.PAIR_ORDINARY, before / limits.IMPROVEMENT)
-    mistake = None if differ is None else differ.mistake(misfits.campaign, columns)
-    if mistake is not None:
-        after = worst(misfits.of(mistake.mend(reading)))
-        if after < limit:
-            return (Remedy(mistake, before, after),)
-    if before <= limits.IMPOSSIBLE:
-        return ()
-    unsigned = without_sign(misfits, reading, before)
-    return known_offsets(misfits, reading, columns) if unsigned is None else (unsigned,)
-
-
-def _of_clocks(misfits: Misfits, reading: Reading, clock: Clocks) -> tuple[Remedy, ...]:
-    """Wrong clocks whose mending makes all laws hold."""
-    return tuple(
-        remedy
-        for remedy in clock.remedies
-        if shifted_misfit(misfits, reading, remedy) < limits.ORDINARY
     )
 
 

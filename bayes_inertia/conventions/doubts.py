@@ -28,8 +28,8 @@ LAWS_IN_WORDS: Mapping[str, str] = {
 _RARITY = 3
 # A wheel that moves less than this share of the one that moves most tells no factor.
 _IDLE = 0.1
-# Factors closer than this share are one, or the round number that is meant.
-_ONE_FACTOR = 0.05
+# Factors closer than this share are one, or the whole number that is meant; 60 / (2 pi) is not 10.
+_ONE_FACTOR = 0.03
 
 
 def doubtful_places(misfits: Misfits, reading: Reading) -> tuple[str, ...]:
@@ -160,18 +160,18 @@ class Factors:
         )
         back = np.diag(1.0 / factors)
         names = ", ".join(n for n, f in zip(self.names, factors, strict=True) if f != 1.0)
-        said = ", ".join(f"{f:.3g}" for f in dict.fromkeys(factors[factors != 1.0].tolist()))
+        sizes = (_rounded(max(f, 1.0 / f)) for f in factors.tolist() if f != 1.0)
+        said = ", ".join(dict.fromkeys(f"{size:.3g}" for size in sizes))
         return Mistake(
             changes,
             _RARITY,
             lambda reading: replace(reading, momentum=back @ reading.momentum),
-            f"the spin inertia of {names} is wrong: commands and tachometers differ by a factor "
-            f"of {said}",
+            f"the spin inertia of {names} is wrong by a factor of {said}",
         )
 
 
 def _rounded(factor: float) -> float:
-    """A factor, or the whole number, or the inverse of one, that it is within 5 %."""
+    """A factor, or the whole number, or the inverse of one, that it is within 3 % of."""
     for whole in (factor, 1.0 / factor):
         near = np.round(whole)
         if near != 0.0 and abs(whole / near - 1.0) < _ONE_FACTOR:

@@ -29,7 +29,7 @@ KNOWN_OFFSETS: Mapping[float, str] = MappingProxyType(
         69.184: "terrestrial time is ahead of UTC",
         32.184: "terrestrial time is ahead of atomic time",
         51.184: "terrestrial time is ahead of GPS time",
-        64.0: "a usual offset",
+        64.0: "clocks have been seen to differ by that",
     }
 )
 """What clocks differ by [s], the most common first, and why."""

@@ -77,6 +77,9 @@ EQUAL_FACTOR, EQUAL_MISFIT = 2.0, 0.15
 0.15 sd is 1.5 % of the motion, less than what undisclosed physics may hide.
 """
 
+CLEARLY = 0.8
+"""A free factor is named beside a wrong unit if it leaves a fifth less than the unit does."""
+
 SUSPICIOUS, SURE_IMPROVEMENT = 1.0, 4.0
 """Between a misfit of one sd and `IMPOSSIBLE` data are possible as stated, but a change is proposed
 that brings the misfit down by four.

@@ -67,6 +67,7 @@ def verdict_in_words(
         _clocks(best) if _late(best) else _impossible(misfits),
         f"{what} ({best.before:.3g} -> {best.after:.2g} sd); it looks as if {best.mistake.words}:",
         *(f"  {line}" for line in lines),
+        *places,
     ]
     if len(remedies) > 1:
         others = ", or if ".join(remedy.mistake.words for remedy in remedies[1:4])

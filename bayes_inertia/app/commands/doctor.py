@@ -81,10 +81,13 @@ def _left_out(campaign: Path) -> list[str]:
     from bayes_inertia.conventions.clocks import apart_in_words
     from bayes_inertia.importing.mapped_lines import streams_outside
 
-    return [
+    said = [
         apart_in_words(key, count, [(np.array(own), np.array(slews))])
         for key, (count, own, slews) in streams_outside(campaign).items()
     ]
+    if len(said) > 1:
+        said.append("or it is the clock of the rates: columns.rate.offset_s, with the other sign")
+    return said
 
 
 def _mapping_lines(campaign: Path, check: ConventionsCheck) -> list[str]:
