@@ -287,16 +287,15 @@ def _held_against_laws(
     reading = judgement.reading
     differ = None if faults else factors(misfits, reading)
     # What a column that is no reading makes wrong is no convention.
-    mending, clock = (), Clocks()
+    mending: tuple[Remedy, ...] = ()
+    clock = Clocks()
     if not faults:
         mending, clock = what_mends(misfits, judgement, singles, columns, differ)
     wrong = bool(mending) or worst(misfits.of(reading)) > limits.HOPELESS
-    doubts = differ.words() if mending and differ is not None else ()
-    if not mending:
-        doubts = (*faults, *_doubts(misfits, written, columns, reading, differ))
+    doubts = faults + _doubts(misfits, written, columns, reading, differ, bool(mending))
     verdict: Verdict = "wrong" if wrong else "doubtful" if doubts else "consistent"
     if mending:
-        reading = mending[0].mistake.mend(stated if mending == judgement.remedies else reading)
+        reading = mending[0].mistake.mend(stated if mending[0] in judgement.remedies else reading)
         mending = _completed(mending, campaign, text)
     edits = wording.edited_lines(text, mending[0].mistake) if mending else ()
     by_law = misfit_of(misfits.of(stated if wrong else reading))
@@ -328,13 +327,17 @@ def _doubts(
     columns: Columns,
     reading: Reading,
     differ: Factors | None,
+    mended: bool,
 ) -> tuple[str, ...]:
-    """What is doubtful although no change mends it, and where."""
+    """What is doubtful, and where; of mended data only by what commands and tachometers differ."""
+    factor = () if differ is None else differ.words()
+    if mended:
+        return factor
     holds = {law: fit.worst < limits.ORDINARY for law, fit in misfits.of(reading).items()}
     return (
         *(() if holds.get(DRIVE, True) else copied_commands(written, columns)),
         *doubtful_places(misfits, reading),
-        *(differ.words() if differ is not None else ()),
+        *factor,
         *streams_apart(written, columns),
         *broken_limits(written, holds),
     )

@@ -230,7 +230,8 @@ def without_sign(misfits: Misfits, reading: Reading, before: float) -> Remedy | 
         if signed is None:
             continue
         flipped = ~np.isclose(signed, values).all(axis=(0, 1))
-        after = worst(Misfits(misfits.campaign, replace(slews, **{field: signed})).of(reading))
+        changed: dict[str, Any] = {field: signed}
+        after = worst(Misfits(misfits.campaign, replace(slews, **changed)).of(reading))
         if flipped.any() and after < min(limits.ORDINARY, before / limits.IMPROVEMENT):
             wheels = zip(misfits.campaign.wheels, flipped, strict=True)
             names = ", ".join(wheel.name for wheel, hit in wheels if hit)
@@ -267,8 +268,8 @@ def _signs_of_momentum(
                 return None
             off = (np.abs(path) - np.abs(momentum[s]))[slews.valid[s]][:, suspects]
             tried.append((float((off**2).sum()), np.sign(path)))
-        signs = min(tried, key=lambda pair: pair[0])[1]
-        signed[s][:, suspects] *= np.where(signs == 0.0, 1.0, signs)[:, suspects]
+        sense = min(tried, key=lambda pair: pair[0])[1]
+        signed[s][:, suspects] *= np.where(sense == 0.0, 1.0, sense)[:, suspects]
     return signed
 
 
