@@ -18,6 +18,7 @@ from bayes_inertia.conventions.lateness import (
     channels_of,
     gross_lateness,
     lateness,
+    with_known_offset,
 )
 from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE
 from bayes_inertia.conventions.linear_fit import worst
@@ -88,6 +89,10 @@ def clocks(misfits: Misfits, reading: Reading, columns: Columns) -> Clocks:
         law: late
         for law in (CLOSURE, CONSERVATION, DRIVE)
         if (late := lateness(misfits, reading, law)) is not None and late.explains
+    }
+    told = {
+        law: with_known_offset(misfits, reading, late) if _is_gross(misfits, late) else late
+        for law, late in told.items()
     }
     gross = {law: late for law, late in told.items() if _is_gross(misfits, late)}
     remarks = tuple(

@@ -126,7 +126,6 @@ def lateness(misfits: Misfits, reading: Reading, law: str) -> Lateness | None:
             break
     if not best[0]:
         return None
-    best = _known(misfits, reading, law, best)
     # From shares of the motion to the noise that the campaign states.
     noises = np.sqrt(np.mean(first.sigma**2)) * limits.SHARP / max(first.noise, 1e-30)
     scale = float(noises) if first.noise > 0.0 else 1.0
@@ -134,18 +133,39 @@ def lateness(misfits: Misfits, reading: Reading, law: str) -> Lateness | None:
     return Lateness(law, best[0], before * scale, best[1] * scale, moments)
 
 
-def _known(
-    misfits: Misfits, reading: Reading, law: str, best: tuple[float, float]
-) -> tuple[float, float]:
-    """Shift and residual of the known offset that explains the law as well, else those given."""
-    for offset in KNOWN_OFFSETS if abs(best[0]) > _NO_DELAY else ():
-        shift = float(np.copysign(offset, best[0]))
-        slews = sampled(misfits.campaign, dict.fromkeys(channels_of(misfits, law), shift))
-        data = None if slews is None else Misfits(misfits.campaign, slews).law(law, reading)
-        left = np.inf if data is None else _shift(data)[0]
-        if left < _AS_GOOD * best[1]:
-            return shift, left
-    return best
+def with_known_offset(misfits: Misfits, reading: Reading, late: Lateness) -> Lateness:
+    """The offset that clocks are known for, where it explains a law as well as a lateness does.
+
+    Parameters
+    ----------
+    misfits : Misfits
+        The telemetry.
+    reading : Reading
+        Conventions that agree with the data.
+    late : Lateness
+        As the law tells it; fixes at rest tell only a range.
+
+    Returns
+    -------
+    Lateness
+        With a known offset, or as it is.
+    """
+    if abs(late.seconds) <= _NO_DELAY:
+        return late
+    best = _left(misfits, reading, late.law, late.seconds)
+    for offset in KNOWN_OFFSETS:
+        seconds = float(np.copysign(offset, late.seconds))
+        left = _left(misfits, reading, late.law, seconds)
+        if left < _AS_GOOD * best:
+            return replace(late, seconds=seconds, after=late.after * left / best)
+    return late
+
+
+def _left(misfits: Misfits, reading: Reading, law: str, seconds: float) -> float:
+    """Residual of a law whose second stream is moved."""
+    slews = sampled(misfits.campaign, dict.fromkeys(channels_of(misfits, law), seconds))
+    data = None if slews is None else Misfits(misfits.campaign, slews).law(law, reading)
+    return np.inf if data is None else _shift(data)[0]
 
 
 def channels_of(misfits: Misfits, law: str) -> tuple[str, ...]:
