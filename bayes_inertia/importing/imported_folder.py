@@ -253,6 +253,7 @@ def record_text(
                 "files": list(stream.files),
                 "readings": len(stream.time),
                 "median_step_s": stream.step,
+                "span_s": [float(stream.time[0]), float(stream.time[-1])],
                 "notes": list(stream.notes),
             }
             for key, stream in logs.streams.items()

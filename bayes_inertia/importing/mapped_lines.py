@@ -6,6 +6,7 @@ import json
 import re
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 RECORD_FILE = "import.json"
 """The record of an import, in the folder of its campaign."""
@@ -33,11 +34,42 @@ def mapped_lines(folder: Path, key: str) -> list[str]:
         and for what the mapping does not state.
     """
     try:
-        mapping = json.loads((folder / RECORD_FILE).read_text(encoding="utf-8"))["mapping"]
+        mapping = _record(folder)["mapping"]
         name, text = mapping["name"], mapping["text"]
     except (OSError, ValueError, KeyError, TypeError):
         return []
     return [f"{name}, line {number}: {line}" for number, line in lines_of(text, key)]
+
+
+def streams_outside(folder: Path) -> dict[str, tuple[int, list[float], list[float]]]:
+    """Streams that were imported, none of whose readings lies in a slew.
+
+    Parameters
+    ----------
+    folder : Path
+        A campaign folder.
+
+    Returns
+    -------
+    dict of str to (int, list, list)
+        By what the stream holds: how many readings, first and last time of the stream and of all
+        slews [s]; empty for a folder that was not imported.
+    """
+    try:
+        record = _record(folder)
+        slews = record["cut"]["slews"]
+        span = [min(slew["start"] for slew in slews), max(slew["end"] for slew in slews)]
+        return {
+            key: (stream["readings"], stream["span_s"], span)
+            for key, stream in record["streams"].items()
+            if stream["span_s"][0] > span[1] or stream["span_s"][1] < span[0]
+        }
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+
+
+def _record(folder: Path) -> Any:
+    return json.loads((folder / RECORD_FILE).read_text(encoding="utf-8"))
 
 
 def lines_of(text: str, key: str) -> list[tuple[int, str]]:
