@@ -213,18 +213,23 @@ def _right(right: Sequence[Row]) -> str:
     lines = []
     for group in dict.fromkeys(row["group"] for row in right):
         of_group = [row for row in right if row["group"] == group]
-        accused = [row for row in of_group if row["verdict"] != "consistent"]
-        lines.append([group, str(len(of_group)), str(len(accused))])
-    accused = [row for row in right if row["verdict"] != "consistent"]
-    total = _interval(len(accused), len(right))
-    lines.append(["**all**", str(len(right)), f"**{total}**"])
-    table = _table(["group", "campaigns", "accused"], lines)
+        lines.append([group, str(len(of_group)), *(str(n) for n in _not_consistent(of_group))])
+    totals = (f"**{_interval(number, len(right))}**" for number in _not_consistent(right))
+    lines.append(["**all**", str(len(right)), *totals])
+    table = _table(["group", "campaigns", "called wrong", "called doubtful"], lines)
     cases = [
         [row["group"], row["kind"], row["campaign"], row["verdict"], _changes(row)]
-        for row in accused
+        for row in right
+        if row["verdict"] != "consistent"
     ]
-    header = ["group", "kind", "accused campaign", "verdict", "proposed"]
+    header = ["group", "kind", "campaign", "verdict", "proposed"]
     return table + (f"\n\n{_table(header, cases)}" if cases else "")
+
+
+def _not_consistent(rows: Sequence[Row]) -> tuple[int, int]:
+    """How many are called wrong (or refused, or crash), and how many doubtful."""
+    doubtful = sum(row["verdict"] == "doubtful" for row in rows)
+    return sum(row["verdict"] != "consistent" for row in rows) - doubtful, doubtful
 
 
 def _seconds(judged: Sequence[Row], timed: Sequence[Row], seconds: float) -> str:

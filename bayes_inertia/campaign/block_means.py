@@ -71,8 +71,8 @@ def reduced(campaign: Campaign, block: int | None = None) -> Campaign:
     wheels = tuple(
         w
         if w.momentum_sigma is None
-        else replace(w, momentum_sigma=float(w.momentum_sigma * noise))
-        for w in campaign.wheels
+        else replace(w, momentum_sigma=float(w.momentum_sigma * (1.0 / np.sqrt(readings))))
+        for w, readings in zip(campaign.wheels, _tachometer_readings(campaign, length), strict=True)
     )
     return replace(
         campaign,
@@ -214,6 +214,8 @@ def _reduced_slew(slew: Slew, length: int) -> Slew:
     for name in ("rate", "wheel_momentum", "magnetic_field_N", "position_N"):
         values = getattr(slew, name)
         if values is not None:
+            if name == "wheel_momentum":
+                values = _bridged(slew.time, values, length)
             means = _middles(slew.time, values, blocks)
             gaps = np.full((int(others.sum()), values.shape[1]), np.nan)
             channels[name] = np.concatenate([means, gaps])[order]
@@ -224,6 +226,32 @@ def _reduced_slew(slew: Slew, length: int) -> Slew:
         exact = slew.time[last] == time[order]
         channels["attitude"] = np.where(exact[:, None], slew.attitude[last], np.nan)
     return replace(slew, time=time[order], **channels)
+
+
+def _tachometer_readings(campaign: Campaign, length: int) -> np.ndarray:
+    """Readings (wheels,) of each tachometer in a block of rates, at least one."""
+    given = [
+        np.isfinite(s.wheel_momentum[np.isfinite(np.asarray(s.rate)).any(axis=1)])
+        for s in campaign.slews
+        if s.wheel_momentum is not None
+    ]
+    if not given:
+        return np.full(len(campaign.wheels), float(length))
+    return np.maximum(1.0, length * np.concatenate(given).mean(axis=0))
+
+
+def _bridged(time: np.ndarray, values: np.ndarray, length: int) -> np.ndarray:
+    """Readings (n, k) with straight lines between those that are no more than a block apart."""
+    bridged, row = values.copy(), np.arange(len(time))
+    for column in bridged.T:
+        given = np.flatnonzero(np.isfinite(column))
+        if len(given):
+            after = given[np.minimum(np.searchsorted(given, row), len(given) - 1)]
+            before = given[np.maximum(np.searchsorted(given, row, "right") - 1, 0)]
+            near = np.maximum(after - row, 0) + np.maximum(row - before, 0) <= length
+            line = np.interp(time, time[given], column[given])
+            column[:] = np.where(np.isnan(column) & near, line, column)
+    return bridged
 
 
 def _middles(time: np.ndarray, values: np.ndarray, blocks: np.ndarray) -> np.ndarray:

@@ -5,6 +5,8 @@ What reading a campaign does about each fault:
 | Fault | Policy | Record |
 |---|---|---|
 | row sent twice, or in parts | one row a time; cells are joined | duplicate, masked |
+| reading that only repeats the one before, of a slow sensor that was polled faster | counted \
+once, at the first of its rows | duplicate of rate, attitude or momentum, masked |
 | one time with two contents | error that names the row | |
 | rows out of order | put in their place | clock, ignored |
 | single wrong stamp | given the time between its neighbours if they are two steps apart | clock, \
@@ -83,8 +85,8 @@ class Dirt:
     Parameters
     ----------
     kind : str
-        What it is: "outliers", "gap", "stuck", "saturated", "duplicate", "clock", "quantised",
-        "coloured" or "noise_level".
+        What it is: "outliers", "gap", "stuck", "saturated", "duplicate" (a row sent twice, or a
+        reading held), "clock", "quantised", "coloured" or "noise_level".
     channel : str
         "rate", "attitude", "momentum", "torque" or "time".
     slew : str

@@ -13,6 +13,7 @@ FASTEST_RATE = 1e3  # [rad/s]; small bodies are torn apart by a tenth of it
 _LARGEST_MOMENTUM = 1e6  # [N m s]; the largest gyros of space stations hold 5e3
 _LARGEST_TORQUE = 1e6  # [N m]
 _FEW = 0.02  # of the commands; where more are impossible, it is their unit that is wrong
+_MARKED = 0.5  # of the commands, where all of them are one number
 _APART = 10.0  # times larger than all other commands are those that are dirt
 _TIMES_THE_LIMIT = 100.0  # of a wheel
 
@@ -104,7 +105,9 @@ def without_impossible_torques(
     absurd = size > np.array(limits)
     # The largest commands of a wrong unit go on where the others end: those are no dirt.
     absurd &= size > _APART * size[~absurd].max(initial=0.0)
-    if not absurd.any() or np.mean(absurd.any(axis=1)) > _FEW:
+    # One number again and again is no command in another unit, but a mark of "no command".
+    most = _FEW if len(np.unique(torque[absurd])) > 1 else _MARKED
+    if not absurd.any() or np.mean(absurd.any(axis=1)) > most:
         return channels, []
     note = f"commands up to {np.abs(torque[absurd]).max():.3g} N m, which no wheel can follow"
     record = Dirt("outliers", "torque", "", (), "masked", note)

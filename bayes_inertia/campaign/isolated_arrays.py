@@ -161,9 +161,20 @@ def _run(task: list[str], size: int, limit: float, label: str, advice: str) -> N
     except (ValueError, KeyError, TypeError):
         reason = f"its library ends with status {done.returncode}"
     what = f"cannot be read as {_NAMES[task[0]]} ({reason})"
+    if "unable to lock file" in reason:
+        what, advice = "another program holds the file", _HELD
+    elif "already open for write" in reason:
+        what, advice = "is open for writing, or its writer died", _NOT_CLOSED
     raise CampaignError(what, where=label, advice=advice)
 
 
+_HELD = (
+    "close it there, take a copy, or set HDF5_USE_FILE_LOCKING=FALSE in the environment to read "
+    "what is written so far"
+)
+_NOT_CLOSED = (
+    "close it where it is written; if nothing writes it any more, run h5clear -s on a copy"
+)
 _NAMES = {
     "hdf5": "an HDF5 file",
     "netcdf": "a netCDF file",

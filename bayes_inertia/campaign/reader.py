@@ -18,6 +18,7 @@ from bayes_inertia.campaign.csv_table import read_table
 from bayes_inertia.campaign.description import parse_description
 from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
+from bayes_inertia.campaign.held import counted_once
 from bayes_inertia.campaign.impossible import without_impossible_torques
 from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.campaign.inspection import with_dirt_masked
@@ -102,7 +103,7 @@ def read_unmasked(path: str | Path, *, keep_commands: bool = False) -> Campaign:
         raise error.inside(str(description)) from None
     slews, dirt = [], []
     unplaced = [_streams(part, tables, parsed) for part in parsed.slews]
-    streams = on_their_clocks(unplaced, parsed.columns)
+    streams = on_their_clocks(counted_once(unplaced, parsed.columns), parsed.columns)
     for part, of_slew in zip(parsed.slews, streams, strict=True):
         channels, records = _channels(part, of_slew, parsed, hardware["wheels"])
         try:

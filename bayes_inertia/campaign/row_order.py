@@ -22,6 +22,9 @@ from bayes_inertia.errors import CampaignError
 _GLITCHES = 0.02
 # A late row fits where its neighbours are this many steps away.
 _NEAREST, _FARTHEST = 0.75, 3.0
+# So many rows before and after a clock was set back are in order, but for one; of shuffled rows
+# half go back, and that happens by chance once in 10,000 times.
+_RUNS_ON = 10
 # Neighbours of a wrong stamp are two steps apart, within this share of a step.
 _REGULAR = 0.1
 # A stamp is far off if it is away from the others by this many times their whole duration, and by
@@ -30,6 +33,80 @@ _FAR_OFF, _LONGEST_BREAK = 100.0, 3600.0
 # Stamps of 32 bits may be coarse by this share of their spacing.
 _COARSE = 0.01
 _LEFT_OUT = "with a wrong stamp left out"
+
+
+def set_back_row(stamps: np.ndarray, contents: np.ndarray) -> int | None:
+    """The row at which a clock was set back and ran on from there.
+
+    Rows that only came late fill a hole among the others, or were sent again with the same content.
+    A few rows (three) out of order are no clock that was set back.
+
+    Parameters
+    ----------
+    stamps : (n,) array
+        Times in the order of the rows.
+    contents : (n, width) array
+        What the rows hold; NaN for nothing.
+
+    Returns
+    -------
+    int or None
+        The row, counted from 0; None where no clock was set back.
+
+    Examples
+    --------
+    >>> late, again = np.array([0.0, 1, 4, 5, 2, 3, 6]), np.r_[0:30, 0.1:30.1]
+    >>> set_back_row(late, np.zeros((7, 1))), set_back_row(again, np.zeros((60, 1)))
+    (None, 30)
+    """
+    if not np.any(np.diff(stamps) < 0.0):
+        return None
+    late = _late_rows(stamps)
+    # Of the rows in order: two sessions together have steps that none of them has.
+    steps = np.diff(np.unique(np.delete(stamps, late)))
+    step = float(np.median(steps)) if len(steps) else 0.0
+    strange = ~_explained(stamps, late, contents, step)
+    for run in np.split(np.arange(len(late)), np.flatnonzero(np.diff(late) > 1) + 1):
+        if strange[run].sum() <= _FARTHEST:
+            continue
+        # The clock went back at the run's start, or where the rows after it go on.
+        first, last = max(int(late[run[0]]), 1), min(int(late[run[-1]]) + 2, len(stamps))
+        row = first + int(np.argmin(np.diff(stamps[first - 1 : last])))
+        beside = (stamps[max(row - _RUNS_ON, 0) : row], stamps[row : row + _RUNS_ON])
+        astray = sum(int((np.diff(rows) < 0.0).sum()) for rows in beside)
+        if astray <= 1 and stamps[row - 1] - stamps[row] > _FARTHEST * step:
+            return row
+    return None
+
+
+def _explained(
+    stamps: np.ndarray, late: np.ndarray, contents: np.ndarray, step: float
+) -> np.ndarray:
+    """Which late rows (m,) fill a hole among the others, or repeat one of them, cell by cell."""
+    others = np.delete(np.arange(len(stamps)), late)
+    kept = stamps[others]  # Never goes back.
+    at = np.searchsorted(kept, stamps[late])
+    same = others[np.minimum(at, len(kept) - 1)]
+    again = (stamps[same] == stamps[late]) & np.all(
+        (contents[same] == contents[late]) | np.isnan(contents[same]) | np.isnan(contents[late]),
+        axis=1,
+    )
+    bounds = np.concatenate([[-np.inf], kept, [np.inf]])
+    new = np.flatnonzero(~again)
+    new = new[np.lexsort((stamps[late[new]], at[new]))]
+    # Each hole's late rows in order: the first and the last are a step away from its edges.
+    hole, starts, counts = np.unique(at[new], return_index=True, return_counts=True)
+    times = stamps[late[new]]
+    fits = np.ones(len(hole), dtype=bool)
+    for edge in (
+        times[starts] - bounds[hole],
+        bounds[hole + 1] - times[starts + counts - 1],
+    ):
+        # At an end of the log one side is open.
+        fits &= np.isinf(edge) | ((edge >= _NEAREST * step) & (edge <= _FARTHEST * step))
+    fills = np.zeros(len(late), dtype=bool)
+    fills[new] = np.repeat(fits, counts)
+    return again | fills
 
 
 def ordered_rows(table: Table, time: str, names: Sequence[str]) -> tuple[Table, list[Dirt]]:
@@ -80,6 +157,9 @@ def ordered_rows(table: Table, time: str, names: Sequence[str]) -> tuple[Table, 
 
 def _in_order(table: Table, time: str, names: Sequence[str]) -> tuple[Table, list[Dirt]]:
     """Rows whose times go back somewhere, in order; and what was done."""
+    row = set_back_row(table.columns[time], table.stack(names))
+    if row is not None:
+        _refuse_jump(table, time, row)
     table, kept, wrong = _without_wrong_stamps(table, time)
     stamps = table.columns[time]
     late = kept[_late_rows(stamps[kept])]

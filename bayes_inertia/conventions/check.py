@@ -17,13 +17,21 @@ from bayes_inertia.campaign.reader import read_unmasked
 from bayes_inertia.campaign.schema import CampaignPart
 from bayes_inertia.conventions import limits, wording
 from bayes_inertia.conventions.candidates import mistakes
-from bayes_inertia.conventions.clocks import Clocks, clocks, shifted_misfit
+from bayes_inertia.conventions.clocks import (
+    Clocks,
+    Columns,
+    streams_apart,
+)
+from bayes_inertia.conventions.columns import copied_commands, faulty_columns
 from bayes_inertia.conventions.companions import with_companions
 from bayes_inertia.conventions.dirt_at_rest import dirt_of
+from bayes_inertia.conventions.doubts import Factors, broken_limits, doubtful_places, factors
 from bayes_inertia.conventions.invisible import invisible
+from bayes_inertia.conventions.laws import DRIVE
 from bayes_inertia.conventions.linear_fit import worst
 from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.reading import Reading, stated_reading
+from bayes_inertia.conventions.remedies import what_mends
 from bayes_inertia.conventions.sampled_slews import sampled
 from bayes_inertia.conventions.search import Remedy, judged, misfit_of
 from bayes_inertia.conventions.stated import stated_columns
@@ -32,6 +40,7 @@ from bayes_inertia.files import description_path, read_bytes, text_of
 from bayes_inertia.maths.values import json_ready
 
 FORMAT = "bayes-inertia-doctor/1"
+Verdict = Literal["consistent", "doubtful", "wrong"]
 # Numbers beyond this mark missing values, in whatever unit.
 _LARGEST_NUMBER = 1e10
 
@@ -71,8 +80,9 @@ class ConventionsCheck:
     ----------
     campaign : str
         Name of the campaign.
-    verdict : {"consistent", "wrong"}
-        Whether the data are possible under the stated conventions.
+    verdict : {"consistent", "doubtful", "wrong"}
+        Whether the data agree with the stated conventions. Doubtful: a law fails that no change of
+        convention mends, a column is dead or stands for two, or a limit is far exceeded.
     sentence : str
         The verdict in words.
     misfits : dict of str to float
@@ -86,19 +96,42 @@ class ConventionsCheck:
         Conventions that this telemetry says nothing about.
     remarks : tuple of str
         What is physical although it looks like a wrong convention.
+    doubts : tuple of str
+        What is doubtful, and where: channel, axis or wheel, slew, sds.
     dirt : tuple of dict
         Faults of the telemetry, as `Dirt.json` writes them.
     """
 
     campaign: str
-    verdict: Literal["consistent", "wrong"]
+    verdict: Verdict
     sentence: str
     misfits: dict[str, float]
     changes: tuple[ConventionChange, ...] = ()
     edits: tuple[str, ...] = ()
     cannot_show: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
     dirt: tuple[dict[str, Any], ...] = ()
+
+    def doubting(self, doubts: Sequence[str]) -> ConventionsCheck:
+        """The same with more doubts.
+
+        Parameters
+        ----------
+        doubts : sequence of str
+            What is doubtful, and where.
+
+        Returns
+        -------
+        ConventionsCheck
+            Doubtful, unless it is wrong; the same where a change mends it.
+        """
+        if not doubts or self.changes:
+            return self
+        every = (*doubts, *self.doubts)
+        verdict: Verdict = "wrong" if self.verdict == "wrong" else "doubtful"
+        said = wording.verdict_in_words(self.misfits, (), verdict, (), every)
+        return replace(self, verdict=verdict, sentence=said, doubts=every)
 
     def json(self) -> dict[str, Any]:
         """The check as `doctor CAMPAIGN --json` prints it.
@@ -109,17 +142,10 @@ class ConventionsCheck:
             With the keys format, verdict, changes, cannot_show, dirt, and more.
         """
         content = asdict(self)
+        names = {"stated": "from", "mended": "to"}
         content["changes"] = [
-            {
-                "key": change.key,
-                "from": change.stated,
-                "to": change.mended,
-                "sigma_before": change.sigma_before,
-                "sigma_after": change.sigma_after,
-                "proposal": change.proposal,
-                "words": change.words,
-            }
-            for change in self.changes
+            {names.get(key, key): value for key, value in change.items()}
+            for change in content["changes"]
         ]
         return json_ready({"format": FORMAT, **content})
 
@@ -155,7 +181,7 @@ def check_conventions(campaign: Campaign | str | Path, *, quick: bool = False) -
     'consistent'
     """
     if isinstance(campaign, Campaign):
-        return _checked(campaign, None, "", quick)
+        return _checked(campaign, campaign, None, "", quick)
     path = description_path(campaign)
     text = text_of(read_bytes(path), str(path))
     description = parse_description(text, str(path))
@@ -167,10 +193,10 @@ def check_conventions(campaign: Campaign | str | Path, *, quick: bool = False) -
         masked = replace(with_dirt_masked(written), dirt=masked.dirt)
     if _suspect(written, masked):
         # Readings that are impossible in numbers are in a wrong unit, or marks for missing values.
-        check = _checked(written, description, text, quick)
+        check = _checked(written, written, description, text, quick)
         if check.changes:
             return check
-    return _checked(masked, description, text, quick)
+    return _checked(masked, written, description, text, quick)
 
 
 def _suspect(written: Campaign, masked: Campaign) -> bool:
@@ -189,13 +215,18 @@ def _all_readings(campaign: Campaign, channel: str) -> np.ndarray:
     return np.concatenate([np.zeros(0), *(np.ravel(r) for r in readings if r is not None)])
 
 
-def refuse_impossible(campaign: Campaign | str | Path) -> None:
+def refuse_impossible(campaign: Campaign | str | Path) -> ConventionsCheck:
     """Raise an error if data are impossible under the stated conventions; quick where they are not.
 
     Parameters
     ----------
     campaign : Campaign, str or Path
         A campaign, or its folder.
+
+    Returns
+    -------
+    ConventionsCheck
+        That is consistent or doubtful.
 
     Raises
     ------
@@ -210,65 +241,112 @@ def refuse_impossible(campaign: Campaign | str | Path) -> None:
             where=where,
             advice="`bayes-inertia doctor CAMPAIGN` says more, --anyway goes on nevertheless",
         )
+    return check
 
 
 def _checked(
-    campaign: Campaign, description: CampaignPart | None, text: str, quick: bool
+    campaign: Campaign,
+    written: Campaign,
+    description: CampaignPart | None,
+    text: str,
+    quick: bool,
 ) -> ConventionsCheck:
+    """The check of a campaign; `written` is the same with nothing masked."""
+    columns = stated_columns(campaign, description)
     # Numbers whose squares overflow break every law, infinitely.
     with np.errstate(over="ignore", invalid="ignore"):
-        return _held_against_laws(campaign, description, text, quick)
+        faults = faulty_columns(written, columns)
+        slews = sampled(campaign)
+        if slews is None:
+            return _unchecked(campaign, written, columns, faults)
+        misfits = Misfits(campaign, slews)
+        return _held_against_laws(misfits, written, columns, faults, text, quick)
+
+
+def _unchecked(
+    campaign: Campaign, written: Campaign, columns: Columns, faults: tuple[str, ...]
+) -> ConventionsCheck:
+    """What is said of a campaign whose streams do not meet."""
+    doubts = (*faults, *streams_apart(written, columns), *broken_limits(written, {}))
+    verdict: Verdict = "doubtful" if doubts else "consistent"
+    said = wording.verdict_in_words({}, (), verdict, (), doubts)
+    return ConventionsCheck(campaign.name, verdict, said, {}, doubts=doubts)
 
 
 def _held_against_laws(
-    campaign: Campaign, description: CampaignPart | None, text: str, quick: bool
+    misfits: Misfits,
+    written: Campaign,
+    columns: Columns,
+    faults: tuple[str, ...],
+    text: str,
+    quick: bool,
 ) -> ConventionsCheck:
-    columns = stated_columns(campaign, description)
-    slews = sampled(campaign)
-    if slews is None:
-        nothing = wording.verdict_in_words({}, (), "consistent", ())
-        return ConventionsCheck(campaign.name, "consistent", nothing, {})
-    misfits, stated = Misfits(campaign, slews), stated_reading(campaign)
+    campaign, stated = misfits.campaign, stated_reading(misfits.campaign)
     singles = mistakes(campaign, columns)
     judgement = judged(misfits, stated, singles)
-    mending, clock = judgement.remedies, Clocks()
-    if not mending:
-        clock = clocks(misfits, judgement.reading, columns)
-        mending = _of_clocks(misfits, judgement.reading, clock)
-    before = worst(misfits.of(judgement.reading))
-    reading = judgement.mended(stated)
-    wrong = bool(mending) or before > limits.HOPELESS
-    verdict: Literal["consistent", "wrong"] = "wrong" if wrong else "consistent"
+    reading = judgement.reading
+    differ = None if faults else factors(misfits, reading)
+    # What a column that is no reading makes wrong is no convention.
+    mending: tuple[Remedy, ...] = ()
+    clock = Clocks()
+    if not faults:
+        mending, clock = what_mends(misfits, judgement, singles, columns, differ)
+    wrong = bool(mending) or worst(misfits.of(reading)) > limits.HOPELESS
+    doubts = faults + _doubts(misfits, written, columns, reading, differ, bool(mending))
+    verdict: Verdict = "wrong" if wrong else "doubtful" if doubts else "consistent"
     if mending:
-        written = tomllib.loads(text) if text else {}
-        first = with_companions(mending[0].mistake, campaign, written)
-        mending = (replace(mending[0], mistake=first), *mending[1:])
+        reading = mending[0].mistake.mend(stated if mending[0] in judgement.remedies else reading)
+        mending = _completed(mending, campaign, text)
     edits = wording.edited_lines(text, mending[0].mistake) if mending else ()
     by_law = misfit_of(misfits.of(stated if wrong else reading))
     stale = not np.array_equal(reading.bias_B, stated.bias_B)
     return ConventionsCheck(
         campaign=campaign.name,
         verdict=verdict,
-        sentence=wording.verdict_in_words(by_law, mending, verdict, edits, stale),
+        sentence=wording.verdict_in_words(by_law, mending, verdict, edits, doubts, stale),
         misfits=by_law,
         changes=_changes(mending),
         edits=tuple(edits),
         cannot_show=() if quick else invisible(misfits, reading, () if wrong else singles),
         remarks=clock.remarks,
+        doubts=doubts,
         dirt=() if quick else dirt_of(misfits, stated, reading),
     )
 
 
-def _of_clocks(misfits: Misfits, reading: Reading, clock: Clocks) -> tuple[Remedy, ...]:
-    """Wrong clocks whose mending makes all laws hold."""
-    return tuple(
-        remedy
-        for remedy in clock.remedies
-        if shifted_misfit(misfits, reading, remedy) < limits.ORDINARY
+def _completed(mending: tuple[Remedy, ...], campaign: Campaign, text: str) -> tuple[Remedy, ...]:
+    """Remedies, the first with the keys that share its unit."""
+    keys = tomllib.loads(text) if text else {}
+    first = with_companions(mending[0].mistake, campaign, keys)
+    return (replace(mending[0], mistake=first), *mending[1:])
+
+
+def _doubts(
+    misfits: Misfits,
+    written: Campaign,
+    columns: Columns,
+    reading: Reading,
+    differ: Factors | None,
+    mended: bool,
+) -> tuple[str, ...]:
+    """What is doubtful, and where; of mended data only by what commands and tachometers differ."""
+    factor = () if differ is None else differ.words()
+    if mended:
+        return factor
+    holds = {law: fit.worst < limits.ORDINARY for law, fit in misfits.of(reading).items()}
+    return (
+        *(() if holds.get(DRIVE, True) else copied_commands(written, columns)),
+        *doubtful_places(misfits, reading),
+        *factor,
+        *streams_apart(written, columns),
+        *broken_limits(written, holds),
     )
 
 
 def _changes(mending: Sequence[Remedy]) -> tuple[ConventionChange, ...]:
+    """The keys to change; none where the first cause is in no key."""
+    if mending and not mending[0].mistake.changes:
+        return ()
     return tuple(
         ConventionChange(
             change.key,

@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.known_offsets import KNOWN_OFFSETS, likely_offsets
+from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.conventions import limits
 from bayes_inertia.conventions.hypothesis import KeyChange, Mistake
-from bayes_inertia.conventions.lateness import Lateness, channels_of, gross_lateness, lateness
+from bayes_inertia.conventions.lateness import (
+    Lateness,
+    channels_of,
+    gross_lateness,
+    lateness,
+    with_known_offset,
+)
 from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE
 from bayes_inertia.conventions.linear_fit import worst
 from bayes_inertia.conventions.misfits import Misfits
@@ -24,6 +33,16 @@ _RARITY = 2
 # Two latenesses are one if they differ by less than this share.
 _SAME = 0.25
 _STREAM = {CLOSURE: "star tracker", CONSERVATION: "wheels", DRIVE: "torque commands"}
+# Slew's channel and what people call the readings, by entry of `[columns]`.
+_CHANNEL = {
+    "attitude": ("attitude", "star-tracker fixes"),
+    "rate": ("rate", "rates"),
+    "wheel_torque": ("wheel_torque", "torque commands"),
+    "wheel_momentum": ("wheel_momentum", "tachometer readings"),
+    "wheel_speed": ("wheel_momentum", "tachometer readings"),
+}
+# This share of the readings must lie beside the rates with an offset that is proposed.
+_MOST = 0.8
 _EFFECT = {
     CLOSURE: "star_tracker_time_offset or rate_sensor_delay",
     CONSERVATION: "rate_sensor_delay",
@@ -69,6 +88,10 @@ def clocks(misfits: Misfits, reading: Reading, columns: Columns) -> Clocks:
         for law in (CLOSURE, CONSERVATION, DRIVE)
         if (late := lateness(misfits, reading, law)) is not None and late.explains
     }
+    told = {
+        law: with_known_offset(misfits, reading, late) if _is_gross(misfits, late) else late
+        for law, late in told.items()
+    }
     gross = {law: late for law, late in told.items() if _is_gross(misfits, late)}
     remarks = tuple(
         f"the {_STREAM[law]} are {_sense(late.seconds)} against the rate: as little as a physical "
@@ -108,6 +131,128 @@ def shifted_misfit(misfits: Misfits, reading: Reading, remedy: Remedy) -> float:
         shifts[channel] = change.mended - (change.stated or 0.0)
     slews = sampled(misfits.campaign, shifts)
     return np.inf if slews is None else worst(Misfits(misfits.campaign, slews).of(reading))
+
+
+def known_offsets(misfits: Misfits, reading: Reading, columns: Columns) -> tuple[Remedy, ...]:
+    """Clocks that are off by what clocks of different kinds differ by, tried by name.
+
+    Parameters
+    ----------
+    misfits : Misfits
+        The telemetry.
+    reading : Reading
+        Conventions as stated, which the data break.
+    columns : mapping
+        The campaign's `[columns]`.
+
+    Returns
+    -------
+    tuple of Remedy
+        Those that make all laws hold, the most common offset first.
+    """
+    campaign, laws = misfits.campaign, misfits.of(reading)
+    before = worst(laws)
+    fixes = sum(min(int(slew.fixes.sum()), limits.FIXES_PER_SLEW) for slew in campaign.slews)
+    entries = [entry for entry in _CHANNEL if entry in columns]
+    wheels = [entry for entry in entries if entry.startswith("wheel")]
+    longest = max(slew.duration for slew in campaign.slews)
+    found = []
+    for streams in (*([entry] for entry in entries), *([wheels] if len(wheels) > 1 else [])):
+        for offset in KNOWN_OFFSETS:
+            for seconds in (-offset, offset) if offset < longest else ():
+                shifts = {_CHANNEL[entry][0]: seconds for entry in streams}
+                slews = sampled(campaign, shifts)
+                if slews is None or slews.fixes.sum() < _MOST * fixes:
+                    continue
+                fits = Misfits(campaign, slews).of(reading)
+                after = worst(fits)
+                if set(fits) == set(laws) and after < min(
+                    limits.ORDINARY, before / limits.IMPROVEMENT
+                ):
+                    mistake = _mistake(columns, dict.fromkeys(streams, seconds))
+                    found.append(Remedy(mistake, before, after))
+    best = min((remedy.after for remedy in found), default=0.0)
+    return tuple(r for r in found if r.after <= limits.EQUAL_FACTOR * best + limits.EQUAL_MISFIT)
+
+
+def streams_apart(campaign: Campaign, columns: Columns) -> tuple[str, ...]:
+    """Streams all of whose readings lie before or after the rates, and the offset that is known.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        As it was read.
+    columns : mapping
+        Its `[columns]`.
+
+    Returns
+    -------
+    tuple of str
+        One a stream, without full stop.
+    """
+    said = []
+    for entry, (channel, _) in _CHANNEL.items():
+        if entry not in columns or entry == "rate":
+            continue
+        pairs = [(_times(slew, channel), _times(slew, "rate")) for slew in campaign.slews]
+        pairs = [(own, rates) for own, rates in pairs if len(own) and len(rates)]
+        if pairs and not any(_beside(own, rates).any() for own, rates in pairs):
+            stated = float(columns[entry].get("offset_s", 0.0))
+            count = sum(len(own) for own, _ in pairs)
+            said.append(apart_in_words(entry, count, pairs, stated))
+    return tuple(said)
+
+
+def _times(slew: Slew, channel: str) -> np.ndarray:
+    """Times of the rows that hold a reading of a channel [s]."""
+    values = getattr(slew, channel)
+    return slew.time[:0] if values is None else slew.time[np.isfinite(values).any(axis=1)]
+
+
+def _beside(own: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    return (own >= rates[0]) & (own <= rates[-1])
+
+
+def apart_in_words(
+    entry: str,
+    count: int,
+    pairs: Sequence[tuple[np.ndarray, np.ndarray]],
+    stated: float = 0.0,
+) -> str:
+    """That a stream lies outside every slew, and with which known offset it would not.
+
+    Parameters
+    ----------
+    entry : str
+        Of `[columns]`, such as "attitude".
+    count : int
+        How many readings it has.
+    pairs : sequence of (array, array)
+        Times of its readings and of the rates [s], slew by slew.
+    stated : float, optional
+        The offset that is stated [s].
+
+    Returns
+    -------
+    str
+        Without full stop.
+
+    Examples
+    --------
+    >>> apart_in_words("attitude", 9, [(np.array([3605.0, 3690.0]), np.array([0.0, 99.0]))])[-58:]
+    'columns.attitude.offset_s = -3600 (1 h, as of a time zone)'
+    """
+    own, rates = pairs[0]
+    away = own[0] - rates[-1] if own[0] > rates[-1] else own[-1] - rates[0]
+    where = f"{abs(away):.4g} s {'after' if away > 0.0 else 'before'} the rates"
+    said = f"all {count} {_CHANNEL[entry][1]} lie outside every slew ({where} at the nearest)"
+    for offset, why in likely_offsets():
+        seconds = float(np.copysign(offset, -away))
+        inside = np.concatenate([_beside(times + seconds, rates) for times, rates in pairs])
+        if np.mean(inside) > _MOST:
+            key = f"columns.{entry}.offset_s = {stated + seconds:.9g}"
+            return f"{said}; they lie beside the rates with {key} ({why})"
+    return f"{said}; state their clock's offset as columns.{entry}.offset_s"
 
 
 def _is_gross(misfits: Misfits, late: Lateness) -> bool:
@@ -171,18 +316,21 @@ def fixes_in_motion(misfits: Misfits) -> bool:
 
 
 def _sense(seconds: float) -> str:
-    return f"{abs(seconds):.2g} s {'late' if seconds < 0.0 else 'early'}"
+    size = f"{abs(seconds):.6g}" if abs(seconds) in KNOWN_OFFSETS else f"{abs(seconds):.2g}"
+    return f"{size} s {'late' if seconds < 0.0 else 'early'}"
 
 
 def _mistake(columns: Columns, shifts: Mapping[str, float]) -> Mistake:
     changes = []
     for entry, seconds in shifts.items():
         stated = float(columns.get(entry, {}).get("offset_s", 0.0))
-        mended = float(f"{stated + seconds:.3g}")
+        # A known offset has six digits, an estimated one three.
+        mended = float(f"{stated + seconds:{'.6g' if abs(seconds) in KNOWN_OFFSETS else '.3g'}}")
         changes.append(KeyChange(f"columns.{entry}.offset_s", stated, mended))
     what = " and ".join(f"the time stamps of {_NAMES[entry]}" for entry in shifts)
     seconds = next(iter(shifts.values()))
-    words = f"{what} are {_sense(seconds)}"
+    why = KNOWN_OFFSETS.get(abs(seconds), "")
+    words = f"{what} are {_sense(seconds)}{why and f' ({why})'}"
     return Mistake(tuple(changes), _RARITY, lambda reading: reading, words)
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.known_offsets import KNOWN_OFFSETS
 from bayes_inertia.conventions import limits
 from bayes_inertia.conventions.laws import CLOSURE, DRIVE, LawData
 from bayes_inertia.conventions.linear_fit import fitted
@@ -19,6 +20,10 @@ from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.reading import Reading
 from bayes_inertia.conventions.sampled_slews import sampled
 
+# A lateness beyond this [s] is no delay of a sensor, but perhaps a known offset.
+_NO_DELAY = 5.0
+# A known offset that leaves at most this much more is meant: fixes at rest tell a range.
+_AS_GOOD = 1.1
 _ROUNDS = 6
 # A shift that changes by less than this share of itself has converged.
 _CONVERGED = 0.02
@@ -112,6 +117,41 @@ def lateness(misfits: Misfits, reading: Reading, law: str) -> Lateness | None:
     scale = float(noises) if first.noise > 0.0 else 1.0
     moments = int(first.mask.sum())
     return Lateness(law, best[0], before * scale, best[1] * scale, moments)
+
+
+def with_known_offset(misfits: Misfits, reading: Reading, late: Lateness) -> Lateness:
+    """The offset that clocks are known for, where it explains a law as well as a lateness does.
+
+    Parameters
+    ----------
+    misfits : Misfits
+        The telemetry.
+    reading : Reading
+        Conventions that agree with the data.
+    late : Lateness
+        As the law tells it; fixes at rest tell only a range.
+
+    Returns
+    -------
+    Lateness
+        With a known offset, or as it is.
+    """
+    if abs(late.seconds) <= _NO_DELAY:
+        return late
+    best = _left(misfits, reading, late.law, late.seconds)
+    for offset in KNOWN_OFFSETS:
+        seconds = float(np.copysign(offset, late.seconds))
+        left = _left(misfits, reading, late.law, seconds)
+        if left < _AS_GOOD * best:
+            return replace(late, seconds=seconds, after=late.after * left / best)
+    return late
+
+
+def _left(misfits: Misfits, reading: Reading, law: str, seconds: float) -> float:
+    """Residual of a law whose second stream is moved."""
+    slews = sampled(misfits.campaign, dict.fromkeys(channels_of(misfits, law), seconds))
+    data = None if slews is None else Misfits(misfits.campaign, slews).law(law, reading)
+    return np.inf if data is None else _shift(data)[0]
 
 
 def channels_of(misfits: Misfits, law: str) -> tuple[str, ...]:

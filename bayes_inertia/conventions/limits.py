@@ -77,6 +77,9 @@ EQUAL_FACTOR, EQUAL_MISFIT = 2.0, 0.15
 0.15 sd is 1.5 % of the motion, less than what undisclosed physics may hide.
 """
 
+CLEARLY = 0.8
+"""A free factor is named beside a wrong unit if it leaves a fifth less than the unit does."""
+
 SUSPICIOUS, SURE_IMPROVEMENT = 1.0, 4.0
 """Between a misfit of one sd and `IMPOSSIBLE` data are possible as stated, but a change is proposed
 that brings the misfit down by four.
@@ -86,6 +89,21 @@ Hidden effects leave as much as that; but no change of convention imitates an ef
 
 CLEAR = 0.5
 """Misfit [sd] below which a change explains so well that no stale bias is tried beside it."""
+
+FACTOR = 1.5
+"""Factor between commands and tachometers beyond which they contradict each other.
+
+Five of `GAIN_SD`, and sixteen sds of the gain in the library."""
+
+FAR_BEYOND = 3.0
+"""A hardware limit that readings exceed this many times is wrong, or their unit is.
+
+A wheel overspeeds by a tenth, a controller that saturates asks for twice; the smallest wrong unit
+is a factor of 9.5 (rpm)."""
+
+COPIED, NOISY = 0.05, 0.2
+"""Two columns are one if their difference is below 5 % of the noise of either, which independent
+noise never is; they are judged only if they hold a fifth of the noise that is stated."""
 
 LATE_SHARE = 1.0 / 1000.0
 """Prior sd of a sensor's lateness in the library, as a share of the slew's duration."""

@@ -25,12 +25,15 @@ class LinearFit:
         Parameters, in prior standard deviations.
     sds : (P,) array
         What is left of those standard deviations.
+    by_component : (S, D) array
+        Root mean square residual of each component of each slew [its sigma].
     """
 
     misfit: np.ndarray
     departure: float
     values: np.ndarray
     sds: np.ndarray
+    by_component: np.ndarray
 
     def with_factors(self, which: slice, sds: np.ndarray) -> LinearFit:
         """The same fit, some of whose parameters are factors, judged by their logarithms.
@@ -57,8 +60,12 @@ class LinearFit:
 
     @property
     def worst(self) -> float:
-        """The larger of the worst slew's misfit and the departure from the priors [sd]."""
-        return max(float(self.misfit.max(initial=0.0)), self.departure)
+        """The larger of the worst slew's misfit and the departure from the priors [sd].
+
+        Infinite where numbers overflow.
+        """
+        largest = np.max(self.misfit, initial=self.departure)
+        return float("inf") if np.isnan(largest) else float(largest)
 
 
 def worst(fits: dict[str, LinearFit]) -> float:
@@ -143,6 +150,8 @@ def _weighted(
     residual = (y - (x @ values)[..., None])[..., 0]
     misfit = np.sqrt(np.einsum("sr,sr->s", residual, residual))
     departure = float(np.sqrt(np.sum(values**2) / 3.0))
-    norm = np.sqrt((residual.reshape(data.shape) ** 2).sum(-1)) / np.maximum(weight, 1e-12)
+    square = residual.reshape(data.shape) ** 2
+    norm = np.sqrt(square.sum(-1)) / np.maximum(weight, 1e-12)
     sds = np.sqrt(np.diag(covariance))
-    return LinearFit(misfit, departure, values, sds), norm * sigma[:, None]
+    fit = LinearFit(misfit, departure, values, sds, np.sqrt(square.sum(1)))
+    return fit, norm * sigma[:, None]

@@ -7,14 +7,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bayes_inertia.conventions import limits
+from bayes_inertia.conventions.doubts import LAWS_IN_WORDS
 from bayes_inertia.conventions.hypothesis import Mistake
 from bayes_inertia.conventions.search import Remedy
-
-_LAWS = {
-    "closure": "the integrated rate against the star tracker",
-    "conservation": "conservation of momentum",
-    "drive": "the commanded torque against the tachometers",
-}
 
 
 def verdict_in_words(
@@ -22,6 +17,7 @@ def verdict_in_words(
     remedies: Sequence[Remedy],
     verdict: str,
     edits: Sequence[str],
+    doubts: Sequence[str] = (),
     stale: bool = False,
 ) -> str:
     """The verdict in a few short sentences.
@@ -33,9 +29,11 @@ def verdict_in_words(
     remedies : sequence of Remedy
         The best first.
     verdict : str
-        "consistent" or "wrong".
+        "consistent", "doubtful" or "wrong".
     edits : sequence of str
         The lines that the proposal changes.
+    doubts : sequence of str, optional
+        What is doubtful, and where.
     stale : bool, optional
         Whether the misfits are those of another rate bias than the stated one.
 
@@ -44,26 +42,32 @@ def verdict_in_words(
     str
         Words.
     """
-    if not misfits:
+    places = [f"  - {doubt}" for doubt in doubts]
+    if not misfits and not doubts:
         return "The telemetry holds nothing that the conventions could be checked against."
+    largest = max(misfits.values(), default=0.0)
     if verdict == "consistent":
-        largest = max(misfits.values())
         agree = f"The conventions agree with the data (largest misfit {largest:.2g} sd, {_SD})."
         return f"{agree} But the stated rate bias is stale." if stale else agree
+    if verdict == "doubtful":
+        size = f" (largest misfit {largest:.2g} sd, {_SD})" if misfits else ""
+        begin = f"The data are doubtful under the stated conventions{size}:"
+        return "\n".join([begin, *places, _LOOK])
     if not remedies:
-        return (
-            f"{_impossible(misfits)}\nNo single change of a unit, sign, order, frame or clock "
-            "mends it, and no pair that was tried: look for a torque that the telemetry does "
-            "not tell, or for an inertia tensor that is wrong by more than a factor of two."
-        )
+        advice = _NOTHING_MENDS if all(doubt.startswith(_OF_LAWS) for doubt in doubts) else _CAUSE
+        return "\n".join([_impossible(misfits), *places, advice])
     best = remedies[0]
     keys = len(best.mistake.changes) - best.mistake.companions
+    if not keys:
+        cause = f"{best.mistake.words} ({best.before:.3g} -> {best.after:.2g} sd)"
+        return f"{_impossible(misfits)}\nNo key of campaign.toml mends it: {cause}."
     what = "One change mends it" if keys == 1 else f"These {keys} changes together mend it"
     lines = edits or _change_in_words(best.mistake)
     said = [
         _clocks(best) if _late(best) else _impossible(misfits),
         f"{what} ({best.before:.3g} -> {best.after:.2g} sd); it looks as if {best.mistake.words}:",
         *(f"  {line}" for line in lines),
+        *places,
     ]
     if len(remedies) > 1:
         others = ", or if ".join(remedy.mistake.words for remedy in remedies[1:4])
@@ -71,6 +75,14 @@ def verdict_in_words(
     return "\n".join(said)
 
 
+_OF_LAWS = tuple(LAWS_IN_WORDS.values())
+_NOTHING_MENDS = (
+    "No single change of a unit, sign, order, frame or clock mends it, and no pair that was tried: "
+    "look for a torque that the telemetry does not tell, or for an inertia tensor that is wrong "
+    "by more than a factor of two."
+)
+_LOOK = "Look there before you fit."
+_CAUSE = "No change of a convention mends it: mend what is said above, and ask again."
 _SD = "in sds of what noise, a wrong J of 30 % and physical effects can make"
 
 
@@ -78,11 +90,11 @@ def _impossible(misfits: Mapping[str, float]) -> str:
     broken = max(misfits, key=lambda law: misfits[law])
     if misfits[broken] <= limits.IMPOSSIBLE:
         return (
-            f"The data hardly agree with the stated conventions: {_LAWS[broken]} is off by "
+            f"The data hardly agree with the stated conventions: {LAWS_IN_WORDS[broken]} is off by "
             f"{misfits[broken]:.3g} sd ({_SD})."
         )
     return (
-        f"The data are impossible under the stated conventions: {_LAWS[broken]} fails by "
+        f"The data are impossible under the stated conventions: {LAWS_IN_WORDS[broken]} fails by "
         f"{misfits[broken]:.3g} sd ({_SD})."
     )
 

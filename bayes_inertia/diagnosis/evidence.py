@@ -143,8 +143,10 @@ def log_evidence_of_fit(estimate: Estimate) -> float:
     Returns
     -------
     float
-        Up to a constant that all models of the same readings share.
+        Up to a constant that all models of the same readings share; -inf where the fit has no end.
     """
+    if not np.isfinite(estimate.objective):
+        return -np.inf
     slope, _ = prior_rows(estimate.model, estimate.theta)
     priors = float(np.log(np.abs(slope[estimate.free])).sum())
     half_log_det = 0.5 * float(np.linalg.slogdet(estimate.hessian)[1])

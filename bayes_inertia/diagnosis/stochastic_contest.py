@@ -95,11 +95,8 @@ def contest(
     members = len(rounds[0].candidates) + len(effects) + 1
     k, lead = best_level(claims, evidence, members)
     near = best[k]
-    if lead > 0.0:
-        at = weighed[k]
-        if all(c.effect for c in at):
-            at = stochastic_candidates(levels[k], effects)
-        step = _named(levels[k], at, effects, rules)
+    step = _named(levels[k], weighed[k], effects, rules) if lead > 0.0 else None
+    if step is not None:
         before, step = without_needless_steps(kept[:k], step, weighed, members)
         if before < k:
             step = replace(step, nameless=_nameless(weighed[before]))
@@ -108,11 +105,12 @@ def contest(
         fitted = instances(final.model.effects)
         displaced = tuple(fitted[s.added] for s in kept[before:])
         return Contest((*kept[:before], step), step.after, weighed, displaced)
-    if near and k < len(kept) and lead > -rules.log_evidence_margin:
+    if near and k < len(kept) and -rules.log_evidence_margin < lead <= 0.0:
         least = near.log_bayes_factor - lead - rules.log_evidence_margin
         rivals = [c for c in weighed[k] if c.effect and c.log_bayes_factor > least]
         others = _alternatives(levels[k], rivals[: rules.max_alternatives], effects)
-        kept = (*kept[:k], *_with_common_alternatives(kept[k:], others, lead, rules))
+        if others:
+            kept = (*kept[:k], *_with_common_alternatives(kept[k:], others, lead, rules))
     return Contest(kept, final, weighed)
 
 
@@ -268,12 +266,20 @@ def _named(
     weighed: Sequence[StochasticCandidate],
     effects: Sequence[StochasticEffect],
     rules: Rules,
-) -> Step:
-    """The step that adds the best effect without a fixed shape, with what could be it as well."""
+) -> Step | None:
+    """The step that adds the best effect without a fixed shape, with what could be it as well.
+
+    None if no motion can be computed with it at the fit before.
+    """
+    if all(c.effect for c in weighed):
+        weighed = stochastic_candidates(before, effects)
     first, *others = (c for c in weighed if c.effect)
     least = first.log_bayes_factor - rules.log_evidence_margin
     rivals = [c for c in others if c.log_bayes_factor > least][: rules.max_alternatives]
-    best, *alternatives = _alternatives(before, [first, *rivals], effects)
+    found = _alternatives(before, [first, *rivals], effects)
+    if not found or found[0].effect != first.effect:
+        return None
+    best, *alternatives = found
     return Step(
         first.effect,
         before,
@@ -290,10 +296,15 @@ def _alternatives(
     candidates: Sequence[StochasticCandidate],
     effects: Sequence[StochasticEffect],
 ) -> list[AlternativeEffect]:
-    """Fits with each of several candidates more."""
+    """Fits with each of several candidates more, if they have an end.
+
+    A model of fewer effects takes longer integration steps: what an absurd fit made of a mode or a
+    lag may overflow there.
+    """
     known = instances(effects)
     fits = at_once([partial(with_stochastic, before, known[c.effect], c.start) for c in candidates])
     return [
         AlternativeEffect(c.effect, fitted, c.log_bayes_factor, _NOT_COMPARED)
         for c, fitted in zip(candidates, fits, strict=True)
+        if np.isfinite(fitted.objective)
     ]

@@ -21,6 +21,8 @@ from bayes_inertia.importing.text_table import text_column
 
 _QUATERNION = ("Q1", "Q2", "Q3", "QC")
 _RATES = ("ANGVEL_X", "ANGVEL_Y", "ANGVEL_Z")
+_SPIN = ("SPIN_ALPHA", "SPIN_DELTA", "SPIN_ANGLE", "SPIN_ANGLE_VEL")
+_ANGLES = ("ANGLE_1", "ANGLE_2", "ANGLE_3")
 _AXES = MappingProxyType({"1": "X", "2": "Y", "3": "Z", "X": "X", "Y": "Y", "Z": "Z"})
 _ROTATING = re.compile(r"(ITRF|GTOD|EFG|WGS|GRC|TIRF|LVLH|VVLH|RTN|RSW|QSW|TNW|NTW|PQW|NSW|SEZ).*")
 _TIME_SYSTEMS: Mapping[str, str] = MappingProxyType(
@@ -101,7 +103,9 @@ def segment_table(segment: AemSegment, label: str) -> RawTable:
     columns = {EPOCH: RawColumn(np.array(cells[0], dtype=np.dtypes.StringDType()))}
     for name, values in zip(names, cells[1:], strict=True):
         columns[name] = text_column(values, ".", _unit_of(name))
-    attitude, notes = _attitude(segment, names, label)
+    if _type(segment) == "SPIN":
+        columns = _spin_angles(segment, columns, label)
+    attitude, notes = _attitude(segment, tuple(columns), label)
     return RawTable(
         label,
         columns,
@@ -196,7 +200,7 @@ def _names_of_type(segment: AemSegment, label: str) -> tuple[str, ...]:
     old = segment.version == "1.0"
     first = _scalar(segment) == "first"
     quaternion = (_QUATERNION[3], *_QUATERNION[:3]) if first else _QUATERNION
-    angles = ("X_ANGLE", "Y_ANGLE", "Z_ANGLE") if old else ("ANGLE_1", "ANGLE_2", "ANGLE_3")
+    angles = ("X_ANGLE", "Y_ANGLE", "Z_ANGLE") if old else _ANGLES
     rates = ("X_RATE", "Y_RATE", "Z_RATE") if old else _RATES
     dots = tuple(f"{name}_DOT" for name in quaternion)
     angle_dots = tuple(f"{name}_DOT" for name in angles)
@@ -209,20 +213,27 @@ def _names_of_type(segment: AemSegment, label: str) -> tuple[str, ...]:
         "EULER_ANGLE/RATE": (*angles, *rates),
         "EULER_ANGLE/DERIVATIVE": (*angles, *angle_dots),
         "EULER_ANGLE/ANGVEL": (*angles, *rates),
+        "SPIN": _SPIN,
     }
     if _type(segment) not in names:
-        raise CampaignError(
-            f"ATTITUDE_TYPE = {segment.metadata['ATTITUDE_TYPE']} is not read",
-            where=label,
-            advice=f"export one of {', '.join(names)}; a spin axis alone is no attitude",
-        )
+        raise _unread_type(segment, label, f"export one of {', '.join(names)}")
     return names[_type(segment)]
+
+
+def _unread_type(segment: AemSegment, label: str, advice: str) -> CampaignError:
+    """The refusal of a type, with the reason."""
+    stated = segment.metadata["ATTITUDE_TYPE"]
+    why = ""
+    if "NUTATION" in stated.upper():
+        why = ": its angles are those of a nutation about the momentum, not those of the body"
+        advice = "export QUATERNION or EULER_ANGLE"
+    return CampaignError(f"ATTITUDE_TYPE = {stated} is not read{why}", where=label, advice=advice)
 
 
 def _unit_of(name: str) -> str:
     if name in _QUATERNION:
         return ""
-    if "ANGLE" in name and not name.endswith("_DOT"):
+    if name in _SPIN[:3] or ("ANGLE" in name and not name.endswith(("_DOT", "_VEL"))):
         return "deg"
     return "1/s" if name.startswith("Q") else "deg/s"
 
@@ -252,9 +263,24 @@ def _attitude(
             if meta.get(key)
         ]
     frames = _frames(segment, label)
+    if _type(segment) == "SPIN":
+        notes.append(
+            "SPIN was read as the turns Z (SPIN_ALPHA + 90 deg), X (90 deg - SPIN_DELTA), Z "
+            "(SPIN_ANGLE): the spin axis is the axis Z of the body frame"
+        )
+        return StatedAttitude(_ANGLES, "", *frames, "ZXZ", "deg"), tuple(notes)
     if _type(segment).startswith("EULER"):
         angles, sequence = _angles(segment, names, label)
         return StatedAttitude(angles, "", *frames, sequence, "deg"), tuple(notes)
+    _check_quaternions(segment, names, label)
+    return StatedAttitude(_QUATERNION, "last", *frames), tuple(notes)
+
+
+def _check_quaternions(segment: AemSegment, names: Sequence[str], label: str) -> None:
+    """Refuse attitudes that are no quaternions, or whose scalar could stand anywhere."""
+    meta = segment.metadata
+    if not _type(segment).startswith("QUATERNION"):
+        raise _unread_type(segment, label, "export QUATERNION, EULER_ANGLE or SPIN")
     if not set(_QUATERNION) <= set(names):
         raise CampaignError(
             "the attitudes are no quaternions although ATTITUDE_TYPE says so",
@@ -267,15 +293,36 @@ def _attitude(
             where=label,
             advice="write where the scalar QC stands",
         )
-    if segment.names:  # XML names each component.
-        return StatedAttitude(_QUATERNION, "last", *frames), tuple(notes)
-    if not _scalar(segment):
+    # XML names each component.
+    if not segment.names and not _scalar(segment):
         raise CampaignError(
             "the metadata lack QUATERNION_TYPE, so nothing says where the scalar stands",
             where=label,
             advice="add QUATERNION_TYPE = FIRST or LAST to the metadata",
         )
-    return StatedAttitude(_QUATERNION, "last", *frames), tuple(notes)
+
+
+def _spin_angles(
+    segment: AemSegment, columns: Mapping[str, RawColumn], label: str
+) -> dict[str, RawColumn]:
+    """Columns with the angles of the turns Z, X, Z that spin axis and phase are (504.0-B)."""
+    if segment.metadata.get("ATTITUDE_DIR", "A2B").upper() == "B2A":
+        raise CampaignError(
+            "ATTITUDE_TYPE = SPIN with ATTITUDE_DIR = B2A does not say in which frame the spin "
+            "axis stands",
+            where=label,
+            advice="export ATTITUDE_DIR = A2B, or QUATERNION",
+        )
+    if not set(_SPIN[:3]) <= set(columns):
+        raise CampaignError(
+            f"ATTITUDE_TYPE = SPIN without {', '.join(_SPIN[:3])}",
+            where=label,
+            advice="export the message again, or as QUATERNION",
+        )
+    alpha, delta, phase = RawTable(label, dict(columns)).stack(_SPIN[:3]).T
+    turns = (alpha + 90.0, 90.0 - delta, phase)
+    rest = {name: column for name, column in columns.items() if name not in _SPIN[:3]}
+    return rest | {name: RawColumn(v, "deg") for name, v in zip(_ANGLES, turns, strict=True)}
 
 
 def _frames(segment: AemSegment, label: str) -> tuple[str, str]:
@@ -310,9 +357,8 @@ def _angles(segment: AemSegment, names: Sequence[str], label: str) -> tuple[tupl
             advice="write three axes such as ZYX, the first rotation first",
         )
     sequence = "".join(letters)
-    in_order = ("ANGLE_1", "ANGLE_2", "ANGLE_3")
-    if set(in_order) <= set(names):
-        return in_order, sequence
+    if set(_ANGLES) <= set(names):
+        return _ANGLES, sequence
     by_axis = tuple(f"{letter}_ANGLE" for letter in letters)
     if len(set(letters)) < 3 or not set(by_axis) <= set(names):
         raise CampaignError(

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import codecs
 import re
 from pathlib import Path
+from types import MappingProxyType
 from xml.etree import ElementTree
 
 from bayes_inertia.errors import CampaignError
@@ -15,6 +17,26 @@ from bayes_inertia.importing.text_cells import decoded
 _PAIR = re.compile(r"\s*([A-Za-z][A-Za-z0-9_]*)\s*=\s*(.*?)\s*")
 _UNIT = re.compile(r"\s*\[[^\]]*\]\s*$")
 _ADVICE = "export the message again"
+_MESSAGE = re.compile(rb"""(?:^|\n|id\s*=\s*["'])\s*CCSDS_([A-Z]{3})_VERS\s*["'=]""")
+_AS_AEM = "export the attitudes as an attitude ephemeris message (AEM), or as CSV"
+_AS_CSV = "it holds no attitudes: give AEM or CSV of these; positions are read from CSV"
+_FROM_STK = (
+    "let STK export an attitude ephemeris message (AEM), or save the rows below "
+    "AttitudeTimeQuaternions as CSV with the names t,q1,q2,q3,q4 (the scalar is q4)"
+)
+_OTHER_MESSAGES = MappingProxyType(
+    {
+        "APM": ("attitude parameter message: one attitude, no history", _AS_AEM),
+        "ACM": ("attitude comprehensive message", _AS_AEM),
+        "OEM": ("orbit ephemeris message", _AS_CSV),
+        "OPM": ("orbit parameter message: one orbit, no history", _AS_CSV),
+        "OMM": ("orbit mean-elements message", _AS_CSV),
+        "OCM": ("orbit comprehensive message", _AS_CSV),
+        "TDM": ("tracking data message", _AS_CSV),
+        "CDM": ("conjunction data message", _AS_CSV),
+        "RDM": ("re-entry data message", _AS_CSV),
+    }
+)
 
 
 def is_aem(head: bytes) -> bool:
@@ -31,6 +53,34 @@ def is_aem(head: bytes) -> bool:
         True for KVN and XML.
     """
     return b"CCSDS_AEM_VERS" in head.replace(b"\0", b"")
+
+
+def refuse_other_messages(head: bytes, path: Path) -> None:
+    """Raise an error for a message of CCSDS that is no AEM, and for a file of STK.
+
+    Parameters
+    ----------
+    head : bytes
+        Its first bytes.
+    path : Path
+        The file.
+
+    Raises
+    ------
+    CampaignError
+        If it is one; the error names it and what to export instead.
+    """
+    plain = head.replace(b"\0", b"").removeprefix(codecs.BOM_UTF8).lstrip()
+    if plain.lower().startswith(b"stk.v."):
+        begin = re.search(rb"\bBEGIN\s+(\w+)", plain, re.IGNORECASE)
+        what = begin[1].decode().lower() if begin else "data"
+        advice = _AS_CSV if what == "ephemeris" else _FROM_STK
+        raise CampaignError(f"is an STK {what} file", where=str(path), advice=advice)
+    match = _MESSAGE.search(plain)
+    kind = match[1].decode() if match else "AEM"
+    if kind != "AEM":
+        what, advice = _OTHER_MESSAGES.get(kind, ("message of CCSDS", _AS_AEM))
+        raise CampaignError(f"is an {kind} ({what})", where=str(path), advice=advice)
 
 
 def read_aem(path: Path, table: str = "") -> RawTable:

@@ -28,6 +28,8 @@ COLUMNS_OF_FORM = {"quaternion": 4, "euler": 3, "dcm": 9, "mrp": 3}
 _CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
 # Largest element of M M^T - 1 of a matrix that counts as a rotation.
 _NOT_ORTHOGONAL = 1e-3
+# Rows looked at for what rounding does to an attitude.
+_ROWS_OF_ROUNDING = 50
 
 
 @dataclass(frozen=True)
@@ -99,6 +101,84 @@ def _inertial_to_body(values: np.ndarray, convention: AttitudeConvention) -> np.
     sequence = convention.sequence
     sequence = sequence.upper() if convention.turns == "intrinsic" else sequence.lower()
     return Rotation.from_euler(sequence, values * convention.radians).as_quat()
+
+
+def without_solution(
+    values: np.ndarray, convention: AttitudeConvention, marked: np.ndarray
+) -> np.ndarray:
+    """Rows that hold a mark of "no solution" instead of an attitude.
+
+    That is one number in all columns which no attitude has there, such as 0 0 0 0 or -9999.
+
+    Parameters
+    ----------
+    values : (n, columns) array
+        The columns.
+    convention : AttitudeConvention
+        What they are.
+    marked : (n, columns) array of bool
+        Cells that hold what the mapping calls a mark.
+
+    Returns
+    -------
+    (n,) array of bool
+        Which rows hold no fix.
+
+    Examples
+    --------
+    >>> rows = np.array([[0.0, 0.0, 0.0, 0.0], [0.5, 0.5, 0.5, 0.5], [-1.0, -1.0, -1.0, -1.0]])
+    >>> quaternion = AttitudeConvention("quaternion", "inertial_to_body")
+    >>> without_solution(rows, quaternion, np.zeros((3, 4), dtype=bool)).tolist()
+    [True, False, True]
+    """
+    size = np.abs(values[:, 0])
+    impossible = {
+        "quaternion": np.abs(size - 0.5) > _NOT_ORTHOGONAL,
+        "dcm": size >= 0.0,
+        "mrp": size > 1.0,
+        "euler": size * convention.radians > 2.0 * np.pi,
+    }[convention.form]
+    same = (values == values[:, :1]).all(axis=1)
+    return marked.all(axis=1) | (same & impossible)
+
+
+def rounding_of_attitudes(
+    values: np.ndarray, convention: AttitudeConvention, sigmas: np.ndarray
+) -> float:
+    """Standard deviation of an attitude about any axis from rounding of its columns.
+
+    Parameters
+    ----------
+    values : (n, columns) array
+        The columns; NaN throughout a row without a fix.
+    convention : AttitudeConvention
+        What they are.
+    sigmas : (columns,) array
+        Standard deviation of the rounding of each column.
+
+    Returns
+    -------
+    float
+        [rad]; 0 without a fix.
+
+    Examples
+    --------
+    >>> fix, sigmas = np.array([[0.0, 0.0, 0.6, 0.8]]), np.full(4, 1e-4)
+    >>> quaternion = AttitudeConvention("quaternion", "inertial_to_body")
+    >>> round(rounding_of_attitudes(fix, quaternion, sigmas), 7)
+    0.0002
+    """
+    given = values[np.isfinite(values).all(axis=1)]
+    given = given[:: max(1, len(given) // _ROWS_OF_ROUNDING)]
+    if not len(given):
+        return 0.0
+    exact = Rotation.from_quat(to_quaternions(given, convention))
+    turned = [
+        Rotation.from_quat(to_quaternions(given + sigma * column, convention)) * exact.inv()
+        for sigma, column in zip(sigmas, np.eye(values.shape[1]), strict=True)
+    ]
+    angles = np.array([turn.magnitude() for turn in turned])
+    return float(np.sqrt((angles**2).sum(axis=0).mean() / 3.0))
 
 
 def bad_attitude(values: np.ndarray, convention: AttitudeConvention) -> tuple[int, str] | None:

@@ -7,7 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from bayes_inertia.importing.clock_guess import stamp_columns
 from bayes_inertia.importing.raw_table import RawColumn, RawTable
+from bayes_inertia.importing.time_texts import is_date
 
 # What ends a name, without signs and in small letters -> unit.
 _UNITS: Mapping[str, str] = MappingProxyType(
@@ -29,6 +31,7 @@ _MEMBERS = (
     ("1", "2", "3", "4", "5", "6"),
     ("0", "1", "2", "3", "4", "5"),
     ("01", "02", "03", "04", "05", "06"),
+    ("00", "01", "02", "03"),
     ("p", "q", "r"),
     ("roll", "pitch", "yaw"),
     ("phi", "theta", "psi"),
@@ -43,13 +46,19 @@ _QUATERNIONS: tuple[tuple[tuple[str, ...], str], ...] = (
     (("1", "2", "3", "c"), "last"),
     (("0", "1", "2", "3"), ""),
     (("1", "2", "3", "4"), ""),
+    (("00", "01", "02", "03"), ""),
 )
-# What a date and time of ISO 8601 begins with, by calendar or by day of year.
-_DATE = re.compile(r"\d{4}-(\d{2}-\d{2}|\d{3})[T ]\d{2}:\d{2}")
 _TIME = re.compile(
     r"(t|time|times|utc|tai|gps|epoch|timestamps?|tow|week|met|sclk|unix|posix|mjd|jd|date|datetime|"
     r"(unix|gps|posix|time)(time|stamp)[a-z]*|sec|s)"
 )
+# Where no column is called a time, one that ends so: RECEIVED_TIMESECONDS, generation_time.
+_LATER_TIME = re.compile(r".*(time|stamp)(seconds|formatted|[_ ]?(utc|tai|gps|[mun]?s))?")
+# Quantities of the same sensors and estimators that are none of a campaign.
+_OTHER = re.compile(r".*(acc|linear|deriv|covar|reset|delta).*")
+_SETPOINT = re.compile(r".*setpoint.*")  # What a controller wants, unless it is a wheel's command.
+# Names that leave the quantity to the name of the file, as a message of ROS or PX4 does.
+_ANY_VECTOR = frozenset({"xyz", "vector", "value", "data"})
 # The first that fits a family's words and file decides.
 _KINDS: tuple[tuple[str, re.Pattern[str]], ...] = (
     ("wheel_momentum", re.compile(r"hwhl|h_?w|h\d?|.*(momentum|nms).*")),
@@ -57,7 +66,12 @@ _KINDS: tuple[tuple[str, re.Pattern[str]], ...] = (
     ("wheel_torque", re.compile(r"u|tau|.*(torq|trq|mnm|nm$|cmd|command|motor|current).*")),
     ("magnetic_field", re.compile(r"b|.*(mag|bfield|b_[nb]|tesla|nt$|ut$).*")),
     ("position", re.compile(r"r|.*(pos|r_[bn]|eci|orbit).*")),
-    ("rate", re.compile(r"w|g|om|.*(gyro|gyr|omega|rate|ang_?vel|wx|wbn|wn|dps|degs|imu).*")),
+    (
+        "rate",
+        re.compile(
+            r"w|g|om|.*(gyro|gyr|omega|rate|ang(ular)?_?vel|angular$|wx|wbn|wn|dps|degs|imu).*"
+        ),
+    ),
 )
 
 
@@ -178,17 +192,12 @@ def time_names(table: RawTable) -> list[str]:
         for name in table.columns
         if _TIME.fullmatch(re.split(r"[^a-z]+", split_unit(name)[0].lower().strip("_ "))[0])
     ]
-    weeks = [name for name in named if "week" in name.lower()]
-    seconds = [name for name in named if name not in weeks]
-    if weeks and seconds:
-        return [weeks[0], seconds[0]]
-    return (named or [name for name in table.columns if _holds_dates(table.column(name))])[:1]
+    named = named or [n for n in table.columns if _LATER_TIME.fullmatch(n.lower().strip("_ "))]
+    return stamp_columns(table, named or [n for n, c in table.columns.items() if _holds_dates(c)])
 
 
 def _holds_dates(column: RawColumn) -> bool:
-    return bool(
-        column.is_text and len(column.values) and _DATE.match(str(column.values[0]).strip())
-    )
+    return column.is_text and len(column.values) > 0 and is_date(str(column.values[0]))
 
 
 def _stems(columns: Mapping[str, RawColumn]) -> dict[str, tuple[str, str]]:
@@ -238,9 +247,10 @@ def _quaternions(columns: Mapping[str, RawColumn], file: str) -> list[ColumnFami
     taken: set[str] = set()
     for members, scalar in _QUATERNIONS:
         for template, names, _ in _groups(columns, members):
-            word = template.partition("*")[0].strip("_ [.")
-            is_quaternion = re.fullmatch(r".*(q|quat|quaternion|att|beta)[a-z_]*", word)
-            if len(names) == 4 and is_quaternion and not taken & set(names):
+            word = re.sub(r"[./]0$", "", template.partition("*")[0]).strip("_ [./")
+            is_quaternion = re.fullmatch(r".*(q|quat|quaternion|att|orientation|beta)[a-z_]*", word)
+            other = _OTHER.fullmatch(word) or taken & set(names)
+            if len(names) == 4 and is_quaternion and not other:
                 result.append(
                     ColumnFamily("attitude", tuple(names), form="quaternion", scalar=scalar)
                 )
@@ -283,8 +293,10 @@ def _vector(
 ) -> ColumnFamily | None:
     """What columns of one template hold; None if that is not to be seen."""
     stated = columns[names[0]].unit if names else ""
-    text = template.replace("*", "").strip("_ .[]")
-    if members[0] in ("roll", "phi") and len(names) == 3:
+    text = re.sub(r"[./]0$", "", template.replace("*", "")).strip("_ .[]/")
+    if _OTHER.fullmatch(text):
+        return None
+    if members[0] in ("roll", "phi") and len(names) == 3 and not _SETPOINT.fullmatch(file.lower()):
         # Yaw first is the usual sequence; the question stays open.
         angles = tuple(reversed(names))
         return ColumnFamily("attitude", angles, unit, stated, form="euler", sequence="zyx")
@@ -323,7 +335,10 @@ def _kind(text: str, unit: str, file: str, members: Sequence[str]) -> str | None
             return holds
     if members[0] == "p" and not text:
         return "rate"
+    stem = re.sub(r"[^a-z]", "", file.partition(".")[0])
     for holds, words in _KINDS:
-        if len(text) <= 2 and words.fullmatch(re.sub(r"[^a-z]", "", file.partition(".")[0])):
+        vector = text in _ANY_VECTOR and not holds.startswith("wheel")
+        other = _OTHER.fullmatch(stem) or (not of_wheels and _SETPOINT.fullmatch(stem))
+        if (len(text) <= 2 or vector) and words.fullmatch(stem) and not other:
             return holds
     return None

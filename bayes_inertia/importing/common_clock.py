@@ -3,22 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from itertools import pairwise
 
 import numpy as np
 
+from bayes_inertia.campaign.row_order import set_back_row
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.importing.counter_wraps import counted_on
+from bayes_inertia.importing.file_share import ZERO_OF_FILE, FileShare
 from bayes_inertia.importing.leap_seconds import SECOND
-from bayes_inertia.importing.logged_stream import LoggedStream, held, in_order, joined
+from bayes_inertia.importing.logged_stream import LoggedStream, held, in_order, joined, left_out
 from bayes_inertia.importing.mapping_schema import MappingPart
-from bayes_inertia.importing.time_stamps import TimeStamps
 from bayes_inertia.importing.wheel_reference import relative_to_body
 from bayes_inertia.maths.values import array_dataclass
-
-SHARED_ZERO = "campaign"
-"""The `epoch` of clocks that share one unknown zero."""
-ZERO_OF_FILE = "file"
-"""The `epoch` of clocks that start anew in each file."""
 
 
 @array_dataclass
@@ -41,31 +38,6 @@ class Logs:
     epoch_ns: int
     absolute: bool
     unused: tuple[str, ...] = ()
-
-
-@array_dataclass
-class FileShare:
-    """One file's share of a stream, its stamps not yet on the common clock.
-
-    Parameters
-    ----------
-    stream : pydantic model
-        The `[[streams]]` of the mapping.
-    file : str
-        The file, as messages name it.
-    stamps : TimeStamps
-        The stamp of each row.
-    values : (rows, width) array
-        Readings in SI units and the package's senses; NaN where there is none.
-    notes : tuple of str, optional
-        What a user should know of the file.
-    """
-
-    stream: Any
-    file: str
-    stamps: TimeStamps
-    values: np.ndarray
-    notes: tuple[str, ...] = ()
 
 
 def on_one_clock(
@@ -94,6 +66,7 @@ def on_one_clock(
     CampaignError
         If clocks with a known date and clocks with an unknown zero are mixed.
     """
+    shares = counted_on(shares)
     own = [share.stream.time.epoch == ZERO_OF_FILE for share in shares]
     absolute = [share.stamps.absolute for share in shares]
     if len(set(absolute)) > 1 or len(set(own)) > 1:
@@ -107,9 +80,30 @@ def on_one_clock(
             for share in shares
             if share.stream.holds == holds
         ]
+        if holds == "rate":
+            _refuse_second_session(logged)
         stream = in_order(joined(logged))
         streams[holds] = held(stream) if holds == "wheel_torque" else stream
     return Logs(relative_to_body(streams, mapping), epoch_ns, absolute[0], tuple(unused))
+
+
+def _refuse_second_session(files: Sequence[LoggedStream]) -> None:
+    """Refuse files of one gyro that overlap with other readings: their clocks start anew."""
+    ordered = sorted((file for file in files if len(file.time)), key=lambda file: file.time[0])
+    for before, after in pairwise(ordered):
+        late = after.time <= before.time[-1]
+        row = set_back_row(
+            np.concatenate([before.time, after.time[late]]),
+            np.concatenate([before.values, after.values[late]]),
+        )
+        if row is not None:
+            raise CampaignError(
+                f"the times overlap with those of {before.files[0]}, which ends "
+                f"{before.time[-1] - after.time[0]:.6g} s after this file begins",
+                where=after.files[0],
+                advice='write epoch = "file" for every stream if each file starts its own clock; '
+                "else name the files of one gyro only, or correct the kind of their clocks",
+            )
 
 
 def _first_ns(share: FileShare) -> int:
@@ -168,10 +162,30 @@ def _starts_of_files(
 
 
 def _logged(share: FileShare, epoch_ns: int) -> LoggedStream:
+    """The readings of a file in the order of their times."""
     time = share.stamps.seconds_since(epoch_ns)
     time = time + share.stream.offset_s if share.stream.offset_s else time
-    keep = np.isfinite(time) & np.isfinite(share.values).any(axis=1)
-    file = np.zeros(int(keep.sum()), dtype=int)
-    return LoggedStream(
-        share.stream.holds, time[keep], share.values[keep], file, (share.file,), share.notes
+    full = np.isfinite(share.values).any(axis=1)
+    keep = np.flatnonzero(np.isfinite(time) & full)
+    notes = list(share.notes)
+    lost = np.flatnonzero(share.stamps.missing & full)
+    if len(lost):
+        notes.append(
+            left_out(
+                len(lost),
+                int(full.sum()),
+                "hold readings without a time",
+                where=share.place(int(lost[0])),
+                advice="name the column that has a time in every row, or remove the rows",
+            )
+        )
+    stream = LoggedStream(
+        share.stream.holds,
+        time[keep],
+        share.values[keep],
+        np.zeros(len(keep), dtype=int),
+        (share.file,),
+        tuple(notes),
+        share.rounding,
     )
+    return in_order(stream, lambda row: share.place(int(keep[row])))

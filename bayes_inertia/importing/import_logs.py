@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePath
+
+import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.held import held_readings
+from bayes_inertia.campaign.known_offsets import known_offset
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes, text_of, write_new_files
@@ -16,19 +20,23 @@ from bayes_inertia.importing.common_clock import Logs
 from bayes_inertia.importing.cut_picture import cut_picture
 from bayes_inertia.importing.imported_folder import (
     PICTURE_FILE,
-    RECORD_FILE,
     description_text,
+    raw_place,
     record_text,
     table_texts,
     zero_of_clock,
 )
 from bayes_inertia.importing.log_reader import read_logs
-from bayes_inertia.importing.mapping import parse_mapping
+from bayes_inertia.importing.logged_stream import LoggedStream
+from bayes_inertia.importing.mapped_lines import RECORD_FILE
+from bayes_inertia.importing.mapping import parse_mapping, streams_that_hold
 from bayes_inertia.importing.mapping_schema import MappingPart
 from bayes_inertia.importing.reduction import reduced_content
 from bayes_inertia.importing.rest_noise import RestNoise, rest_noise
 from bayes_inertia.importing.slew_cutting import SlewCut, cut_into_slews
 from bayes_inertia.importing.slew_tables import slew_tables
+
+_MEASURED = ("rate", "attitude", "wheel_momentum", "wheel_speed")
 
 
 @dataclass(frozen=True)
@@ -40,7 +48,7 @@ class ImportedCampaign:
     folder : Path
         The folder.
     logs : Logs
-        The streams that were read.
+        The streams that were read, each reading once.
     cut : SlewCut
         The slews, and what was left out.
     noises : tuple of RestNoise
@@ -95,11 +103,15 @@ def import_logs(
     """
     label, data = str(mapping), read_bytes(Path(mapping))
     parsed = parse_mapping(text_of(data, label), label)
-    logs = read_logs(files, parsed, label)
+    written = read_logs(files, parsed, label)
+    logs = replace(written, streams={key: _once(s) for key, s in written.streams.items()})
     cut = cut_into_slews(logs, parsed, label)
+    for stream in written.streams.values():
+        _refuse_outside(stream, cut, parsed, label)
     noises = rest_noise(logs, cut.scan, parsed)
     _require_noises(parsed, noises, label)
-    slews = [slew_tables(window, logs.streams) for window in cut.windows]
+    # Tables keep the rows of the logs: reading them back counts each reading once, and says so.
+    slews = [slew_tables(window, written.streams) for window in cut.windows]
     paths = sorted({Path(file) for file in files})
     content = table_texts(parsed, slews)
     if cut.scan is not None:
@@ -108,14 +120,60 @@ def import_logs(
     # The description comes last: an interrupted import leaves no campaign.
     content["campaign.toml"] = description_text(parsed, slews, noises)
     encoded = {name: text.encode("utf-8") for name, text in content.items()}
-    campaign = _read_back(encoded, label)
+    campaign = _read_back(encoded, label, lambda where: raw_place(where, parsed, slews))
     if parsed.reduce == "block_means":
         encoded, campaign = reduced_content(encoded, campaign)
-    written = write_new_files(folder, encoded, holds="campaign")
-    return ImportedCampaign(written, logs, cut, tuple(noises), campaign)
+    target = write_new_files(folder, encoded, holds="campaign")
+    return ImportedCampaign(target, logs, cut, tuple(noises), campaign)
 
 
-def _read_back(content: Mapping[str, bytes], label: str) -> Campaign:
+def _once(stream: LoggedStream) -> LoggedStream:
+    """A stream without rows that only repeat a reading; commands are held by nature."""
+    if stream.holds not in _MEASURED:
+        return stream
+    (held,) = held_readings([(stream.time, stream.values)], by_axis=stream.holds != "attitude")
+    if held is None:
+        return stream
+    values = np.where(held.repeats, np.nan, stream.values)
+    return replace(stream, values=values).rows(np.isfinite(values).any(axis=1), str(held))
+
+
+def _refuse_outside(stream: LoggedStream, cut: SlewCut, mapping: MappingPart, label: str) -> None:
+    """Refuse a stream of which no reading lies in a slew, and name the offset that explains it."""
+    spans = [(window.start, window.end) for window in cut.windows]
+    away = [
+        np.maximum(np.maximum(start - stream.time, stream.time - end), 0.0) for start, end in spans
+    ]
+    nearest = float(np.min(away))
+    # One command may be in force all the time.
+    if nearest == 0.0 or len(stream.time) < 2:
+        return
+    known = known_offset(stream.time, spans)
+    stated = streams_that_hold(mapping, stream.holds)[0].offset_s
+    files = ", ".join(PurePath(file).name for file in stream.files)
+    size = nearest if known is None else abs(known[0])
+    if known is None:
+        first = spans[0][0] - float(stream.time[0])
+        advice = (
+            f"its first reading and the first slew are {abs(first):.6g} s apart: state the offset "
+            "of its clock, correct time.kind or time.epoch, or leave the stream out"
+        )
+    else:
+        seconds, why, inside = known
+        advice = (
+            f"write offset_s = {stated + seconds:.9g} ({why}): {inside} then lie in a slew; or "
+            "leave the stream out"
+        )
+    raise CampaignError(
+        f"all {len(stream.time)} readings of {files} lie outside every slew, by {size:.6g} s",
+        where=f"{label}, key streams.{stream.holds}.offset_s",
+        advice=advice,
+    )
+
+
+def _read_back(
+    content: Mapping[str, bytes], label: str, raw_place: Callable[[str], str]
+) -> Campaign:
     """The campaign that a folder with this content would be; what is wrong is the mapping's."""
     with tempfile.TemporaryDirectory() as folder:
         for name, data in content.items():
@@ -125,7 +183,7 @@ def _read_back(content: Mapping[str, bytes], label: str) -> Campaign:
         except CampaignError as error:
             where = error.where.replace(str(Path(folder, "campaign.toml")), label)
             where = where.replace(f"{folder}{os.sep}", "")
-            raise CampaignError(error.what, where=where, advice=error.advice) from None
+            raise CampaignError(error.what, where=raw_place(where), advice=error.advice) from None
 
 
 def _zero_in_words(logs: Logs) -> str:
@@ -154,6 +212,6 @@ def _require_noises(mapping: MappingPart, noises: Sequence[RestNoise], label: st
     advice = (
         f"the rests of the log show {', '.join(lines)}: paste it if the data sheet agrees"
         if lines
-        else "take it from the data sheet: the log has too few readings at rest to measure it"
+        else "take it from the data sheet: the rests of the log do not show it"
     )
     raise CampaignError("missing key", where=f"{label}, key {part}.{key}", advice=advice)

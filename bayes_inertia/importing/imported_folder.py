@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from bayes_inertia.campaign.schema import FORMAT
 from bayes_inertia.campaign.writer import array_of_tables
 from bayes_inertia.importing.common_clock import Logs
 from bayes_inertia.importing.leap_seconds import tai_to_utc
+from bayes_inertia.importing.mapped_lines import RECORD_FILE
 from bayes_inertia.importing.mapping import rate_sensor_axes, streams_that_hold
 from bayes_inertia.importing.mapping_schema import MappingPart
 from bayes_inertia.importing.rest_noise import RestNoise
@@ -23,7 +25,6 @@ from bayes_inertia.importing.written_columns import written_columns
 from bayes_inertia.version import __version__
 
 RECORD_FORMAT = "bayes-inertia-import/1"
-RECORD_FILE = "import.json"
 PICTURE_FILE = "slews.svg"
 
 
@@ -159,6 +160,56 @@ def table_texts(mapping: MappingPart, slews: Sequence[SlewTables]) -> dict[str, 
     }
 
 
+def raw_place(where: str, mapping: MappingPart, slews: Sequence[SlewTables]) -> str:
+    """A place in a table of an import as a place in the raw logs.
+
+    Parameters
+    ----------
+    where : str
+        Such as "slew_01_momentum.csv, line 7, column h3".
+    mapping : MappingPart
+        The mapping.
+    slews : sequence of SlewTables
+        What is written.
+
+    Returns
+    -------
+    str
+        Such as "wheels.csv, column RW3, in slew 1 at 12.5 s"; what is no such place stays.
+    """
+    file = where.partition(", ")[0]
+    for tables, files in zip(slews, _file_names(mapping, slews), strict=True):
+        for key in (key for key, name in files.items() if name == file):
+            stream, written = tables.streams[key], written_columns(mapping)[key]
+            line = re.search(r"line (\d+)", where)
+            # The first line holds the names.
+            moment = stream.time[int(line[1]) - 2] + tables.start if line else None
+            column = where.rpartition("column ")[2]
+            raw = ", ".join(stream.files[k] for k in np.unique(stream.file))
+            at = "" if moment is None else f" at {moment:.6g} s"
+            name = _raw_column(mapping, key, column, written.names)
+            many = "s" * (", " in name)
+            return f"{raw}, column{many} {name}, in {tables.window.name}{at}"
+    return where
+
+
+def _raw_column(mapping: MappingPart, key: str, column: str, written: Sequence[str]) -> str:
+    """The column of the raw logs that a written one comes from; all of the stream for fixes."""
+    streams = streams_that_hold(mapping, key)
+    place = written.index(column) if column in written else None
+    if place is None or key == "attitude":
+        return ", ".join(dict.fromkeys(name for stream in streams for name in stream.names))
+    if not key.startswith("wheel"):
+        return streams[0].names[place]
+    wheels = [wheel.name for wheel in mapping.wheels]
+    columns = {
+        wheel: name
+        for stream in streams
+        for wheel, name in zip(getattr(stream, "wheels", None) or wheels, stream.names, strict=True)
+    }
+    return columns[wheels[place]]
+
+
 def record_text(
     files: Sequence[Path],
     mapping_data: tuple[str, bytes],
@@ -202,6 +253,7 @@ def record_text(
                 "files": list(stream.files),
                 "readings": len(stream.time),
                 "median_step_s": stream.step,
+                "span_s": [float(stream.time[0]), float(stream.time[-1])],
                 "notes": list(stream.notes),
             }
             for key, stream in logs.streams.items()

@@ -3,7 +3,9 @@
 Basilisk writes the frame into the name: omega_BN_B is the rate of B against N in axes of B,
 sigma_BN the modified Rodrigues parameters of B from N; its wheelSpeeds are relative to the body
 [rad/s], and its motorTorque acts on the wheel [N m]. 42's wbn is in axes of the body, its Hwhl the
-whole momentum about the spin axis. Names with _B or "body" say that the axes are the body's.
+whole momentum about the spin axis. ROS (REP 103) and PX4 write rates in rad/s and the quaternion
+that takes vectors of the body to the world; PX4 begins it with the scalar and counts microseconds.
+Names with _B or "body" say that the axes are the body's.
 """
 
 from __future__ import annotations
@@ -26,6 +28,21 @@ _NOTATIONS: tuple[tuple[str, re.Pattern[str], str, Mapping[str, str]], ...] = tu
         ("wheel_torque", r"motorTorque", "Basilisk's", {"unit": "N m", "acts_on": "wheel"}),
         ("rate", r"wbn\[", "42's", {"frame": "body"}),
         ("wheel_momentum", r"Hwhl\[", "42's", {"relative_to": "inertial"}),
+        (
+            "rate",
+            r"vehicle_angular_velocity|gyro_rad",
+            "PX4's",
+            {"unit": "rad/s", "frame": "body"},
+        ),
+        ("rate", r"angular_velocity", "ROS's", {"unit": "rad/s"}),
+        (
+            "attitude",
+            r"vehicle_attitude",
+            "PX4's",
+            {"scalar": "first", "maps": "inertial_to_body", "frame": "body"},
+        ),
+        ("attitude", r"orientation", "ROS's", {"maps": "inertial_to_body"}),
+        ("time", r"timestamp_sample|vehicle_[a-z_]+_\d+/timestamp", "PX4's", {"kind": "us"}),
         ("rate", r"_B(\b|_|\[)|[Bb]ody", "a usual", {"frame": "body"}),
         ("magnetic_field", r"_(N|eci|ECI)(\b|_|\[)|inertial", "a usual", {"frame": "inertial"}),
         ("position", r"_(N|eci|ECI)(\b|_|\[)|inertial", "a usual", {"frame": "inertial"}),

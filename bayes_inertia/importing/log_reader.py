@@ -11,36 +11,33 @@ from pathlib import Path
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.importing.attitude_forms import (
-    bad_attitude,
-    from_tracker_axes,
-    to_quaternions,
-)
-from bayes_inertia.importing.common_clock import (
-    SHARED_ZERO,
-    ZERO_OF_FILE,
-    FileShare,
-    Logs,
-    on_one_clock,
-)
+from bayes_inertia.importing.common_clock import Logs, on_one_clock
+from bayes_inertia.importing.file_share import SHARED_ZERO, ZERO_OF_FILE, FileShare
+from bayes_inertia.importing.leap_seconds import SECOND, tai_to_utc
 from bayes_inertia.importing.mapping_schema import (
     AttitudeStream,
     MappedStream,
     MappingPart,
-    ReadingsStream,
     TimeStampPart,
-    TorqueStream,
-    ValidRows,
     WheelStream,
 )
 from bayes_inertia.importing.questions import question_at
 from bayes_inertia.importing.raw_files import file_format, read_raw
-from bayes_inertia.importing.raw_table import RawColumn, RawTable, number_of
-from bayes_inertia.importing.stated_facts import agreed, agreed_attitude, agreed_unit
+from bayes_inertia.importing.raw_table import RawColumn, RawTable
+from bayes_inertia.importing.stated_facts import agreed
+from bayes_inertia.importing.stream_readings import readings_of
 from bayes_inertia.importing.text_options import TextOptions
 from bayes_inertia.importing.time_stamps import FREE_CLOCKS, TimeStamps, times_to_seconds
-from bayes_inertia.importing.unit_factors import to_si_with
 
+_FEWEST_RATES = 10  # Fewer tell neither rest nor slew.
+_WHEEL_OFF = "a wheel that is off: take it out of [[wheels]] and its columns out of every stream"
+_STREAM_OUT = "leave the [[streams]] of {holds} out of the mapping"
+_ADVICE_OF_EMPTY = {
+    "rate": "export it again, or correct {where}.names: the rates of all three axes are needed",
+    "wheel_torque": f"export it again, or correct {{where}}.names; {_WHEEL_OFF}",
+    "wheel_momentum": f"export it again; {_WHEEL_OFF}; one without tachometer: {_STREAM_OUT}",
+    "wheel_speed": f"export it again; {_WHEEL_OFF}; one without tachometer: {_STREAM_OUT}",
+}
 # In these a table may hold arrays of different lengths.
 _ARRAY_FORMATS = ("numpy", "hdf5", "netcdf", "mat")
 
@@ -63,7 +60,7 @@ class _Tables:
 def _wanted(stream: MappedStream) -> tuple[str, ...]:
     """The columns that a stream names; none if it leaves some to the file."""
     flag = () if stream.valid is None else (stream.valid.name,)
-    named = stream.time.names and stream.names
+    named = (stream.time.names or stream.time.rate_hz) and stream.names
     return (*stream.time.names, *stream.names, *flag) if named else ()
 
 
@@ -97,13 +94,19 @@ def read_logs(files: Sequence[str | Path], mapping: MappingPart, label: str) -> 
             raise CampaignError(what, where=str(path), advice="name the raw logs themselves")
     tables = _Tables()
     shares: list[FileShare] = []
-    used: set[Path] = set()
+    used: dict[Path, list[MappedStream]] = {}
     for stream in mapping.streams:
         matched = files_of(stream, paths, label)
-        used |= set(matched)
         where = f"{label}, key streams.{stream.holds}"
+        read = []
         for path in matched:
-            shares.append(_read_part(stream, tables.table(path, stream), mapping, where))
+            _refuse_second_use(stream, used.setdefault(path, []), path, where)
+            used[path].append(stream)
+            read.append(_read_part(stream, tables.table(path, stream), where))
+        _refuse_no_reading(stream, read, where)
+        if stream.holds == "rate":
+            _refuse_few_rates(stream, read, mapping)
+        shares += [_of_all_wheels(share, mapping) for share in read]
     unused = tuple(path.name for path in paths if path not in used)
     return on_one_clock(shares, mapping, label, unused)
 
@@ -151,33 +154,81 @@ def files_of(stream: MappedStream, paths: Sequence[Path], label: str) -> list[Pa
     return matched
 
 
-def _read_part(part: MappedStream, table: RawTable, mapping: MappingPart, where: str) -> FileShare:
-    """One file's readings of a stream, without rows that hold none."""
+def _refuse_second_use(
+    stream: MappedStream, others: Sequence[MappedStream], path: Path, where: str
+) -> None:
+    """Refuse a column that another stream reads from the same rows of the same table."""
+    # Streams that flag other rows as theirs may share a column.
+    rows = {"table", "valid", "text"}
+    for other in others:
+        shared = [name for name in stream.names if name in other.names]
+        if shared and stream.model_dump(include=rows) == other.model_dump(include=rows):
+            raise CampaignError(
+                f"the column {shared[0]!r} of {path.name} is that of {other.holds} already",
+                where=f"{where}.names",
+                advice="name for each quantity the column that holds it",
+            )
+
+
+def _read_part(part: MappedStream, table: RawTable, where: str) -> FileShare:
+    """One file's readings of a stream; NaN where a row holds none."""
     stamps = _stamps(table, part.time, where)
     notes = list(table.notes)
-    if isinstance(part, AttitudeStream):
-        values = _attitudes(part, table, where)
-    else:
-        values = _readings(part, table, where)
-    if part.valid is not None:
-        invalid = ~_valid_rows(part.valid, table, where)
-        values = np.where(invalid[:, None], np.nan, values)
-        notes.append(f"{table.label}: {int(invalid.sum())} rows are flagged as not valid")
-    if stamps.missing.any():
-        notes.append(f"{table.label}: {int(stamps.missing.sum())} rows without a time")
-    if values.size == 0 or not np.isfinite(values[~stamps.missing]).any():
+    read = readings_of(part, table, where)
+    notes += [f"{table.label}: {note}" for note in read.notes]
+    if stamps.missing.all() and len(stamps.missing):
         raise CampaignError(
-            "there is no reading at all",
-            where=f"{where}, file {table.label}",
-            advice="check the columns and the flag that the mapping names, or leave the file out",
+            "every cell is empty",
+            where=f"{table.label}, column {', '.join(part.time.names or table.time_names)}",
+            advice="export the times with the readings, or name the column that holds them",
         )
-    if isinstance(part, WheelStream):
-        values = _of_all_wheels(values, part, mapping)
-    return FileShare(part, table.label, stamps, values, tuple(notes))
+    return FileShare(
+        part, table.label, stamps, read.values, read.rounding, tuple(notes), table.lines
+    )
+
+
+def _refuse_no_reading(part: MappedStream, shares: Sequence[FileShare], where: str) -> None:
+    """Refuse a stream of which a column, or a whole file, holds no reading at all."""
+    given = [np.isfinite(share.values[~share.stamps.missing]) for share in shares]
+    files = [share.file for share, rows in zip(shares, given, strict=True) if not rows.any()]
+    columns = list(part.names) or ["of the attitude"]
+    # A tracker may see no star for a whole file; of other files more is wanted than nothing.
+    if not files or (isinstance(part, AttitudeStream) and len(files) < len(shares)):
+        files = [share.file for share in shares]
+        full = np.any([rows.any(axis=0) for rows in given], axis=0)
+        of_fixes = isinstance(part, AttitudeStream)
+        columns = [] if of_fixes else [n for n, f in zip(columns, full, strict=True) if not f]
+    if columns:
+        raise CampaignError(
+            "there is no reading at all: every cell is empty, flagged or marked",
+            where=f"{', '.join(files)}, column{'s' * (len(columns) > 1)} {', '.join(columns)}",
+            advice=_ADVICE_OF_EMPTY.get(part.holds, f"export it again, or {_STREAM_OUT}").format(
+                where=where, holds=part.holds
+            ),
+        )
+
+
+def _refuse_few_rates(
+    part: MappedStream, shares: Sequence[FileShare], mapping: MappingPart
+) -> None:
+    """Refuse rates that are too few for a slew."""
+    a_slew_each = len(shares) > 1 and mapping.cut.by != "rest" and not mapping.slews
+    for together in [[share] for share in shares] if a_slew_each else [shares]:
+        counts = np.sum([np.isfinite(share.values).sum(axis=0) for share in together], axis=0)
+        few = [n for n, c in zip(part.names, counts, strict=True) if c < _FEWEST_RATES]
+        if few:
+            files = ", ".join(share.file for share in together)
+            raise CampaignError(
+                f"{counts.min()} reading{'' if counts.min() == 1 else 's'} only",
+                where=f"{files}, column{'s' * (len(few) > 1)} {', '.join(few)}",
+                advice="give the rates of whole slews: was the sensor off, or the export cut?",
+            )
 
 
 def _stamps(table: RawTable, time: TimeStampPart, where: str) -> TimeStamps:
     where = f"{where}.time"
+    if time.rate_hz is not None:
+        return _with_epoch(_of_row_numbers(table, time, where), time, where)
     names = time.names or list(table.time_names)
     # What the file says of its time is not said of another column.
     stated = table.time_kind if names == list(table.time_names) else ""
@@ -186,28 +237,69 @@ def _stamps(table: RawTable, time: TimeStampPart, where: str) -> TimeStamps:
         if not value:
             question = question_at(("streams", "time", key))
             raise CampaignError("missing key", where=f"{where}.{key}", advice=f"add it: {question}")
-    stamps = _stamped(table, names, kind, where)
-    if kind not in FREE_CLOCKS:
-        if time.epoch:
-            raise CampaignError(
-                f"the clock {kind!r} has a zero of its own that everybody knows",
-                where=f"{where}.epoch",
-                advice="leave the key out",
-            )
-        return stamps
+    stamps = _stamped(table, names, kind, time, where)
+    if kind in FREE_CLOCKS:
+        return _with_epoch(stamps, time, where)
+    if time.epoch and kind != "cds":
+        raise CampaignError(
+            f"the clock {kind!r} has a zero of its own that everybody knows",
+            where=f"{where}.epoch",
+            advice="leave the key out",
+        )
+    return stamps
+
+
+def _of_row_numbers(table: RawTable, time: TimeStampPart, where: str) -> TimeStamps:
+    """Stamps of a log without any: its rows follow each other at the stated rate."""
+    if time.names or time.kind:
+        raise CampaignError(
+            "a rate and columns of the time are both given",
+            where=f"{where}.rate_hz",
+            advice="leave names and kind out if the rows have no stamps, else rate_hz",
+        )
+    assert time.rate_hz is not None
+    ns = np.rint(np.arange(table.rows) * (1e9 / time.rate_hz)).astype(np.int64)
+    return TimeStamps(ns, np.zeros(table.rows, dtype=bool), absolute=False, resolution_s=1e-9)
+
+
+def _with_epoch(stamps: TimeStamps, time: TimeStampPart, where: str) -> TimeStamps:
+    """Stamps that count from a zero of their own, with the date of it where one is stated."""
     if not time.epoch:
         question = question_at(("streams", "time", "epoch"))
         raise CampaignError("missing key", where=f"{where}.epoch", advice=f"add it: {question}")
     if time.epoch in (SHARED_ZERO, ZERO_OF_FILE):
         return stamps
-    return replace(stamps, ns=stamps.ns + utc_ns(time.epoch, f"{where}.epoch"), absolute=True)
+    zero = utc_ns(time.epoch, f"{where}.epoch")
+    return replace(stamps, ns=stamps.ns + zero, absolute=True, zero_ns=zero)
 
 
-def _stamped(table: RawTable, names: list[str], kind: str, where: str) -> TimeStamps:
+def _stamped(
+    table: RawTable, names: list[str], kind: str, time: TimeStampPart, where: str
+) -> TimeStamps:
     try:
-        return times_to_seconds(table, names, kind)
+        return times_to_seconds(
+            table,
+            names,
+            kind,
+            units=time.units,
+            form=time.format,
+            gps_rollovers=time.gps_rollovers,
+            first_day=_first_day(time.epoch, f"{where}.epoch") if kind == "cds" else 0,
+        )
     except CampaignError as error:
         raise error.inside(where) from None
+
+
+def _first_day(epoch: str, where: str) -> int:
+    """Days from 1958-01-01 to the epoch of an agency."""
+    if not epoch:
+        return 0
+    days, rest = divmod(tai_to_utc(utc_ns(epoch, where)), 86400 * SECOND)
+    if rest:
+        raise CampaignError(
+            f"{epoch!r} is no midnight", where=where, advice='write such as "2000-01-01T00:00:00Z"'
+        )
+    return days
 
 
 def utc_ns(text: str, where: str) -> int:
@@ -244,60 +336,12 @@ def utc_ns(text: str, where: str) -> int:
     return int(stamps.ns[0])
 
 
-def _readings(part: ReadingsStream, table: RawTable, where: str) -> np.ndarray:
-    """Columns in SI units, torques on the wheel."""
-    columns = []
-    for k, name in enumerate(part.names):
-        unit = agreed_unit(table, name, part.holds, part.unit, where)
-        scale, offset = (v[k] if isinstance(v, list) else v for v in (part.scale, part.offset))
-        numbers = table.numbers(name)
-        columns.append(to_si_with(numbers, unit, part.holds, scale=scale, offset=offset))
-    values = np.stack(columns, axis=1)
-    # 0 - values, because -values would make zeros negative.
-    return 0.0 - values if isinstance(part, TorqueStream) and part.acts_on == "body" else values
-
-
-def _attitudes(part: AttitudeStream, table: RawTable, where: str) -> np.ndarray:
-    """Quaternions, body from inertial, scalar last."""
-    names, convention, of_tracker = agreed_attitude(table, part, where)
-    values = table.stack(names)
-    problem = bad_attitude(values, convention)
-    if problem is not None:
-        row, what = problem
-        raise CampaignError(
-            f"{what}: {values[row].tolist()}",
-            where=f"{table.place(row, names[0])} to {names[-1]}",
-            advice="repair the row, leave all its cells empty (no fix), or name other columns "
-            "in the mapping",
-        )
-    quaternions = to_quaternions(values, convention)
-    if of_tracker:
-        quaternions = from_tracker_axes(quaternions, np.array(part.body_from_tracker))
-    return quaternions
-
-
-def _valid_rows(valid: ValidRows, table: RawTable, where: str) -> np.ndarray:
-    column = table.column(valid.name)
-    accepted = valid.equals if isinstance(valid.equals, list) else [valid.equals]
-    if column.is_text:
-        cells = np.array([str(cell).strip() for cell in column.values.tolist()])
-        rows = np.isin(cells, [str(value) for value in accepted])
-    else:
-        numbers = [number_of(v) if isinstance(v, str) else float(v) for v in accepted]
-        rows = np.isin(column.values.astype(float), numbers)
-    if not rows.any():
-        present = ", ".join(repr(v) for v in np.unique(column.values)[:8].tolist())
-        raise CampaignError(
-            f"no row has {valid.name} = {valid.equals!r}",
-            where=f"{where}.valid.equals",
-            advice=f"the column has {present}",
-        )
-    return rows
-
-
-def _of_all_wheels(values: np.ndarray, part: WheelStream, mapping: MappingPart) -> np.ndarray:
+def _of_all_wheels(share: FileShare, mapping: MappingPart) -> FileShare:
     """Columns of some wheels in the order of all; NaN for the others."""
+    if not isinstance(share.stream, WheelStream):
+        return share
     names = [wheel.name for wheel in mapping.wheels]
-    full = np.full((len(values), len(names)), np.nan)
-    full[:, [names.index(name) for name in part.wheels or names]] = values
-    return full
+    columns = [names.index(name) for name in share.stream.wheels or names]
+    values, rounding = np.full((len(share.values), len(names)), np.nan), np.zeros(len(names))
+    values[:, columns], rounding[columns] = share.values, share.rounding
+    return replace(share, values=values, rounding=tuple(rounding.tolist()))

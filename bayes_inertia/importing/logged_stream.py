@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from bayes_inertia.campaign.row_order import set_back_row
+from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths.values import array_dataclass
+
+# Of the rows of a stream: the most that an import leaves out with no more than a note. As many at
+# random would make the sds larger by 2.6 % only; more are a clock or a column that was misread.
+_MOST_LEFT_OUT = 0.05
 
 
 @array_dataclass
@@ -30,6 +36,11 @@ class LoggedStream:
         The files, as messages name them.
     notes : tuple of str, optional
         What was sorted, dropped or taken from the files, for people.
+    rounding : tuple of float, optional
+        Standard deviation of the rounding of each element in the files; one number of attitudes,
+        about any axis [rad].
+    overlap : bool, optional
+        Whether files repeat rows of each other, as downloads of one log do.
 
     Examples
     --------
@@ -44,6 +55,8 @@ class LoggedStream:
     file: np.ndarray
     files: tuple[str, ...]
     notes: tuple[str, ...] = ()
+    rounding: tuple[float, ...] = (0.0,)
+    overlap: bool = False
 
     @property
     def step(self) -> float:
@@ -89,7 +102,46 @@ class LoggedStream:
         return self.rows((self.time >= start) & (self.time <= end))
 
 
-def in_order(stream: LoggedStream) -> LoggedStream:
+def left_out(count: int, rows: int, why: str, *, where: str, advice: str) -> str:
+    """The note that rows are left out, or an error if they are more than damage would explain.
+
+    Parameters
+    ----------
+    count : int
+        Rows that are left out.
+    rows : int
+        All rows.
+    why : str
+        Why, such as "have no time"; it follows the number.
+    where : str
+        The file, and the first of the rows.
+    advice : str
+        What to do.
+
+    Returns
+    -------
+    str
+        The note.
+
+    Raises
+    ------
+    CampaignError
+        If they are more than one row, and more than 5 % of all.
+
+    Examples
+    --------
+    >>> left_out(2, 900, "have no time", where="a.csv", advice="")
+    '2 of 900 rows have no time and are left out'
+    """
+    what = f"{count} of {rows} rows {why}"
+    if count > max(1.0, _MOST_LEFT_OUT * rows):
+        raise CampaignError(
+            f"{what}; more than {_MOST_LEFT_OUT:.0%} are not left out", where=where, advice=advice
+        )
+    return f"{what} and are left out"
+
+
+def in_order(stream: LoggedStream, place: Callable[[int], str] | None = None) -> LoggedStream:
     """A stream whose times increase strictly.
 
     Rows that a file has out of order are sorted. Of rows with one time the first stays, filled up
@@ -99,11 +151,18 @@ def in_order(stream: LoggedStream) -> LoggedStream:
     ----------
     stream : LoggedStream
         Rows in the order of the files.
+    place : callable, optional
+        Gives where a row is, for messages.
 
     Returns
     -------
     LoggedStream
         With a note where rows were sorted or dropped.
+
+    Raises
+    ------
+    CampaignError
+        If a clock was set back, or more rows would be dropped than damage explains.
 
     Examples
     --------
@@ -112,15 +171,47 @@ def in_order(stream: LoggedStream) -> LoggedStream:
     >>> ordered.time.tolist(), ordered.notes
     ([0.0, 1.0], ('1 row out of order was sorted', '1 row repeated a time and was left out'))
     """
+    if place is not None:
+        _refuse_set_back(stream, place)
     order = np.argsort(stream.time, kind="stable")
     swapped = _late_rows(stream)
     stream = stream.rows(order, *([_rows(swapped, "out of order", "sorted")] if swapped else []))
     repeated = np.concatenate([[False], np.diff(stream.time) == 0.0])
+    # The last row of a slew's file may be the first of the next.
+    again = int((repeated[1:] & (np.diff(stream.file) != 0)).sum())
+    stream = replace(stream, overlap=again >= max(len(stream.files), 2))
     if not repeated.any():
         return stream
-    values, lost = _filled(stream.values, repeated)
-    note = [_rows(lost, "repeated a time and", "left out")] if lost else []
+    values, again, lost = _filled(stream.values, repeated)
+    note = [_rows(again, "repeated a time and", "left out")] if again else []
+    if lost.any():
+        row = int(order[np.argmax(lost)])
+        note.append(
+            left_out(
+                int(lost.sum()),
+                len(order),
+                "repeat the time of another with other readings",
+                where=", ".join(stream.files) if place is None else place(row),
+                advice="stamps may be coarser than the rows: name the column of the fraction too "
+                'in names = ["sec", "nanosec"]; or mend or remove the rows',
+            )
+        )
     return replace(stream, values=values).rows(~repeated, *note)
+
+
+def _refuse_set_back(stream: LoggedStream, place: Callable[[int], str]) -> None:
+    """Refuse a clock that goes back and runs on from there: two sessions are not one."""
+    row = set_back_row(stream.time, stream.values)
+    if row is None:
+        return
+    size = float(stream.time[row - 1] - stream.time[row])
+    raise CampaignError(
+        f"the clock goes back by {size:.6g} s and runs on from there",
+        where=place(row),
+        advice="if another session begins here, give it a file of its own and write "
+        f'epoch = "file"; if the clock was set back, add {size:.6g} s from this row on; if only '
+        "the rows are in another order, sort the file by time",
+    )
 
 
 def _late_rows(stream: LoggedStream) -> int:
@@ -131,17 +222,22 @@ def _late_rows(stream: LoggedStream) -> int:
     )
 
 
-def _filled(values: np.ndarray, repeated: np.ndarray) -> tuple[np.ndarray, int]:
-    """Values in which the first of rows with one time has what it lacks; rows that are lost."""
+def _filled(values: np.ndarray, repeated: np.ndarray) -> tuple[np.ndarray, int, np.ndarray]:
+    """Values in which the first of rows with one time has what it lacks.
+
+    Also how many rows only repeat what it has, and which (n,) have other values.
+    """
     values = values.copy()
     first = np.maximum.accumulate(np.where(repeated, 0, np.arange(len(values))))
-    lost = 0
+    again, lost = 0, np.zeros(len(values), dtype=bool)
     for row in np.flatnonzero(repeated):
         target = values[first[row]]
         empty = np.isnan(target)
-        lost += bool((~np.isnan(values[row]) & ~empty).any())
+        both = ~np.isnan(values[row]) & ~empty
+        lost[row] = bool((both & (values[row] != target)).any())
+        again += bool(both.any() and not lost[row])
         target[empty] = values[row][empty]
-    return values, lost
+    return values, again, lost
 
 
 def _rows(count: int, what: str, done: str) -> str:
@@ -175,6 +271,7 @@ def joined(streams: Sequence[LoggedStream]) -> LoggedStream:
         ),
         files,
         tuple(note for stream in streams for note in stream.notes),
+        tuple(np.max([stream.rounding for stream in streams], axis=0).tolist()),
     )
 
 
@@ -194,4 +291,7 @@ def held(stream: LoggedStream) -> LoggedStream:
     rows = np.arange(len(stream.time))[:, None]
     last = np.maximum.accumulate(np.where(np.isnan(stream.values), -1, rows), axis=0)
     values = np.take_along_axis(stream.values, np.maximum(last, 0), axis=0)
-    return replace(stream, values=values).rows((last >= 0).all(axis=1))
+    known = (last >= 0).all(axis=1)
+    early = int((~known).sum())
+    note = [_rows(early, "before every wheel had a command", "left out")] if early else []
+    return replace(stream, values=values).rows(known, *note)

@@ -6,8 +6,10 @@ import json
 import re
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
-from bayes_inertia.importing.imported_folder import RECORD_FILE
+RECORD_FILE = "import.json"
+"""The record of an import, in the folder of its campaign."""
 
 _TABLE = re.compile(r"\s*\[\[?\s*([\w-]+)\s*\]\]?\s*(#.*)?$")
 _ENTRY = re.compile(r"""\s*([\w-]+)\s*=\s*(?:["']([^"']*)["'])?""")
@@ -32,15 +34,64 @@ def mapped_lines(folder: Path, key: str) -> list[str]:
         and for what the mapping does not state.
     """
     try:
-        mapping = json.loads((folder / RECORD_FILE).read_text(encoding="utf-8"))["mapping"]
+        mapping = _record(folder)["mapping"]
         name, text = mapping["name"], mapping["text"]
     except (OSError, ValueError, KeyError, TypeError):
         return []
-    return [f"{name}, line {number}: {line}" for number, line in _lines_of(text, key)]
+    return [f"{name}, line {number}: {line}" for number, line in lines_of(text, key)]
 
 
-def _lines_of(text: str, key: str) -> list[tuple[int, str]]:
-    """Number and text of the lines that state a key."""
+def streams_outside(folder: Path) -> dict[str, tuple[int, list[float], list[float]]]:
+    """Streams that were imported, none of whose readings lies in a slew.
+
+    Parameters
+    ----------
+    folder : Path
+        A campaign folder.
+
+    Returns
+    -------
+    dict of str to (int, list, list)
+        By what the stream holds: how many readings, first and last time of the stream and of all
+        slews [s]; empty for a folder that was not imported.
+    """
+    try:
+        record = _record(folder)
+        slews = record["cut"]["slews"]
+        span = [min(slew["start"] for slew in slews), max(slew["end"] for slew in slews)]
+        return {
+            key: (stream["readings"], stream["span_s"], span)
+            for key, stream in record["streams"].items()
+            if stream["span_s"][0] > span[1] or stream["span_s"][1] < span[0]
+        }
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+
+
+def _record(folder: Path) -> Any:
+    return json.loads((folder / RECORD_FILE).read_text(encoding="utf-8"))
+
+
+def lines_of(text: str, key: str) -> list[tuple[int, str]]:
+    """Number and text of the lines of a mapping that state a key.
+
+    Parameters
+    ----------
+    text : str
+        The mapping.
+    key : str
+        Path of the key in campaign.toml, such as "columns.rate.unit".
+
+    Returns
+    -------
+    list of tuple of int and str
+        Empty where the mapping does not state it.
+
+    Examples
+    --------
+    >>> lines_of('[[streams]]\\nholds = "rate"\\nunit = "deg/s"', "columns.rate.unit")
+    [(3, 'unit = "deg/s"')]
+    """
     first, *middle, last = key.split(".")
     wanted = "streams" if first == "columns" else first
     label = "holds" if first == "columns" else "name"

@@ -10,12 +10,12 @@ from bayes_inertia.campaign.checked_toml import checked_document, toml_document
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.alike_wheels import with_alike_wheels
 from bayes_inertia.importing.attitude_forms import COLUMNS_OF_FORM, AttitudeConvention, bad_attitude
+from bayes_inertia.importing.mapped_lines import lines_of
 from bayes_inertia.importing.mapping_schema import (
     AttitudeStream,
     MappedStream,
     MappingPart,
     RateStream,
-    ReadingsStream,
     WheelStream,
 )
 from bayes_inertia.importing.questions import refuse_open_questions
@@ -23,6 +23,11 @@ from bayes_inertia.importing.stated_units import with_si_hardware
 
 # Smallest determinant of three axes that do not lie in one plane.
 _INDEPENDENT = 1e-3
+_OR_ALL = {
+    "wheel_torque": "",
+    "wheel_momentum": ", or leave out what all tachometers read",
+    "wheel_speed": ", or leave out what all tachometers read",
+}
 _FORM_OF_KEY = {"scalar": "quaternion", "sequence": "euler", "turns": "euler", "unit": "euler"}
 
 
@@ -55,20 +60,35 @@ def parse_mapping(text: str, label: str) -> MappingPart:
     """
     document = toml_document(text, label)
     refuse_open_questions(document, label)
+    _refuse_few_axes(document, label)
     complete = with_si_hardware(with_alike_wheels(document, label), label)
     mapping = checked_document(complete, label, MappingPart)
     _check_streams(mapping, label)
     for stream in mapping.streams:
         where = f"{label}, key streams.{stream.holds}"
+        _check_columns(stream, text, label)
+        _check_numbers(stream, where)
         if isinstance(stream, AttitudeStream):
             _check_attitude(stream, where)
-        else:
-            _check_numbers(stream, where)
         if isinstance(stream, RateStream):
             _check_mounting(stream, mapping, where)
         if isinstance(stream, WheelStream):
             _check_wheels(stream, mapping, where)
     return mapping
+
+
+def _refuse_few_axes(document: dict[str, Any], label: str) -> None:
+    """Refuse rates about fewer than three axes, before the form of the file does without a why."""
+    streams = document.get("streams")
+    for stream in streams if isinstance(streams, list) else []:
+        names = stream.get("names") if isinstance(stream, dict) else None
+        if isinstance(names, list) and 0 < len(names) < 3 and stream.get("holds") == "rate":
+            raise CampaignError(
+                f"{len(names)} column{'s' * (len(names) - 1)} for the rates about three axes",
+                where=f"{label}, key streams.rate.names",
+                advice="name one a sensor axis; a rig that is held to turn about fewer axes cannot "
+                "be fitted, as the model turns freely about all three",
+            )
 
 
 def _require(condition: bool, where: str, what: str, advice: str) -> None:
@@ -98,6 +118,16 @@ def _check_streams(mapping: MappingPart, label: str) -> None:
     advice = "give each its own name"
     doubled = len(set(names)) < len(names)
     _require(not doubled, f"{label}, key wheels", "a name is used twice", advice)
+    for holds in ("wheel_torque", "wheel_momentum", "wheel_speed"):
+        streams = [stream for stream in mapping.streams if stream.holds == holds]
+        read = {name for stream in streams for name in getattr(stream, "wheels", None) or names}
+        lacking = ", ".join(name for name in names if name not in read)
+        _require(
+            not streams or not lacking,
+            f"{label}, key streams.{holds}.wheels",
+            f"no column holds the wheel {lacking}",
+            f"name its column, or take a wheel that is off out of [[wheels]]{_OR_ALL[holds]}",
+        )
 
 
 def _check_wheels(stream: WheelStream, mapping: MappingPart, where: str) -> None:
@@ -116,11 +146,28 @@ def _check_wheels(stream: WheelStream, mapping: MappingPart, where: str) -> None
     )
 
 
-def _check_numbers(stream: ReadingsStream, where: str) -> None:
+def _check_columns(stream: MappedStream, text: str, label: str) -> None:
+    """Refuse a column that stands for two quantities of a stream."""
+    named = [*stream.time.names, *stream.names]
+    doubled = next((name for k, name in enumerate(named) if name in named[:k]), None)
+    if doubled is None:
+        return
+    stated = lines_of(text, f"columns.{stream.holds}.names")
+    lines = [n for n, line in stated if doubled in line] or [n for n, _ in stated]
+    line = f"line {lines[0]}, " if lines else ""
+    of_time = doubled in stream.time.names
+    raise CampaignError(
+        f"the column {doubled!r} is named {'as time and as reading' if of_time else 'twice'}",
+        where=f"{label}, {line}key streams.{stream.holds}.names",
+        advice="name for each element the column that holds it, in their order",
+    )
+
+
+def _check_numbers(stream: MappedStream, where: str) -> None:
     """Refuse scales and offsets that are not one, or one a column."""
     for key in ("scale", "offset"):
-        value = getattr(stream, key)
-        if isinstance(value, list):
+        value = getattr(stream, key, 0.0)
+        if isinstance(value, list) and stream.names:
             fits = len(value) == len(stream.names)
             what = f"{len(value)} numbers for {len(stream.names)} columns"
             _require(fits, f"{where}.{key}", what, "give one number, or one a column")

@@ -51,6 +51,14 @@ class TimeStampPart(_MappingTable):
     names: list[str] = Field(default=[], description='names = ["..."], the columns of the time')
     kind: str = ""
     epoch: str = ""
+    # What each of several columns counts, such as "ns" or "s/65536"; else their names say it.
+    units: list[str] = []
+    # How dates are written, in directives of strptime; "" for the forms that are told.
+    format: str = ""
+    # How often GPS weeks of ten bits began anew.
+    gps_rollovers: int | None = Field(default=None, ge=0, le=4)
+    # Rows a second of a log without stamps.
+    rate_hz: float | None = Field(default=None, gt=0.0)
     # Whether the sensor samples at regular times although the stamps jitter about them.
     regular: bool = False
 
@@ -83,6 +91,8 @@ class _StreamPart(_MappingTable):
     time: TimeStampPart = TimeStampPart()
     offset_s: float = 0.0
     valid: ValidRows | None = None
+    # Numbers of the file, before `scale`, that mark "no reading" or "no solution", such as -9999.
+    missing: Numbers | None = None
     text: TextFilePart = TextFilePart()
 
 
@@ -138,6 +148,7 @@ class AttitudeStream(_StreamPart):
     names: list[str] = []
     scalar: Literal["first", "last"] | None = None
     maps: Literal["inertial_to_body", "body_to_inertial"] | None = None
+    scale: Numbers = 1.0
     sequence: str = ""
     turns: Literal["intrinsic", "extrinsic"] | None = None
     unit: str = ""

@@ -157,6 +157,7 @@ def _smoothed(rate: LoggedStream, segment: np.ndarray) -> tuple[np.ndarray, int]
     Missing readings are bridged here, where rates are only looked at.
     """
     width = max(_AVERAGED_ROWS, round(_AVERAGED_S / max(rate.step, 1e-9)))
+    width = min(width, len(rate.time))
     smooth = np.empty_like(rate.values)
     for k in np.unique(segment):
         rows = np.flatnonzero(segment == k)
@@ -176,9 +177,12 @@ def _bridged(time: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 def _noise(rate: LoggedStream) -> float:
     """Noise of a reading's norm [rad/s], from the differences of neighbours."""
-    steps = np.diff(rate.values, axis=0)
-    spread = SD_OVER_MAD * np.nanmedian(np.abs(steps), axis=0) / np.sqrt(2.0)
-    return float(np.linalg.norm(np.nan_to_num(spread)))
+    spread = []
+    for axis in rate.values.T:
+        steps = np.abs(np.diff(axis))
+        steps = steps[np.isfinite(steps)]
+        spread.append(SD_OVER_MAD * np.median(steps) / np.sqrt(2.0) if len(steps) else 0.0)
+    return float(np.linalg.norm(spread))
 
 
 def _threshold(floor: float, largest: float, rate: LoggedStream) -> float:

@@ -12,10 +12,12 @@ References: D. W. Allan, Proc. IEEE 54, 221 (1966); IEEE Std 952-1997, annex C; 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from decimal import Decimal
 
 import numpy as np
 from scipy.optimize import nnls
 
+from bayes_inertia.campaign.quantisation import quantisation_sigma, quantisation_step
 from bayes_inertia.maths.values import array_dataclass
 
 _FEWEST_DIFFERENCES = 8
@@ -23,9 +25,12 @@ _SMALLEST_SERIES = 6
 # Largest improvement of chi^2 that chance may give to a kind of noise that is not there.
 _CHANCE = 9.0
 _REWEIGHTINGS = 5
-# A level that this share of steps between readings are multiples of is the step of a converter.
-_ON_LEVELS = 0.98
-_LEVEL_ROUNDING = 1e-3
+# Rows of a log that show the step of its rounding.
+_ROWS_OF_ROUNDING = 20_000
+_NUMBERS_OF_DECIMALS = 200  # of a column; fewer than so many show no step:
+_FEWEST_NUMBERS = 3
+# Readings whose differences are larger than this many sds of their rounding show other noise.
+_ONLY_ROUNDING = 3.0
 
 
 @array_dataclass
@@ -66,7 +71,58 @@ class NoiseFit:
     deviations: np.ndarray
 
 
-def fit_noise(series: Sequence[np.ndarray], step: float) -> NoiseFit | None:
+def rounding_sigmas(values: np.ndarray) -> np.ndarray:
+    """Standard deviation of the rounding of each column, in its unit; 0 where none is seen.
+
+    Parameters
+    ----------
+    values : (n, k) array
+        Numbers of one quantity as they lie in a file; NaN where there is none. A column that never
+        changes is taken to be rounded like the coarsest of the others.
+
+    Returns
+    -------
+    (k,) array
+        step / sqrt(12).
+
+    Examples
+    --------
+    >>> speeds = np.array([[300.0, 100.0, 50.0], [150.0, 100.0, 50.5], [450.0, 100.0, 49.5]])
+    >>> rounding_sigmas(speeds).round(2).tolist()
+    [43.3, 43.3, 0.14]
+    """
+    # Coarse rounding, which alone matters, is seen in a part of a long log.
+    values = values[:: max(1, len(values) // _ROWS_OF_ROUNDING)]
+    columns = [np.unique(column[np.isfinite(column)]) for column in values.T]
+    # Two values alone show a step only where they are multiples of it themselves.
+    steps = [
+        quantisation_step(np.append(column, 0.0) if len(column) == 2 else column) or 0.0
+        for column in columns
+    ]
+    steps = [
+        max(steps) if len(column) == 1 else step
+        for column, step in zip(columns, steps, strict=True)
+    ]
+    decimal = _decimal_step(columns)
+    return np.array([quantisation_sigma(max(step, decimal)) for step in steps])
+
+
+def _decimal_step(columns: Sequence[np.ndarray]) -> float:
+    """The unit of the last decimal in which all numbers are written; 0 for too few numbers."""
+    numbers = {
+        number
+        for column in columns
+        for number in column[:: max(1, len(column) // _NUMBERS_OF_DECIMALS)].tolist()
+        if number != 0.0
+    }
+    if len(numbers) < _FEWEST_NUMBERS:
+        return 0.0
+    # Twelve digits: products with a step have rounding of their own in the last ones.
+    last = [Decimal(f"{number:.12g}").normalize().as_tuple().exponent for number in numbers]
+    return 10.0 ** min(int(exponent) for exponent in last)
+
+
+def fit_noise(series: Sequence[np.ndarray], step: float, rounding: float = 0.0) -> NoiseFit | None:
     """Fit the noise of readings in one or several uninterrupted series.
 
     Parameters
@@ -75,11 +131,15 @@ def fit_noise(series: Sequence[np.ndarray], step: float) -> NoiseFit | None:
         Readings at rest, equally spaced, without gaps; short series do not count.
     step : float
         Time between readings [s].
+    rounding : float, optional
+        Standard deviation of the rounding of a reading, if the series do not show it: the white
+        noise is never less than that of the rounding.
 
     Returns
     -------
     NoiseFit or None
-        The noise, in the readings' unit; None where there are too few of them.
+        The noise, in the readings' unit; None where there are too few of them, or where they show
+        none at all.
 
     Examples
     --------
@@ -90,23 +150,45 @@ def fit_noise(series: Sequence[np.ndarray], step: float) -> NoiseFit | None:
     """
     series = [values for values in series if len(values) >= _SMALLEST_SERIES]
     lengths, variances, freedom = _hadamard(series)
-    if not len(lengths):
-        return None
     samples = sum(len(values) for values in series)
+    if samples:
+        step_seen = quantisation_step(np.concatenate(series)) or 0.0
+        rounding = max(rounding, quantisation_sigma(step_seen))
+    if not len(lengths):
+        # Rounding may leave one value only.
+        still = samples > _FEWEST_DIFFERENCES and all(np.ptp(values) == 0.0 for values in series)
+        return _rounded(samples, step, rounding) if still and rounding > 0.0 else None
     kinds = np.stack([_white(lengths), _walk(lengths), np.ones(len(lengths))], axis=1)
     shares = _shares(kinds, variances, freedom)
     white, walk, flicker = np.sqrt(shares)
+    # A walk alone does not show how much less the white noise is; rounding that hides all does.
+    if white == 0.0 and np.sqrt(variances[0]) > _ONLY_ROUNDING * rounding:
+        return None
     return NoiseFit(
-        float(white),
+        float(max(white, rounding)),
         float(1.0 / np.sqrt(2.0 * freedom[0])),
         float(walk),
-        _level(series),
+        _steps_of(rounding),
         float(flicker),
         step,
         samples,
         lengths,
         np.sqrt(variances),
     )
+
+
+def _rounded(samples: int, step: float, rounding: float) -> NoiseFit:
+    """The noise of readings of which rounding leaves one value."""
+    none = np.zeros(0)
+    error = float(1.0 / np.sqrt(2.0 * samples))
+    return NoiseFit(
+        rounding, error, 0.0, _steps_of(rounding), 0.0, step, samples, none.astype(int), none
+    )
+
+
+def _steps_of(rounding: float) -> float:
+    """The step that leaves this standard deviation."""
+    return rounding / quantisation_sigma(1.0)
 
 
 def _hadamard(series: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -181,21 +263,3 @@ def _fitted(
     shares[chosen] = found
     ratio = variances / model
     return shares, float(np.sum(freedom * (ratio - 1.0 - np.log(ratio))))
-
-
-def _level(series: Sequence[np.ndarray]) -> float:
-    """The step between neighbouring values of a converter; 0 where none is seen."""
-    values = np.unique(np.concatenate(series))
-    gaps = np.diff(values)
-    # Rounding of decimals makes gaps that are none.
-    scale = float(np.abs(values).max())
-    gaps = gaps[gaps > 1e-12 * scale]
-    if not len(gaps):
-        return 0.0
-    level = float(np.median(gaps[gaps <= np.quantile(gaps, 0.1) * (1.0 + _LEVEL_ROUNDING)]))
-    total = sum(len(v) for v in series)
-    multiples = np.diff(np.concatenate(series)) / level
-    on = np.abs(multiples - np.rint(multiples)) < _LEVEL_ROUNDING * np.maximum(1, np.abs(multiples))
-    # Readings of many digits are all different: only values that return show a converter.
-    repeated = len(values) < 0.5 * total
-    return level if repeated and float(on.mean()) > _ON_LEVELS else 0.0

@@ -18,11 +18,14 @@ UNKNOWN = "?"
 
 QUESTIONS: Mapping[str, str] = MappingProxyType(
     {
-        "streams.time.names": "Which column holds the time? (two for GPS week and seconds)",
+        "streams.time.names": (
+            "Which column holds the time? Several are added: GPS week and seconds, date and time "
+            "of the day, sec and nanosec. A log without stamps: rate_hz = rows a second instead."
+        ),
         "streams.time.kind": (
             'Which clock? utc, tai, gps, tt for dates as text; "gps_s", "gps_week", "tai_s", '
-            '"unix_s", "unix_ms", ... for counts; "s", "ms", "us" from a zero of its own. The '
-            "telemetry handbook says; UTC and GPS differ by 18 s since 2017."
+            '"unix_s", "unix_ms", "cds", ... for counts; "s", "ms", "us" from a zero of its own. '
+            "The telemetry handbook says; UTC and GPS differ by 18 s since 2017."
         ),
         "streams.time.epoch": (
             'When was zero? A UTC date; "campaign" if all streams that count seconds share one '

@@ -9,9 +9,15 @@ from typing import Literal
 
 from bayes_inertia.campaign.isolated_arrays import ArrayKind, FileArrays, read_arrays
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.importing.aem_file import aem_segments, is_aem, read_aem
+from bayes_inertia.importing.aem_file import (
+    aem_segments,
+    is_aem,
+    read_aem,
+    refuse_other_messages,
+)
 from bayes_inertia.importing.array_tables import table_of, tables_of
-from bayes_inertia.importing.json_lines import read_json_lines
+from bayes_inertia.importing.json_lines import json_arrays, read_json_lines
+from bayes_inertia.importing.long_table import one_row_a_time
 from bayes_inertia.importing.nasa_42 import read_42
 from bayes_inertia.importing.numpy_file import numpy_arrays
 from bayes_inertia.importing.parquet_file import read_parquet_file
@@ -19,6 +25,7 @@ from bayes_inertia.importing.raw_table import RawTable
 from bayes_inertia.importing.text_options import TextOptions
 from bayes_inertia.importing.text_table import read_text_table
 
+_WORKBOOKS = (".xlsx", ".xlsm", ".xlsb")
 _HEAD = 1024  # Bytes by which a format is told.
 
 FileFormat = Literal["text", "aem", "json", "42", "parquet", "numpy", "hdf5", "netcdf", "mat"]
@@ -57,6 +64,7 @@ def file_format(path: Path) -> FileFormat:
     _refuse_packed(head, path)
     if is_aem(head):
         return "aem"
+    refuse_other_messages(head, path)
     by_suffix: dict[str, FileFormat] = {
         ".h5": "hdf5",
         ".hdf5": "hdf5",
@@ -97,7 +105,7 @@ def _is_npz(path: Path) -> bool:
 
 def _refuse_packed(head: bytes, path: Path) -> None:
     packed = {
-        b"PK": "a ZIP archive or an Excel workbook",
+        b"PK": "an Excel workbook" if path.suffix.lower() in _WORKBOOKS else "a ZIP archive",
         b"\x1f\x8b": "a gzip archive",
         b"\xd0\xcf\x11\xe0": "an Excel workbook",
         b"BZh": "a bzip2 archive",
@@ -106,9 +114,9 @@ def _refuse_packed(head: bytes, path: Path) -> None:
     }
     for mark, what in packed.items():
         if head.startswith(mark) and path.suffix.lower() != ".npz":
-            raise CampaignError(
-                f"is {what}", where=str(path), advice="unpack it, or save its table as CSV"
-            )
+            sheets = "save each of its sheets as CSV"
+            advice = sheets if "Excel" in what else "unpack it, or save its table as CSV"
+            raise CampaignError(f"is {what}", where=str(path), advice=advice)
 
 
 def read_raw(
@@ -146,22 +154,23 @@ def read_raw(
     form = file_format(file)
     if form == "aem":
         return read_aem(file, table)
-    if form in ("numpy", "hdf5", "netcdf", "mat"):
-        held = _arrays(file, form)
-        return table_of(
+    held = _arrays(file, form)
+    if held is not None:
+        found = table_of(
             held.arrays, held.units, str(file), table=table, columns=columns, closed=held.closed
         )
+        return one_row_a_time(found)
     if table:
         raise CampaignError(
             f"no table {table!r}", where=str(file), advice="the file is one table: name none"
         )
-    if form == "json":
-        return read_json_lines(file)
     if form == "42":
         return read_42(file)
+    if form == "json":
+        return one_row_a_time(read_json_lines(file))
     if form == "parquet":
-        return read_parquet_file(file)
-    return read_text_table(file, options or TextOptions())
+        return one_row_a_time(read_parquet_file(file))
+    return one_row_a_time(read_text_table(file, options or TextOptions()))
 
 
 def tables_in(path: str | Path) -> list[str]:
@@ -186,13 +195,16 @@ def tables_in(path: str | Path) -> list[str]:
     form = file_format(file)
     if form == "aem":
         return aem_segments(file)
-    if form in ("numpy", "hdf5", "netcdf", "mat"):
-        return tables_of(_arrays(file, form).arrays)
-    return [""]
+    held = _arrays(file, form)
+    return [""] if held is None else tables_of(held.arrays)
 
 
-def _arrays(file: Path, form: str) -> FileArrays:
+def _arrays(file: Path, form: str) -> FileArrays | None:
+    """What a file of arrays holds; None for a file of another form."""
+    if form == "json":
+        arrays = json_arrays(file)
+        return None if arrays is None else FileArrays(arrays, {}, {})
     if form == "numpy":
         return FileArrays(numpy_arrays(file), {}, {})
     kinds: dict[str, ArrayKind] = {"hdf5": "hdf5", "netcdf": "netcdf", "mat": "mat"}
-    return read_arrays(file, kinds[form])
+    return read_arrays(file, kinds[form]) if form in kinds else None

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from decimal import Decimal
 
 import numpy as np
 from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation
 
+from bayes_inertia.campaign.quantisation import quantisation_sigma
+from bayes_inertia.campaign.stuck import stuck_fixes
 from bayes_inertia.importing.common_clock import Logs
 from bayes_inertia.importing.logged_stream import LoggedStream
 from bayes_inertia.importing.mapping_schema import MappingPart
@@ -48,8 +51,20 @@ class RestNoise:
 
     @property
     def seen(self) -> tuple[float, ...]:
-        """White noise per sample of each axis, to two digits."""
-        return tuple(float(f"{fit.white:.2g}") for fit in self.fits)
+        """White noise per sample of each axis, to two digits and not below the rounding."""
+        seen = []
+        for fit in self.fits:
+            rounded = Decimal(f"{fit.white:.1e}")
+            if float(rounded) < quantisation_sigma(fit.quantisation):
+                rounded += Decimal(1).scaleb(int(rounded.as_tuple().exponent))
+            seen.append(float(rounded))
+        return tuple(seen)
+
+    @property
+    def step(self) -> float:
+        """The step of the readings where their noise is that of its rounding; 0 where it is not."""
+        fits = [f for f in self.fits if f.white <= quantisation_sigma(f.quantisation)]
+        return max((fit.quantisation for fit in fits), default=0.0)
 
     @property
     def differs(self) -> bool:
@@ -103,7 +118,10 @@ def rest_noise(logs: Logs, scan: MotionScan | None, mapping: MappingPart) -> lis
 
 def _rates(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[RestNoise]:
     rate = logs.streams["rate"]
-    fits = [_fit(rate.time, axis, scan) for axis in rate.values.T]
+    fits = [
+        _fit(rate.time, axis, scan, rounding)
+        for axis, rounding in zip(rate.values.T, np.broadcast_to(rate.rounding, 3), strict=True)
+    ]
     stated = mapping.rate_sensor.sigma
     if all(fit is not None for fit in fits):
         yield RestNoise(
@@ -122,9 +140,13 @@ def _momenta(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[Res
         return
     torque = logs.streams.get("wheel_torque")
     commanded = np.zeros_like(stream.values) if torque is None else _impulse(torque, stream.time)
+    roundings = np.broadcast_to(stream.rounding, len(mapping.wheels))
     for k, wheel in enumerate(mapping.wheels):
-        momentum = stream.values[:, k] * (wheel.spin_inertia if speed else 1.0)
-        fit = _fit(stream.time, momentum - commanded[:, k], scan)
+        size = wheel.spin_inertia if speed else 1.0
+        if roundings[k] == 0.0 and len(np.unique(stream.values[:, k], equal_nan=True)) < 3:
+            continue  # A reading that never changes shows the noise of the commands only.
+        momentum = stream.values[:, k] * size
+        fit = _fit(stream.time, momentum - commanded[:, k], scan, roundings[k] * size)
         if fit is not None:
             stated = wheel.momentum_sigma
             key = f"wheels.{wheel.name}.momentum_sigma"
@@ -146,25 +168,30 @@ def _attitudes(logs: Logs, scan: MotionScan, mapping: MappingPart) -> Iterator[R
     boresight = np.array(tracker.boresight) / np.linalg.norm(tracker.boresight)
     across = np.linalg.svd(boresight[None, :])[2][1:]
     turns: dict[str, list[np.ndarray]] = {"sigma_cross": [], "sigma_roll": []}
-    for rows in _series(stream.time, np.isfinite(stream.values).all(axis=1), scan):
+    given = np.isfinite(stream.values).all(axis=1)
+    # Fixes that rounding makes alike are stuck too, but then all at rest are.
+    others = _series(stream.time, given & ~stuck_fixes(stream.values), scan)
+    for rows in others or _series(stream.time, given, scan):
         attitude = Rotation.from_quat(stream.values[rows])
         # A small rotation in body axes stands on the right of a quaternion.
         errors = (attitude[0].inv() * attitude).as_rotvec()
         turns["sigma_cross"] += list((errors @ across.T).T)
         turns["sigma_roll"].append(errors @ boresight)
     for name, series in turns.items():
-        fit = fit_noise(series, stream.step)
+        fit = fit_noise(series, stream.step, stream.rounding[0])
         stated = getattr(tracker, name)
         if fit is not None:
             key = f"star_tracker.{name}"
             yield RestNoise(key, "rad", (fit,), None if stated is None else (stated,))
 
 
-def _fit(time: np.ndarray, values: np.ndarray, scan: MotionScan) -> NoiseFit | None:
+def _fit(
+    time: np.ndarray, values: np.ndarray, scan: MotionScan, rounding: float = 0.0
+) -> NoiseFit | None:
     given = _without_outliers(values)
     rows = _series(time, given, scan)
     step = float(np.median(np.diff(time[given]))) if given.sum() > 1 else 0.0
-    return fit_noise([values[r] for r in rows], step)
+    return fit_noise([values[r] for r in rows], step, float(rounding))
 
 
 def _without_outliers(values: np.ndarray) -> np.ndarray:

@@ -109,7 +109,8 @@ def cut_into_slews(logs: Logs, mapping: MappingPart, label: str) -> SlewCut:
     """Cut logs into slews.
 
     Stated `[[slews]]` are taken as they are; of several files with rates each is one slew; one
-    file is cut where the body rests, as far as `[cut]` does not say otherwise.
+    file, or files that overlap, is cut where the body rests, as far as `[cut]` does not say
+    otherwise.
 
     Parameters
     ----------
@@ -132,7 +133,7 @@ def cut_into_slews(logs: Logs, mapping: MappingPart, label: str) -> SlewCut:
     """
     rate, cut = logs.streams["rate"], mapping.cut
     pause = cut.gap_s or max(_PAUSE_S, _PAUSE_STEPS * rate.step)
-    by = cut.by or ("files" if len(rate.files) > 1 else "rest")
+    by = cut.by or ("files" if len(rate.files) > 1 and not rate.overlap else "rest")
     if mapping.slews or by == "files":
         windows = _stated_windows(logs, mapping, label) if mapping.slews else _of_files(logs)
         scan = _scan_if_any(logs, cut, pause)

@@ -7,16 +7,19 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
 import tomlkit
 
 from bayes_inertia.errors import OutputError
 from bayes_inertia.files import write_atomically
 from bayes_inertia.importing.column_families import ColumnFamily, families, time_names
-from bayes_inertia.importing.mapping_text import mapping_comment
+from bayes_inertia.importing.mapping_text import mapping_comment, mapping_value
 from bayes_inertia.importing.questions import open_questions
 from bayes_inertia.importing.raw_files import read_raw, tables_in
+from bayes_inertia.importing.raw_table import RawTable
 from bayes_inertia.importing.starting_hardware import hardware_text, wheel_words
 from bayes_inertia.importing.starting_streams import FileGroup, stream_text
 
@@ -40,10 +43,45 @@ _CUT = """\
 # start = "2026-03-01T12:00:00Z"
 # end = "2026-03-01T12:05:00Z"
 """
+_NOTHING_SEEN = """\
+# No stream was recognised. Say which columns hold what, for each quantity:
+# [[streams]]
+# holds = "rate"  # or wheel_torque, wheel_momentum, wheel_speed, attitude, ...
+# files = {files}
+# time = {{ names = ["..."], kind = "utc" }}
+# names = ["...", "...", "..."]
+# unit = "rad/s"
+# frame = "body"
+"""
+# Names, in small letters, of a column that says which packet a row is.
+_PACKET = re.compile(r"(.*[ _.])?(packet|pkt|apid|msg|message|record)([ _]?(type|name|id))?")
+_MOST_PACKETS = 40  # More different values are a counter, or texts.
 _WHEEL_STREAMS = ("wheel_torque", "wheel_momentum", "wheel_speed")
 
 
-def write_starting_mapping(files: Sequence[str | Path], path: str | Path) -> int:
+@dataclass(frozen=True)
+class StartingMapping:
+    """A mapping to be filled in.
+
+    Parameters
+    ----------
+    text : str
+        TOML with comments.
+    questions : int
+        Number of questions that it asks.
+    streams : tuple of str
+        What the streams that were recognised hold.
+    left_over : tuple of str
+        Columns that no stream holds, such as "gyro.csv: c1, c2".
+    """
+
+    text: str
+    questions: int
+    streams: tuple[str, ...]
+    left_over: tuple[str, ...]
+
+
+def write_starting_mapping(files: Sequence[str | Path], path: str | Path) -> StartingMapping:
     """Write a mapping with a question at everything that the files do not say.
 
     Parameters
@@ -55,8 +93,8 @@ def write_starting_mapping(files: Sequence[str | Path], path: str | Path) -> int
 
     Returns
     -------
-    int
-        Number of questions.
+    StartingMapping
+        What was written.
 
     Raises
     ------
@@ -70,13 +108,13 @@ def write_starting_mapping(files: Sequence[str | Path], path: str | Path) -> int
         raise OutputError(
             "is there already", where=str(path), advice="fill it in, or name another file"
         )
-    text = starting_mapping([Path(file) for file in files])
-    write_atomically(path, text)
-    return len(open_questions(tomlkit.parse(text).unwrap()))
+    started = starting_mapping([Path(file) for file in files])
+    write_atomically(path, started.text)
+    return started
 
 
-def starting_mapping(files: Sequence[Path]) -> str:
-    """The text of a mapping with a question at everything that the files do not say.
+def starting_mapping(files: Sequence[Path]) -> StartingMapping:
+    """A mapping with a question at everything that the files do not say.
 
     Parameters
     ----------
@@ -85,8 +123,8 @@ def starting_mapping(files: Sequence[Path]) -> str:
 
     Returns
     -------
-    str
-        TOML with comments.
+    StartingMapping
+        Its text, and what was recognised.
 
     Raises
     ------
@@ -99,14 +137,21 @@ def starting_mapping(files: Sequence[Path]) -> str:
         streams += [(group, family) for family in _families(group)]
     streams.sort(key=lambda stream: _ORDER.index(stream[1].holds))
     parts = [_hardware(streams, files)]
-    held: set[str] = set()
+    held: dict[str, None] = {}
     for group, family in streams:
         # A second candidate for what may stand once is left to the user.
         doubled = family.holds in held and family.holds not in _WHEEL_STREAMS
         parts.append(stream_text(group, family, commented=doubled, one_clock=len(set(files)) == 1))
-        held.add(family.holds)
-    parts += [_left_over(groups, streams), _CUT]
-    return "\n".join(parts)
+        held[family.holds] = None
+    if not streams:
+        names = mapping_value(sorted({path.name for path in files}))
+        parts.append(_NOTHING_SEEN.format(files=names))
+    left_over = _left_over(groups, streams)
+    comments = [mapping_comment(f"not recognised in {names}") for names in left_over]
+    parts += ["\n".join(comments) + "\n" if comments else "", _CUT]
+    text = "\n".join(parts)
+    questions = len(open_questions(tomlkit.parse(text).unwrap()))
+    return StartingMapping(text, questions, tuple(held), tuple(left_over))
 
 
 def _hardware(streams: Sequence[tuple[FileGroup, ColumnFamily]], files: Sequence[Path]) -> str:
@@ -123,16 +168,48 @@ def _groups(files: Sequence[Path]) -> list[FileGroup]:
     groups: dict[tuple, FileGroup] = {}
     for path in sorted(set(files)):
         for name in tables_in(path):
-            table = read_raw(path, table=name)
-            key = (name, path.suffix, tuple(table.columns), re.sub(r"\d+", "", path.stem))
-            before = groups.get(key)
-            group = (path,) if before is None else (*before.files, path)
-            groups[key] = FileGroup(group, name, table if before is None else before.table)
+            for packet, table in _packets(read_raw(path, table=name)).items():
+                stem = re.sub(r"\d+", "", path.stem)
+                key = (name, packet, path.suffix, tuple(table.columns), stem)
+                before = groups.get(key)
+                group = (path,) if before is None else (*before.files, path)
+                shown = table if before is None else before.table
+                groups[key] = FileGroup(group, name, shown, packet)
     return list(groups.values())
 
 
+def _packets(table: RawTable) -> dict[tuple[str, str | int] | None, RawTable]:
+    """The rows of each packet where a column says which, with the columns that it fills."""
+    for name, column in table.columns.items():
+        values, counts = np.unique(column.values, return_counts=True)
+        if _PACKET.fullmatch(name.lower()) and 1 < len(values) <= _MOST_PACKETS < counts.sum():
+            of_row = column.values == values[:, None]
+            parts = zip(values.tolist(), of_row, strict=True)
+            return {(name, _plain(value)): _filled(table, name, rows) for value, rows in parts}
+    return {None: table}
+
+
+def _plain(value: str | float) -> str | int:
+    return value if isinstance(value, str) else int(value)
+
+
+def _filled(table: RawTable, packet: str, rows: np.ndarray) -> RawTable:
+    """Some rows of a table, without the packet and columns in which they hold nothing."""
+    columns = {
+        name: replace(
+            column,
+            values=column.values[rows],
+            exact=None if column.exact is None else column.exact[rows],
+        )
+        for name, column in table.columns.items()
+        if name != packet and (column.is_text or np.isfinite(column.values[rows]).any())
+    }
+    return replace(table, columns=columns, lines=None)
+
+
 def _families(group: FileGroup) -> list[ColumnFamily]:
-    found = families(group.table, group.files[0].name)
+    packet = "" if group.packet is None else f"{group.packet[1]}_"
+    found = families(group.table, packet + group.files[0].name)
     if group.table.attitude is not None:
         form = "quaternion" if group.table.attitude.scalar else "euler"
         found = [family for family in found if family.holds != "attitude"]
@@ -142,13 +219,14 @@ def _families(group: FileGroup) -> list[ColumnFamily]:
 
 def _left_over(
     groups: Sequence[FileGroup], streams: Sequence[tuple[FileGroup, ColumnFamily]]
-) -> str:
-    """Columns that no stream holds."""
+) -> list[str]:
+    """Columns that no stream holds, by file."""
     lines = []
     for group in groups:
         used = {name for other, family in streams if other is group for name in family.names}
         rest = [n for n in group.table.columns if n not in used | set(time_names(group.table))]
         if rest:
-            where = f"{group.files[0].name} {group.table_name}".strip()
-            lines.append(mapping_comment(f"not recognised in {where}: {', '.join(rest)}"))
-    return "\n".join(lines) + "\n" if lines else ""
+            packet = "" if group.packet is None else str(group.packet[1])
+            where = " ".join(filter(None, (group.files[0].name, group.table_name, packet)))
+            lines.append(f"{where}: {', '.join(rest)}")
+    return lines

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.importing.clock_guess import guessed_clock
+from bayes_inertia.importing.clock_guess import ClockGuess, guessed_clock, stamp_units
 from bayes_inertia.importing.column_families import ColumnFamily, time_names
-from bayes_inertia.importing.common_clock import SHARED_ZERO
+from bayes_inertia.importing.file_share import SHARED_ZERO
 from bayes_inertia.importing.known_notation import notation_of
 from bayes_inertia.importing.mapping_text import mapping_comment, mapping_entry, mapping_value
 from bayes_inertia.importing.questions import UNKNOWN, question_at
@@ -40,11 +40,14 @@ class FileGroup:
         Their table; "" for files that are one table.
     table : RawTable
         The first of them.
+    packet : tuple of str and (str or int), optional
+        Of tables with rows of several packets, the column that says which, and its value.
     """
 
     files: tuple[Path, ...]
     table_name: str
     table: RawTable
+    packet: tuple[str, str | int] | None = None
 
 
 def stream_text(
@@ -78,9 +81,13 @@ def stream_text(
     lines += _time(group, path, one_clock)
     lines.append("offset_s = 0.0  # true time minus stamp [s]: -0.125 if stamps are 0.125 s late")
     lines += _attitude(group, family) if family.holds == "attitude" else _readings(group, family)
+    if group.packet is not None:
+        of_packet = dict(zip(("name", "equals"), group.packet, strict=True))
+        lines.append(f"valid = {mapping_value(of_packet)}  # the rows of this packet")
     flags = [n for n in group.table.columns if re.search(r"valid|flag|status|quality", n.lower())]
-    if flags:
+    if flags and group.packet is None:
         lines.append(f'# valid = {{ name = "{flags[0]}", equals = 1 }}  # rows that count')
+    lines.append("# missing = -9999  # what marks that there is no reading")
     text = "\n".join(lines) + "\n"
     return "\n".join(f"# {line}" for line in text.splitlines()) + "\n" if commented else text
 
@@ -95,7 +102,7 @@ def _pattern(files: Sequence[Path]) -> list[str]:
 def _readings(group: FileGroup, family: ColumnFamily) -> list[str]:
     """Columns, unit and sense of readings."""
     path = ("streams", family.holds)
-    says = notation_of(family.holds, family.names[0])
+    says = _said(group, family)
     lines = [mapping_entry((*path, "names"), list(family.names))]
     unit, why = says.get("unit", ("", ""))
     if family.stated_unit:
@@ -112,6 +119,20 @@ def _readings(group: FileGroup, family: ColumnFamily) -> list[str]:
     return lines
 
 
+def _said(group: FileGroup, family: ColumnFamily) -> dict[str, tuple[str, str]]:
+    """What the name of the first column says, or that of a file of PX4, which is its message."""
+    stem, name = group.files[0].stem, family.names[0]
+    return notation_of(family.holds, f"{stem}/{name}" if "vehicle_" in stem else name)
+
+
+def _guessed_clock(group: FileGroup, names: Sequence[str]) -> ClockGuess:
+    """The clock that the stamps show, or that the notation of the columns and the file says."""
+    guess = guessed_clock(group.table, names)
+    columns = " ".join([*group.table.columns, f"{group.files[0].stem}/{' '.join(names)}"])
+    says = notation_of("time", columns)
+    return ClockGuess(*says["kind"]) if guess.kind == UNKNOWN and says else guess
+
+
 def _range(table: RawTable, names: Sequence[str]) -> str:
     """Between what the readings of columns lie."""
     values = np.concatenate([table.columns[name].values.astype(float) for name in names])
@@ -124,14 +145,15 @@ def _range(table: RawTable, names: Sequence[str]) -> str:
 def _attitude(group: FileGroup, family: ColumnFamily) -> list[str]:
     """Form, columns and sense of attitudes; what the file states is left out."""
     stated = stated_attitude(group.table)
-    says = notation_of("attitude", family.names[0])
+    says = _said(group, family)
     path = ("streams", "attitude")
     values: dict[str, tuple[Any, str]] = {
         "form": (family.form, ""),
         "names": (list(family.names), ""),
     }
     if family.form == "quaternion":
-        values["scalar"] = (family.scalar or UNKNOWN, _FROM_NAMES)
+        scalar = (family.scalar or UNKNOWN, _FROM_NAMES)
+        values["scalar"] = scalar if family.scalar else says.get("scalar", scalar)
     if family.form == "euler":
         values |= {"sequence": (UNKNOWN, ""), "turns": (UNKNOWN, "")}
         values["unit"] = (family.unit or family.stated_unit or UNKNOWN, _FROM_NAMES)
@@ -146,6 +168,8 @@ def _attitude(group: FileGroup, family: ColumnFamily) -> list[str]:
             f"{key} = {mapping_value(value)}" for key, value in stated.items() if value
         )
         lines.append(mapping_comment(f"the file states {told}"))
+    if not stated:
+        lines.append("# scale = 1.0  # for counts: element = scale * count")
     if stated.get("frame") != "body":
         lines.append('# body_from_tracker = [[...], [...], [...]]  # with frame = "tracker"')
     return lines
@@ -165,8 +189,11 @@ def _time(group: FileGroup, path: tuple[str, ...], one_clock: bool) -> list[str]
     if table.time_names and table.time_kind and table.time_kind not in FREE_CLOCKS:
         return [f"# the file states its time: {', '.join(table.time_names)} ({table.time_kind})"]
     names = time_names(table)
-    guess = guessed_clock(table, names)
+    guess = _guessed_clock(group, names)
     entry: dict[str, Any] = {"names": names or UNKNOWN, "kind": guess.kind}
+    units = stamp_units(table, names)
+    if len(names) > 1 and set(units) != {"date"}:
+        entry["units"] = [unit or UNKNOWN for unit in units]
     if guess.kind in FREE_CLOCKS:
         entry["epoch"] = SHARED_ZERO if one_clock else UNKNOWN
     hints = {"kind": guess.hint}

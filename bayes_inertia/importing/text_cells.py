@@ -13,12 +13,22 @@ from typing import NamedTuple
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.raw_table import EMPTY_CELLS, number_of
 from bayes_inertia.importing.text_options import TextOptions
+from bayes_inertia.importing.time_texts import is_date
 
 WHITESPACE = "whitespace"
 _DELIMITERS = ("\t", ";", ",", "|", WHITESPACE)
 _SAMPLE = 200  # Rows by which a file is judged.
+_SAMPLE_BYTES = 2**20  # By which an encoding is told.
 _COMMENTS = ("#", "%", "//")
-_TIME = re.compile(r"\d{4}[-/]\d{1,3}([-/]\d{1,2})?[T ]\d.*|\d{1,3}:\d{2}(:\d{2}.*)?")
+_LINE_END = re.compile("\r\n|\n|\r")
+_MOST_CUT = 3  # Lines that losses of power may cut in a short file; in a long one, every 20th.
+_CONTROL = re.compile("[\x01-\x08\x0e-\x19\x1b-\x1f]")  # Signs of a binary file.
+# Not a whole row that a time begins.
+_ZONE = r"(\s?[A-Za-z]{1,4})?([+-]\d\d:?\d\d)?"
+_TIME = re.compile(
+    rf"\d{{4}}[-/]\d{{1,3}}([-/]\d{{1,2}})?[T ]\d[\d:]*([.,]\d*)?{_ZONE}|"
+    rf"\d{{1,3}}:\d{{2}}(:\d{{2}}([.,]\d*)?{_ZONE})?"
+)
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF32_LE, "utf-32"),
@@ -80,36 +90,102 @@ def decoded(data: bytes, label: str, encoding: str = "") -> str:
     Raises
     ------
     CampaignError
-        If it is no text.
+        If it is no text, or holds zero bytes.
 
     Examples
     --------
     >>> decoded("t;°/s".encode("utf-16-le"), "a.csv"), decoded("t;°/s".encode("latin-1"), "a.csv")
     ('t;°/s', 't;°/s')
     """
+    text = _text_of(data, label, encoding)
+    if "\0" in text:
+        raise _zero_bytes(_LINE_END.split(text), label)
+    return text
+
+
+def whole_lines(data: bytes, label: str, encoding: str = "") -> tuple[str, tuple[str, ...]]:
+    """The text of a file whose lines are independent, without lines that a loss of power cut.
+
+    A logger that loses power leaves zero bytes where its last lines were to stand.
+
+    Parameters
+    ----------
+    data : bytes
+        The file's content.
+    label : str
+        The file, as messages name it.
+    encoding : str, optional
+        As of `decoded`.
+
+    Returns
+    -------
+    text : str
+        Lines with zero bytes are empty, so that the others keep their numbers.
+    notes : tuple of str
+        What was left out.
+
+    Raises
+    ------
+    CampaignError
+        If it is no text.
+
+    Examples
+    --------
+    >>> whole_lines(b"t,w\\n0,1\\n1,2\\n2,\\0\\0", "a.csv")
+    ('t,w\\n0,1\\n1,2\\n', ('zero bytes in line 4 (a loss of power?): 1 line cut left out',))
+    """
+    text = _text_of(data, label, encoding)
+    if "\0" not in text:
+        return text, ()
+    lines = _LINE_END.split(text)
+    zeros = [number for number, line in enumerate(lines, start=1) if "\0" in line]
+    cut = [number for number in zeros if lines[number - 1].strip("\0 \t")]
+    kept = ["" if "\0" in line else line for line in lines]
+    whole = sum(bool(line.strip()) for line in kept)
+    if len(cut) > max(_MOST_CUT, whole // 20) or not whole or _CONTROL.search("".join(kept)):
+        raise _zero_bytes(lines, label)
+    where = f"line{'s' * (len(zeros) > 1)} {', '.join(map(str, zeros[:5]))}"
+    gone = f"{len(cut)} line{'s' * (len(cut) > 1)} cut left out" if cut else "left out"
+    more = f" and {len(zeros) - 5} more" if len(zeros) > 5 else ""
+    return "\n".join(kept), (f"zero bytes in {where}{more} (a loss of power?): {gone}",)
+
+
+def _zero_bytes(lines: Sequence[str], label: str) -> CampaignError:
+    """The refusal of a file with zero bytes."""
+    first = next(number for number, line in enumerate(lines, start=1) if "\0" in line)
+    if not "".join(lines).strip("\0 \t"):
+        return CampaignError(
+            "holds nothing but zero bytes",
+            where=label,
+            advice="the logger lost power before it wrote: take another copy, or leave it out",
+        )
+    return CampaignError(
+        "zero bytes: no text, or a logger that lost power",
+        where=f"{label}, line {first}",
+        advice="a text: take the zero bytes and the lines that they cut out; another format: give "
+        "the file its suffix, or export it as CSV",
+    )
+
+
+def _text_of(data: bytes, label: str, encoding: str) -> str:
+    """The text of a file, with its zero bytes, without a byte-order mark."""
     chosen = encoding or _encoding(data)
     try:
-        text = data.decode(chosen)
+        return data.decode(chosen).removeprefix("\ufeff")
     except (UnicodeError, LookupError) as error:
         raise CampaignError(
             f"cannot be read as {chosen} text",
             where=label,
             advice="export it again as UTF-8, or state another encoding",
         ) from error
-    if "\0" in text:
-        raise CampaignError(
-            "is no text: it holds zero bytes",
-            where=label,
-            advice="give the file the suffix of its format, or export it as CSV",
-        )
-    return text.removeprefix("\ufeff")
 
 
 def _encoding(data: bytes) -> str:
     for mark, name in _MARKS:
         if data.startswith(mark):
             return name
-    head = data[:4000]
+    # No text of UTF-16 holds four zero bytes in a row; a logger that lost power leaves them.
+    head = re.sub(rb"\0{4,}", b"", data[:_SAMPLE_BYTES])[:4000]
     if len(head) >= 4 and len(head[1::2]) and head[1::2].count(0) > 0.4 * len(head[1::2]):
         return "utf-16-le"
     if len(head) >= 4 and head[::2].count(0) > 0.4 * len(head[::2]):
@@ -140,7 +216,7 @@ def content_lines(text: str, comment: str = "") -> tuple[list[tuple[int, str]], 
     """
     signs = (comment,) if comment else _COMMENTS
     lines, comments = [], {}
-    for number, line in enumerate(re.split("\r\n|\n|\r", text), start=1):
+    for number, line in enumerate(_LINE_END.split(text), start=1):
         stripped = line.strip()
         if not stripped:
             continue
@@ -221,7 +297,7 @@ def is_reading(cell: str, decimal: str) -> bool:
     """
     if number_of(cell, decimal) == number_of(cell, decimal):
         return not (decimal == "," and "." in cell and "," in cell)
-    return bool(_TIME.fullmatch(cell))
+    return bool(_TIME.fullmatch(cell)) or is_date(cell)
 
 
 def told_form(lines: Sequence[tuple[int, str]], options: TextOptions, label: str) -> TextForm:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +17,14 @@ from bayes_inertia.importing.text_cells import (
     CellRow,
     TextForm,
     content_lines,
-    decoded,
     is_reading,
     split_rows,
     told_form,
+    whole_lines,
 )
 from bayes_inertia.importing.text_options import TextOptions
 
+_FEW = 4  # Rows; of fewer none tells how long the others should be.
 _JUDGED = 200  # Rows by which columns of numbers are told.
 _BRACKETS = re.compile(r".*?\s*[\[(<]([^\[\]()<>]*)[\])>]\s*")
 _UNIT_WORDS = frozenset(
@@ -56,7 +58,9 @@ def read_text_table(path: Path, options: TextOptions) -> RawTable:
         If the file is no table; the error names the line.
     """
     label = str(path)
-    return parse_text(decoded(read_bytes(path), label, options.encoding), label, options)
+    text, notes = whole_lines(read_bytes(path), label, options.encoding)
+    table = parse_text(text, label, options)
+    return replace(table, notes=(*notes, *table.notes))
 
 
 def parse_text(text: str, label: str, options: TextOptions) -> RawTable:
@@ -95,6 +99,7 @@ def parse_text(text: str, label: str, options: TextOptions) -> RawTable:
     form = told_form(lines, options, label)
     rows = list(split_rows(lines, form.delimiter, label))
     count = _common_length(rows)
+    rows, notes = _without_cut_end([_trimmed(row, count) for row in rows], count, text)
     stated = max(options.header_line, options.units_line) if options.header_line >= 0 else -1
     first = _first_data_row(rows, count, form.decimal, stated, label)
     name_row, unit_row = _head(rows[:first], comments, rows[first].line, count, form, options)
@@ -104,8 +109,35 @@ def parse_text(text: str, label: str, options: TextOptions) -> RawTable:
         _unit(cell) or _unit_in_name(name)
         for cell, name in zip(_padded(unit_row, count), names, strict=True)
     ]
-    names = _without_last_blank(_own_names(names), rows[first:], count)
-    return _table(rows[first:], names, units, form.decimal, label)
+    below, repeated = _without_heads(rows[first:], (name_row, unit_row))
+    names = _without_last_blank(_own_names(names), below, count)
+    return _table(below, names, units, form.decimal, label, (*notes, *repeated))
+
+
+def _trimmed(row: CellRow, count: int) -> CellRow:
+    """A row without empty cells beyond the last column, as a delimiter at its end makes them."""
+    if len(row.cells) <= count or any(row.cells[count:]):
+        return row
+    return CellRow(row.line, row.cells[:count])
+
+
+def _without_cut_end(
+    rows: list[CellRow], count: int, text: str
+) -> tuple[list[CellRow], tuple[str, ...]]:
+    """Rows without a last one that breaks off, as where a logger lost power; what to say of it."""
+    if len(rows) < _FEW or len(rows[-1].cells) >= count or text.endswith(("\n", "\r")):
+        return rows, ()
+    return rows[:-1], (f"line {rows[-1].line}, the last, breaks off and was left out",)
+
+
+def _without_heads(
+    rows: list[CellRow], head: Sequence[CellRow | None]
+) -> tuple[list[CellRow], tuple[str, ...]]:
+    """Rows without repeated names and units, as of files that were put together."""
+    cells = {row.cells for row in head if row}
+    kept = [row for row in rows if row.cells not in cells]
+    gone = next((row.line for row in rows if row.cells in cells), 0)
+    return kept, (f"the names stand again in line {gone}: taken once",) if gone else ()
 
 
 def _padded(row: CellRow | None, count: int) -> list[str]:
@@ -189,7 +221,7 @@ def _head(
     stated = {row.line: row for row in above}
     for line in (options.header_line, options.units_line):
         if line in comments:
-            stated[line] = _commented(comments, line, form)
+            stated[line] = _commented(comments, line, form, count)
     names, units = _told_head(above, comments, data_line, count, form)
     if options.header_line:
         names = stated.get(options.header_line)
@@ -198,9 +230,9 @@ def _head(
     return names, units
 
 
-def _commented(comments: dict[int, str], line: int, form: TextForm) -> CellRow:
+def _commented(comments: dict[int, str], line: int, form: TextForm, count: int) -> CellRow:
     rows = split_rows([(line, comments[line])], form.delimiter)
-    return next(iter(rows), CellRow(line, ()))
+    return _trimmed(next(iter(rows), CellRow(line, ())), count)
 
 
 def _told_head(
@@ -230,7 +262,7 @@ def _commented_head(
     """Comments right above the data that look like names and units, as numpy writes them."""
     full: list[CellRow] = []
     for line in sorted((n for n in comments if n < data_line), reverse=True):
-        row = _commented(comments, line, form)
+        row = _commented(comments, line, form, count)
         if len(row.cells) == count and not _holds_readings(row.cells, form.decimal):
             full.insert(0, row)
             if not _is_units(row.cells):
@@ -285,7 +317,12 @@ def _without_last_blank(names: list[str], rows: Sequence[CellRow], count: int) -
 
 
 def _table(
-    rows: Sequence[CellRow], names: list[str], units: list[str], decimal: str, label: str
+    rows: Sequence[CellRow],
+    names: list[str],
+    units: list[str],
+    decimal: str,
+    label: str,
+    notes: tuple[str, ...],
 ) -> RawTable:
     count = len(names)
     for row in rows:
@@ -302,7 +339,7 @@ def _table(
         name: text_column(values, decimal, unit)
         for name, values, unit in zip(names, cells, units, strict=False)
     }
-    return RawTable(label, columns, np.array([row.line for row in rows], dtype=int))
+    return RawTable(label, columns, np.array([row.line for row in rows], dtype=int), notes=notes)
 
 
 def _is_text(cell: str, decimal: str) -> bool:

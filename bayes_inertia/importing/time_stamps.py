@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from decimal import Decimal, InvalidOperation
 from functools import partial
 from types import MappingProxyType
 
@@ -21,7 +20,19 @@ import numpy as np
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.leap_seconds import SECOND, tai_to_utc, utc_to_tai
 from bayes_inertia.importing.raw_table import RawTable
-from bayes_inertia.importing.time_texts import plain_dates, text_to_ns
+from bayes_inertia.importing.stamp_parts import (
+    added_parts,
+    exact_ns,
+    sizes_of,
+    unit_in_name,
+    weeks_ns,
+)
+from bayes_inertia.importing.time_texts import (
+    form_of_format,
+    plain_dates,
+    text_to_ns,
+    written_dates,
+)
 from bayes_inertia.maths.values import array_dataclass
 
 _DAY = 86400 * SECOND  # [ns]
@@ -34,6 +45,7 @@ _TT_MINUS_TAI = 32_184_000_000  # [ns]
 
 FREE_CLOCKS: Mapping[str, int] = MappingProxyType(
     {"ns": 1, "us": 1000, "ms": 10**6, "s": SECOND, "min": 60 * SECOND, "h": 3600 * SECOND}
+    | {"day": _DAY}
 )
 """Kinds of stamps from a clock's own zero, and their nanoseconds."""
 
@@ -64,6 +76,7 @@ _DAYS: Mapping[str, tuple[float, int, bool]] = MappingProxyType(
         "jd_utc": (_JD_1958, 0, True),
         "jd_tai": (_JD_1958, 0, False),
         "jd_tt": (_JD_1958, -_TT_MINUS_TAI, False),
+        "cds": (0, 0, True),
     }
 )
 _TEXTS: Mapping[str, int | None] = MappingProxyType(
@@ -97,6 +110,8 @@ class TimeStamps:
         Whether other absolute clocks share the scale.
     resolution_s : float
         The step in which the file can write a stamp [s].
+    zero_ns : int, optional
+        The stamp of the clock's own zero.
 
     Examples
     --------
@@ -109,6 +124,7 @@ class TimeStamps:
     missing: np.ndarray
     absolute: bool
     resolution_s: float
+    zero_ns: int = 0
 
     @property
     def first_ns(self) -> int:
@@ -133,7 +149,14 @@ class TimeStamps:
 
 
 def times_to_seconds(
-    table: RawTable, names: Sequence[str], kind: str, *, gps_rollovers: int = 0
+    table: RawTable,
+    names: Sequence[str],
+    kind: str,
+    *,
+    units: Sequence[str] = (),
+    form: str = "",
+    gps_rollovers: int | None = None,
+    first_day: int = 0,
 ) -> TimeStamps:
     """The stamps of a table on the common scale.
 
@@ -142,13 +165,21 @@ def times_to_seconds(
     table : RawTable
         The table.
     names : sequence of str
-        The column of the stamps; for "gps_week" week and seconds of the week.
+        The column of the stamps, or columns that are added: date and time of the day, seconds and
+        nanoseconds, week and seconds of the week, day and milliseconds of the day.
     kind : str
-        One of `TIME_KINDS`: "s", "ms", "us", "ns", "min", "h" (a clock's own zero); "utc", "tai",
-        "gps", "tt" (texts, calendar or day of year); "gps_s" to "gps_ns", "gps_week", "tai_s" to
-        "tai_ns" (since 1958), "unix_s" to "unix_ns"; "mjd_utc", "jd_utc" and these with tai, tt.
+        One of `TIME_KINDS`: "s", "ms", "us", "ns", "min", "h", "day" (a clock's own zero); "utc",
+        "tai", "gps", "tt" (texts, calendar or day of year); "gps_s" to "gps_ns", "gps_week",
+        "tai_s" to "tai_ns" (since 1958), "unix_s" to "unix_ns"; "mjd_utc", "jd_utc" and these
+        with tai, tt; "cds" (days of UTC since 1958).
+    units : sequence of str, optional
+        What each column counts, such as "s/65536"; empty: kind and names say it.
+    form : str, optional
+        How dates are written, in directives of `strptime`; "" for the forms that are told.
     gps_rollovers : int, optional
         For weeks that are cut to ten bits: how often they began anew, such as 2 from 2019-04-07.
+    first_day : int, optional
+        For "cds": the days from 1958-01-01 to the day that it calls 0.
 
     Returns
     -------
@@ -169,21 +200,12 @@ def times_to_seconds(
     >>> gps.ns - times_to_seconds(text, ["t"], "utc").ns
     array([0])
     """
-    _check_kind(table, names, kind)
+    _check_kind(table, names, kind, units)
     if kind in _TEXTS:
-        ns, missing = _from_texts(table, names[0], kind)
+        ns, missing = _from_texts(table, names, kind, units, form)
         resolution = 1.0 / SECOND
-    elif kind == "gps_week":
-        ns, missing, resolution = _from_weeks(table, names, gps_rollovers)
-    elif kind in _DAYS:
-        zero, ahead, leaps = _DAYS[kind]
-        ns, missing, resolution = _exact_ns(table, names[0], _DAY, zero)
-        ns = (utc_to_tai(ns) if leaps else ns) + ahead
     else:
-        unit, start, leaps = _NUMBERS.get(kind, (FREE_CLOCKS.get(kind, 1), 0, False))
-        ns, missing, resolution = _exact_ns(table, names[0], unit)
-        ns = ns + start
-        ns = utc_to_tai(ns) if leaps else ns
+        ns, missing, resolution = _from_counts(table, names, kind, units, gps_rollovers, first_day)
     absolute = kind not in FREE_CLOCKS
     stamps = TimeStamps(np.where(missing, 0, ns), missing, absolute, resolution)
     _check_years(table, names, kind, stamps)
@@ -218,7 +240,7 @@ def dates_of(number: float, kind: str) -> np.datetime64 | None:
     return np.datetime64("1958-01-01", "ns") + np.timedelta64(ns if leaps else tai_to_utc(ns), "ns")
 
 
-def _check_kind(table: RawTable, names: Sequence[str], kind: str) -> None:
+def _check_kind(table: RawTable, names: Sequence[str], kind: str, units: Sequence[str]) -> None:
     if kind not in TIME_KINDS:
         raise CampaignError(
             f"{kind!r} is no kind of time stamp",
@@ -226,37 +248,67 @@ def _check_kind(table: RawTable, names: Sequence[str], kind: str) -> None:
             advice=f"write one of {', '.join(TIME_KINDS)}",
         )
     wanted = 2 if kind == "gps_week" else 1
-    if len(names) != wanted:
-        two = "two columns, the week and the seconds of the week"
+    if len(names) < wanted:
+        two = "the week and the seconds of the week"
         raise CampaignError(
             f"{len(names)} columns are named for stamps of the kind {kind!r}",
             where=table.label,
-            advice=f"name {two if wanted == 2 else 'one column'}",
+            advice=f"name {f'two columns, {two}' if wanted == 2 else 'one column'}",
+        )
+    if units and len(units) != len(names):
+        raise CampaignError(
+            f"{len(units)} units for {len(names)} columns of the time",
+            where=table.label,
+            advice='give one a column, such as names = ["sec", "nanosec"], units = ["s", "ns"]',
         )
 
 
-def _from_texts(table: RawTable, name: str, kind: str) -> tuple[np.ndarray, np.ndarray]:
-    """Stamps written as dates, on the TAI scale."""
-    column = table.column(name)
-    if not column.is_text:
-        if column.values.dtype.kind == "f" and np.isnan(column.values).all():
-            return np.zeros(table.rows, dtype=np.int64), np.ones(table.rows, dtype=bool)
+def _from_texts(
+    table: RawTable, names: Sequence[str], kind: str, units: Sequence[str], form: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """Stamps (rows,) written as dates, on the TAI scale, and the rows without one."""
+    name, column = names[0], table.column(names[0])
+    counted: list[str] = []
+    if len(names) > 1 or form:
+        cells, counted = written_dates(table, names, units, form)
+    elif column.is_text:
+        cells = column.values.tolist()
+    elif column.values.dtype.kind == "f" and np.isnan(column.values).all():
+        return np.zeros(table.rows, dtype=np.int64), np.ones(table.rows, dtype=bool)
+    else:
         raise CampaignError(
             f"holds numbers, not the dates that {kind!r} means",
             where=f"{table.label}, column {name}",
-            advice=f"state another kind of stamp: one of {', '.join(TIME_KINDS)}",
+            advice=f"state another kind of stamp: one of {', '.join(TIME_KINDS)}; or add how they "
+            'are written, such as format = "%Y%m%d%H%M%S"',
         )
+    ns, missing = _dates_in_tai(table, name, kind, cells, form)
+    if counted:
+        # Of hours, minutes and seconds none divides a day.
+        of_day = ["day", *(units[names.index(n)] if units else unit_in_name(n) for n in counted)]
+        sizes = sizes_of(table, [name, *counted], of_day, "day")
+        parts, empty, _ = added_parts(table, [name, *counted], sizes, of_date=True)
+        ns, missing = ns + parts, missing | empty
+    return ns, missing
+
+
+def _dates_in_tai(
+    table: RawTable, name: str, kind: str, cells: list[str], form: str
+) -> tuple[np.ndarray, np.ndarray]:
+    """Dates (rows,) on the TAI scale, and the rows without one."""
+    pattern = form_of_format(form, f"{table.label}, format") if form else None
     ns = np.zeros(table.rows, dtype=np.int64)
     leap = np.zeros(table.rows, dtype=bool)
     missing = np.zeros(table.rows, dtype=bool)
-    cells = column.values.tolist()
     # A clock that is not UTC has no zone: text_to_ns refuses it by its row.
     zoned = cells[0].endswith("Z") if cells else False
-    alike = plain_dates(cells) if kind == "utc" or not zoned else None
+    alike = plain_dates(cells) if not form and (kind == "utc" or not zoned) else None
     if alike is not None:
         ns, cells = alike, []
     for row, cell in enumerate(cells):
-        read = text_to_ns(cell, utc=kind == "utc", place=partial(table.place, row, name))
+        place = partial(table.place, row, name)
+        text = cell.strip().removesuffix(kind.upper()) if kind != "utc" else cell
+        read = text_to_ns(text, utc=kind == "utc", place=place, form=pattern)
         if read is None:
             missing[row] = True
         else:
@@ -268,72 +320,32 @@ def _from_texts(table: RawTable, name: str, kind: str) -> tuple[np.ndarray, np.n
     return utc_to_tai(ns) + leap * SECOND, missing
 
 
-def _from_weeks(
-    table: RawTable, names: Sequence[str], rollovers: int
+def _from_counts(
+    table: RawTable,
+    names: Sequence[str],
+    kind: str,
+    units: Sequence[str],
+    rollovers: int | None,
+    first_day: int,
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Stamps of GPS week and seconds of the week."""
-    week = table.numbers(names[0])
-    seconds, missing, resolution = _exact_ns(table, names[1], SECOND)
-    missing = missing | np.isnan(week)
-    week = np.where(missing, 0.0, week)
-    wrong = (week != np.floor(week)) | (week < 0) | (week > 99999)
-    wrong |= (seconds < 0) | (seconds >= 7 * _DAY + SECOND)
-    wrong &= ~missing
-    if wrong.any():
-        row = int(np.argmax(wrong))
-        raise CampaignError(
-            f"week {week[row]:g} with {seconds[row] / SECOND:g} s is no GPS time",
-            where=table.place(row, names[0]),
-            advice="name the column of whole weeks first, then that of the seconds of the week "
-            "(0 to 604800)",
-        )
-    weeks = week.astype(np.int64) + 1024 * rollovers
-    return weeks * (7 * _DAY) + seconds + _GPS_1980, missing, resolution
-
-
-def _exact_ns(
-    table: RawTable, name: str, unit: int, zero: float = 0.0
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """A column of numbers in whole nanoseconds, the rows without one, and its resolution [s]."""
-    column = table.column(name)
-    values = table.numbers(name)
-    missing = np.isnan(values)
-    size = float(np.max(np.abs(np.where(missing, 0.0, values)), initial=0.0))
-    if size * unit >= 2.0**62 + zero * unit:
-        row = int(np.argmax(np.abs(np.where(missing, 0.0, values))))
-        raise CampaignError(
-            f"{values[row]:g} is no time of this kind",
-            where=table.place(row, name),
-            advice="state the kind and unit that the column has",
-        )
-    if column.exact is not None:
-        return _decimal_ns(table, name, unit, zero), missing, max(unit * 1e-18, 1e-9)
-    if column.values.dtype.kind in "iu":
-        ns = (column.values.astype(np.int64) - math.floor(zero)) * unit
-        return ns - round((zero % 1.0) * unit), missing, 1e-9
-    spacing = np.spacing(np.float32(size)) if column.single else np.spacing(size)
-    # Whole units and the rest apart: each is exact, the sum of floats would not be.
-    numbers = np.where(missing, 0.0, values)
-    whole = np.floor(numbers)
-    rest = numbers - whole - zero % 1.0
-    ns = (whole.astype(np.int64) - math.floor(zero)) * unit
-    return ns + np.rint(rest * unit).astype(np.int64), missing, float(spacing) * unit / SECOND
-
-
-def _decimal_ns(table: RawTable, name: str, unit: int, zero: float) -> np.ndarray:
-    """Cells with more digits than a float holds, in whole nanoseconds."""
-    column = table.column(name)
-    assert column.exact is not None
-    start = Decimal(zero)
-    ns = np.zeros(column.exact.size, dtype=np.int64)
-    for row, cell in enumerate(column.exact.tolist()):
-        try:
-            number = Decimal(cell.strip().replace(",", "."))
-        except InvalidOperation:
-            number = Decimal(str(column.values[row]))
-        if number.is_finite():
-            ns[row] = int(((number - start) * unit).to_integral_value())
-    return ns
+    """Stamps (rows,) that count from a moment, rows without one, and their resolution [s]."""
+    size, start, leaps = _NUMBERS.get(kind, (FREE_CLOCKS.get(kind, _DAY), 0, False))
+    first = next(unit for unit, value in FREE_CLOCKS.items() if value == size)
+    if kind == "gps_week":
+        first, start = "week", _GPS_1980
+    sizes = sizes_of(table, names, units, first)
+    zero, ahead, leaps_of_day = _DAYS.get(kind, (0, 0, False))
+    if kind == "gps_week":
+        ns, missing, resolution = *weeks_ns(table, names[0], rollovers), 1e-9
+    else:
+        ns, missing, resolution = exact_ns(table, names[0], sizes[0], zero - first_day)
+    # A day is counted on at its start: what a leap second adds comes after.
+    ns = (utc_to_tai(ns) if leaps_of_day else ns) + ahead
+    if len(names) > 1:
+        parts, empty, resolution = added_parts(table, names, sizes)
+        ns, missing = ns + parts, missing | empty
+    ns = ns + start
+    return (utc_to_tai(ns) if leaps else ns), missing, resolution
 
 
 def _check_years(table: RawTable, names: Sequence[str], kind: str, stamps: TimeStamps) -> None:

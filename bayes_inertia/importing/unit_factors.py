@@ -1,13 +1,14 @@
 """Units of raw logs: spelled as the field spells them, read by pint, turned into SI and radians.
 
-To pint an angle has no dimension. Here a rate needs one, so that hertz or 1/s, which could mean
-turns or radians, is refused. The spellings that pint does not know (mNm, Nms, N.m, deg/sec, RPM,
-s-1) are rewritten before it reads them. The units of a campaign folder are fewer and stand in
-`campaign.units`.
+To pint an angle has no dimension. Here a rate needs one, so that 1/s, which could mean turns or
+radians, is refused; of a wheel, hertz and 1/min are turns. The spellings that pint does not know
+(mNm, Nms, N.m, deg/sec, krpm, s-1) are rewritten before it reads them. The units of a campaign
+folder are fewer and stand in `campaign.units`.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping
 from functools import cache
@@ -43,6 +44,12 @@ _WORDS: Mapping[str, str] = MappingProxyType(
         "rev": "revolution",
         "revs": "revolution",
         "rpm": "revolution/minute",
+        "rph": "revolution/hour",
+        "cps": "revolution/s",
+        "radps": "rad/s",
+        "degps": "deg/s",
+        **dict.fromkeys(("r", "u", "tr", "rot", "rotation", "rotations", "round"), "revolution"),
+        "min": "minute",
         "deg": "deg",
         "degs": "deg",
         "degree": "deg",
@@ -64,8 +71,15 @@ _WORDS: Mapping[str, str] = MappingProxyType(
 )
 # Exact spellings, capitals and all: pint's gauss has the dimensions of the Gaussian system.
 _EXACT: Mapping[str, str] = MappingProxyType({"G": "(1e-4*tesla)", "mG": "(1e-7*tesla)"})
-_NEWTON_METRE = re.compile(r"([munkcµμ]?)N(m)(s?)")
-
+_NEWTON_METRE = re.compile(r"([munkcµμ]?)N([cm]?m)(s?)")
+_JOULE_SECOND = re.compile(r"([munkµμ]?)J(s)")
+# Words with a slash of their own take a prefix in brackets: mdps, krpm.
+_PREFIXES = {"k": "1e3", "m": "1e-3", "u": "1e-6", "µ": "1e-6", "μ": "1e-6", "n": "1e-9"}
+_SHORTEST_NAME = 5  # Letters: Newton and Hertz are names, which have no capitals; kNms is none.
+# What a word means where pint's own meaning does not fit the quantity.
+_SECOND_MEANINGS = {"as": "arcsec", "lb": "lbf", "oz": "ozf"}
+# Of a wheel these count turns; 1/s is left open.
+_TURNS = re.compile(r"(min|minute|hertz|Hz)\b")
 
 _ANGLES = frozenset(
     {"radian", "degree", "arcminute", "arcsecond", "milliarcsecond", "turn", "grade"}
@@ -96,10 +110,15 @@ def _word(text: str) -> str:
     """One word of a unit in pint's spelling."""
     if text in _EXACT:
         return _EXACT[text]
-    joined = _NEWTON_METRE.fullmatch(text)
-    if joined:
-        return f"{joined[1]}N*m" + ("*s" if joined[3] else "")
-    return _WORDS.get(text.lower(), text)
+    if joined := _NEWTON_METRE.fullmatch(text):
+        return f"{joined[1]}N*{joined[2]}" + ("*s" if joined[3] else "")
+    if joined := _JOULE_SECOND.fullmatch(text):
+        return f"{joined[1]}J*s"
+    small = text.lower()
+    inner = _WORDS.get(small[1:], "")
+    if small not in _WORDS and text[:1] in _PREFIXES and ("/" in inner or "(" in inner):
+        return f"({_PREFIXES[text[0]]}*({inner}))"
+    return _WORDS.get(small, small if len(text) >= _SHORTEST_NAME else text)
 
 
 def spelled_for_pint(unit: str) -> str:
@@ -123,6 +142,12 @@ def spelled_for_pint(unit: str) -> str:
     text = unit.strip()
     if text[:1] + text[-1:] in ("[]", "()", "<>"):
         text = text[1:-1].strip()
+    if re.match("(RAD|DEG|REV|ARC)[A-Z]*[ /]", text) and text.isupper():
+        text = text.lower()
+    text = re.sub(r"(?<=[a-z])Per(?=[A-Z])|[\s_]+per[\s_]+", "/", text)
+    text = re.sub("(?i)arc[-_ ](?=sec|min)", "arc", text.replace("''", "″"))
+    text = re.sub('["″]', "arcsec", re.sub("['′]", "arcmin", text))
+    text = re.sub("[º˚]", "°", f"1{text}" if text.startswith("/") else text)
     text = re.sub("[²³]", lambda match: "^2" if match[0] == "²" else "^3", text)
     text = re.sub("[\u00b7\u22c5\u2022]", "*", text.replace("\u2212", "-").replace("°", "deg"))
     text = re.sub(r"(?<=[A-Za-z])[.\-_](?=[A-Za-z])", "*", text)  # N.m, N-m, N_m
@@ -132,6 +157,22 @@ def spelled_for_pint(unit: str) -> str:
     text = re.sub(r"\s+", "*", text)
     text = re.sub(r"[A-Za-zµμ]+", lambda match: _word(match[0]), text)
     return text.replace("^", "**")
+
+
+def _factor(quantity: str, spelled: str) -> float:
+    """SI units of a quantity in a unit that pint reads; its errors are pint's."""
+    import pint
+
+    si, registry = QUANTITIES[quantity][0], _registry()
+    # An expression may hold a factor of its own, as that of the gauss does.
+    value = registry.Quantity(1.0) * registry.parse_expression(spelled)
+    factor = float(value.to(si).magnitude)
+    powers = _powers_of_angle(value)
+    if quantity == "wheel_speed" and powers == 0.0 and _TURNS.search(spelled):
+        return factor * 2.0 * math.pi
+    if powers != (quantity in _OF_ANGLES):
+        raise pint.DimensionalityError(spelled, si)
+    return factor
 
 
 @cache
@@ -165,17 +206,18 @@ def unit_factor(quantity: str, unit: str) -> float:
     """
     import pint
 
-    si, accepted = QUANTITIES[quantity]
+    _, accepted = QUANTITIES[quantity]
     where, advice = f"unit {unit!r}", f"write {accepted}"
     if unit.strip().lower() in _ONE:
         raise CampaignError("no unit is given", where=where, advice=advice)
-    registry = _registry()
+    spelled = spelled_for_pint(unit)
     try:
-        # An expression may hold a factor of its own, as that of the gauss does.
-        value = registry.Quantity(1.0) * registry.parse_expression(spelled_for_pint(unit))
-        factor = float(value.to(si).magnitude)
-        if _powers_of_angle(value) != (quantity in _OF_ANGLES):
-            raise pint.DimensionalityError(unit, si)
+        try:
+            factor = _factor(quantity, spelled)
+        except pint.DimensionalityError:
+            words = "|".join(_SECOND_MEANINGS)
+            other = re.sub(rf"\b({words})\b", lambda word: _SECOND_MEANINGS[word[0]], spelled)
+            factor = _factor(quantity, other)
     except pint.DimensionalityError as error:
         article = "an" if quantity == "angle" else "a"
         what = f"is no unit of {article} {quantity.replace('_', ' ')}"
@@ -220,8 +262,8 @@ def to_si_with(
     """
     factor = unit_factor(quantity, unit)
     read = np.asarray(values, dtype=float)
-    if scale != 1.0 or offset != 0.0:
-        read = scale * read + offset
     # An overflow becomes infinite, which the campaign refuses by name.
     with np.errstate(over="ignore"):
+        if scale != 1.0 or offset != 0.0:
+            read = scale * read + offset
         return read * factor

@@ -146,7 +146,7 @@ def dogleg[X](
     [0.0, 0.0]
     """
     problem = _Problem(objective, equations, move)
-    best, radius = objective(x), _FIRST_RADIUS
+    (x, best), radius = problem.at(x), _FIRST_RADIUS
     reached_before = [np.inf] * _STALL_STEPS
     model = _QuadraticModel.at(*equations(x), size)
     for _ in range(steps):

@@ -13,7 +13,7 @@ _KINDS = {
     "gap": "gaps",
     "stuck": "stuck readings",
     "saturated": "saturated readings",
-    "duplicate": "rows sent twice",
+    "duplicate": "repeated rows",
     "clock": "wrong time stamps",
     "quantised": "rounding of the readings",
     "coloured": "noise that is correlated in time",

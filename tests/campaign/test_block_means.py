@@ -48,6 +48,21 @@ def thrown(time: np.ndarray, noise: float = 0.0) -> Campaign:
 TIME = np.arange(2000) * 2.48e-4  # [s]
 
 
+def test_tachometers_that_are_read_more_slowly_keep_their_momentum_and_its_noise():
+    campaign = thrown(TIME)
+    slower = (np.arange(len(TIME)) % 4 == 0)[:, None]
+    momentum = np.where(slower, campaign.slews[0].wheel_momentum + TIME[:, None], np.nan)
+    slew = replace(campaign.slews[0], wheel_momentum=momentum)
+    means = reduced(replace(campaign, slews=(slew,)), block=8)
+    of_rates = np.isfinite(means.slews[0].rate).all(axis=1)
+    read = means.slews[0].wheel_momentum[of_rates, 0]
+    truth = WHEEL + means.slews[0].time[of_rates]
+    np.testing.assert_allclose(read[:-3], truth[:-3], rtol=1e-9)
+    # After the last reading its value stays.
+    np.testing.assert_allclose(read[-3:], truth[-3:], atol=3.0 * (TIME[1] - TIME[0]))
+    assert means.wheels[0].momentum_sigma == pytest.approx(1e-5 / np.sqrt(2.0))
+
+
 def test_means_hold_the_motion_to_a_hundredth_of_their_noise():
     campaign = thrown(TIME)
     block = longest_block(campaign)

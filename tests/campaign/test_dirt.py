@@ -100,7 +100,7 @@ def test_a_clock_that_jumps_back_is_refused(tmp_path, by):
 
 def test_a_clock_that_jumps_back_by_whole_steps_is_refused(tmp_path):
     error = refusal(dirty(tmp_path / "c", jump(10.0)))
-    assert_teaches(error, ["slew_01.csv, line", "repeated with another content"])
+    assert_teaches(error, ["slew_01.csv, line", "goes back", "set back by"])
 
 
 def test_a_lost_row_leaves_its_commands_unknown(tmp_path):
@@ -351,6 +351,16 @@ def test_the_largest_commands_of_a_wrong_unit_are_no_dirt():
     assert without_impossible_torques(channels, [wheel]) == (channels, [])
     ramp[7] = 1e31
     _, dirt = without_impossible_torques(channels, [wheel])
+    assert [record.kind for record, _ in dirt] == ["outliers"]
+
+
+def test_one_number_that_marks_no_command_is_dirt_however_often():
+    wheel = Wheel("x", (1.0, 0.0, 0.0), 1e-3, max_torque=0.02)
+    torque = np.full((200, 1), 0.01)
+    torque[::10] = -9999.0
+    channels = {"time": np.arange(200.0), "wheel_torque": torque}
+    kept, dirt = without_impossible_torques(channels, [wheel])
+    assert np.isnan(kept["wheel_torque"]).sum() == 20
     assert [record.kind for record, _ in dirt] == ["outliers"]
 
 

@@ -99,6 +99,20 @@ def test_degrees_with_their_noise_are_mended_together(tmp_path):
     assert [change.key for change in alone.changes] == ["columns.rate.unit"]
 
 
+@pytest.mark.parametrize(("wrong", "factor"), [(0.002, 2), (0.0001, 10)])
+def test_a_spin_inertia_that_is_wrong_by_a_factor_is_mended(tmp_path, wrong, factor):
+    speed = {"names": ["h1_Nms", "h2_Nms", "h3_Nms"], "unit": "rad/s", "relative_to": "body"}
+    keys = {"columns.wheel_momentum": None, "columns.wheel_speed": speed}
+    spin = {f"wheels.wheel_{axis}.spin_inertia": wrong for axis in "xyz"}
+    folder = with_keys(EXAMPLE, tmp_path / "campaign", keys | spin)
+    check = check_conventions(in_another_unit(folder, "h", 1e3), quick=True)
+    assert check.verdict == "wrong"
+    assert {change.key for change in check.changes} == set(spin)
+    assert all(change.mended == pytest.approx(0.001) for change in check.changes)
+    assert f"is wrong by a factor of {factor}" in check.sentence
+    assert f"wheel_z differ by a factor of {factor}" in check.doubts[0]
+
+
 @pytest.mark.parametrize(
     ("prefix", "factor", "key", "unit"),
     [

@@ -94,3 +94,54 @@ def test_without_fixes_in_motion_a_late_gyro_and_early_wheels_are_the_same(right
         1: {"columns.rate.offset_s"},
         2: {"columns.wheel_torque.offset_s", "columns.wheel_momentum.offset_s"},
     }
+
+
+@pytest.mark.parametrize("channel", ["wheel_momentum", "rate"])
+def test_a_known_offset_is_named(right, channel):
+    check = check_conventions(late(right, (channel,), 18), quick=True)
+    first = check.changes[0]
+    assert (first.key, first.mended) == (f"columns.{channel}.offset_s", -18.0)
+    assert "GPS time is ahead of UTC" in check.sentence
+
+
+def moved_outside(campaign: Campaign, channel: str, seconds: float) -> Campaign:
+    """One channel by so much later, in rows of its own."""
+
+    def moved(slew):
+        rows = len(slew.time)
+        own = {
+            c: np.concatenate([v := np.array(getattr(slew, c)), np.full_like(v, np.nan)])
+            for c in ("rate", "attitude", "wheel_momentum")
+        }
+        own[channel] = np.roll(own[channel], rows, axis=0)
+        held = np.concatenate([slew.wheel_torque, 0.0 * slew.wheel_torque])
+        time = np.concatenate([slew.time, slew.time + seconds])
+        environment = {"magnetic_field_N": None, "position_N": None}
+        return replace(slew, time=time, wheel_torque=held, **own, **environment)
+
+    return replace(campaign, slews=tuple(moved(slew) for slew in campaign.slews))
+
+
+@pytest.mark.parametrize(
+    ("channel", "seconds", "offset"),
+    [
+        ("attitude", 3600.0, "columns.attitude.offset_s = -3600 (1 h, as of a time zone)"),
+        (
+            "attitude",
+            7182.0,
+            "columns.attitude.offset_s = -7182 (2 h, and GPS time is ahead of UTC)",
+        ),
+        (
+            "wheel_momentum",
+            3600.0,
+            "columns.wheel_momentum.offset_s = -3600 (1 h, as of a time zone)",
+        ),
+        ("attitude", 5000.0, "state their clock's offset as columns.attitude.offset_s"),
+    ],
+)
+def test_a_stream_outside_every_slew_is_doubtful_and_its_offset_said(
+    right, channel, seconds, offset
+):
+    check = check_conventions(moved_outside(right, channel, seconds), quick=True)
+    assert check.verdict == "doubtful"
+    assert any("outside every slew" in doubt and offset in doubt for doubt in check.doubts)

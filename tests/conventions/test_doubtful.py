@@ -1,4 +1,4 @@
-"""What is wrong by little or beside gaps is named too, and what cannot be shown is said briefly."""
+"""What is wrong by little, in one column or beside gaps is named, with its place and its cause."""
 
 from __future__ import annotations
 
@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from support.commands import run
 
 import bayes_inertia
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.conventions.check import check_conventions
+from bayes_inertia.conventions.columns import faulty_columns
 from bayes_inertia.conventions.invisible import invisible_in_brief
 from tests.support.wrong_conventions import with_keys
 
@@ -93,3 +95,179 @@ def test_what_cannot_be_shown_is_said_in_a_few_lines():
 def test_a_dead_rate_sensor_is_impossible_and_no_change_is_proposed():
     check = check_conventions(with_rates(np.zeros((3, 3))))
     assert (check.verdict, check.changes) == ("wrong", ())
+
+
+def with_channel(channel: str, change, **others: None):
+    """The example with one channel changed, and some of the others taken away."""
+    campaign = read_campaign(EXAMPLE)
+    slews = [
+        replace(slew, **{channel: change(np.array(getattr(slew, channel)))}, **others)
+        for slew in campaign.slews
+    ]
+    return replace(campaign, slews=tuple(slews))
+
+
+def column(k: int, value):
+    """A change of column k to what `value` makes of all columns."""
+
+    def change(values: np.ndarray) -> np.ndarray:
+        values[:, k] = value(values)
+        return values
+
+    return change
+
+
+NO_COMMANDS = {"wheel_torque": None}
+FAULTY = {
+    "one column for two axes": ("rate", column(1, lambda w: w[:, 0]), {}, "about y", "one column"),
+    "the same, negated": ("rate", column(2, lambda w: -w[:, 1]), {}, "about z", "other sign"),
+    "the same, scaled": ("rate", column(1, lambda w: 1.3 * w[:, 0]), {}, "about y", "times 0.769"),
+    "a dead axis": ("rate", column(0, lambda w: 0.0 * w[:, 0]), {}, "about x", "stays 0 to the"),
+    "an axis at a value": ("rate", column(1, lambda w: 0.0 * w[:, 1] + 1e-3), {}, "y", "0.001"),
+    "all axes": ("rate", lambda w: 0.0 * w, {}, "about z", "while the star tracker turns"),
+    "one tachometer for two": (
+        "wheel_momentum",
+        column(1, lambda h: h[:, 0]),
+        {},
+        "tachometer of wheel_y",
+        "one column for two",
+    ),
+    "a stuck tachometer": (
+        "wheel_momentum",
+        column(1, lambda h: 0.0 * h[:, 1] + 0.03),
+        {},
+        "tachometer of wheel_y",
+        "stays 0.03",
+    ),
+    "the same without commands": (
+        "wheel_momentum",
+        column(1, lambda h: 0.0 * h[:, 1] + 0.03),
+        NO_COMMANDS,
+        "tachometer of wheel_y",
+        "others show noise",
+    ),
+    "a dead command": (
+        "wheel_torque",
+        column(2, lambda u: 0.0 * u[:, 2]),
+        {},
+        "command of wheel_z",
+        "stays 0 to",
+    ),
+    "one command for two": (
+        "wheel_torque",
+        column(1, lambda u: u[:, 0]),
+        {},
+        "command of wheel_y",
+        "one column for two",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FAULTY)
+def test_a_column_that_is_no_reading_is_named_and_no_change_proposed(name):
+    channel, change, others, place, what = FAULTY[name]
+    check = check_conventions(with_channel(channel, change, **others), quick=True)
+    assert check.verdict in ("doubtful", "wrong")
+    assert check.changes == ()
+    assert any(place in doubt and what in doubt for doubt in check.doubts), check.doubts
+    assert "look for a torque" not in check.sentence
+
+
+def test_a_dead_axis_is_doubtful_although_all_laws_hold():
+    campaign = with_channel(*FAULTY["a dead axis"][:2])
+    check = check_conventions(replace(campaign, slews=campaign.slews[1:2]), quick=True)
+    assert max(check.misfits.values()) < 1.0
+    assert check.verdict == "doubtful"
+
+
+def test_columns_are_not_accused_where_steps_are_coarse_noise_is_absent_or_a_wheel_is_off():
+    campaign = read_campaign(EXAMPLE)
+    coarse = with_channel("rate", lambda w: np.round(w / 3e-4) * 3e-4 * [0.0, 1.0, 1.0])
+    assert faulty_columns(coarse, {}) == ()
+    ramp = np.linspace(0.0, 0.01, 200)[:, None] * [1.0, 1.0, -2.0]
+    noiseless = replace(campaign.slews[0], time=np.arange(200.0), rate=ramp, attitude=None,
+                        magnetic_field_N=None, position_N=None, **NO_WHEELS)  # fmt: skip
+    assert faulty_columns(replace(campaign, slews=(noiseless,)), {}) == ()
+    off = [
+        replace(
+            slew,
+            wheel_torque=np.pad(slew.wheel_torque, ((0, 0), (0, 1))),
+            wheel_momentum=np.pad(slew.wheel_momentum, ((0, 0), (0, 1))),
+        )
+        for slew in campaign.slews
+    ]
+    spare = replace(campaign.wheels[2], name="spare")
+    with_spare = replace(campaign, wheels=(*campaign.wheels, spare), slews=tuple(off))
+    assert check_conventions(with_spare, quick=True).verdict == "consistent"
+
+
+ALL = "wheel_x, wheel_y, wheel_z"
+FACTORS = {
+    "tachometers twice": ("wheel_momentum", 2.0, ALL, "factor of 2 (t", "with the commands"),
+    "tachometers half": ("wheel_momentum", 0.5, ALL, "factor of 2 (c", "with the commands"),
+    "one tachometer": ("wheel_momentum", [1, 10, 1], "of wheel_y", "factor of 10 (t", "with the c"),
+    "commands twice": ("wheel_torque", 2.0, ALL, "factor of 2 (c", "with the tachometers"),
+    "one in thousandths": ("wheel_torque", [1, 1, 1e-3], "wheel_z", "factor of 1000 (t", "with"),
+    "one with its sign": ("wheel_torque", [1, 1, -1], "wheel_z", "opposite signs", "with the t"),
+}
+
+
+@pytest.mark.parametrize("name", FACTORS)
+def test_a_factor_between_commands_and_tachometers_is_named_with_its_wheels(name):
+    channel, factor, wheels, size, side = FACTORS[name]
+    check = check_conventions(with_channel(channel, lambda v: v * factor), quick=True)
+    assert check.verdict in ("doubtful", "wrong")
+    said = [doubt for doubt in check.doubts if doubt.startswith("commands and tachometers")]
+    assert len(said) == 1
+    assert all(part in said[0] for part in (wheels, size, side)), said
+
+
+def test_doubtful_says_which_law_fails_where():
+    check = check_conventions(with_channel("wheel_momentum", lambda h: h * [1, 2, 1]), quick=True)
+    assert check.verdict == "doubtful"
+    assert 3.0 < max(check.misfits.values()) < 8.0
+    assert "conservation of momentum: slew" in check.sentence
+    assert "about y" in check.sentence
+    assert "agree" not in check.sentence
+
+
+UNSIGNED = {
+    "all tachometers": ("wheel_momentum", np.abs, {}, "tachometers (wheel_x, wheel_y, |h|)"),
+    "one": ("wheel_momentum", column(1, lambda h: np.abs(h[:, 1])), {}, "(wheel_y, |h|)"),
+    "without commands": ("wheel_momentum", np.abs, NO_COMMANDS, "wheel_y"),
+    "commands": ("wheel_torque", np.abs, {}, "torque commands (wheel_x, wheel_y, wheel_z, |u|)"),
+}
+
+
+@pytest.mark.parametrize("name", UNSIGNED)
+def test_a_lost_sign_is_the_cause_that_is_named(name):
+    channel, change, others, words = UNSIGNED[name]
+    check = check_conventions(with_channel(channel, change, **others), quick=True)
+    assert (check.verdict, check.changes) == ("wrong", ())
+    assert words in check.sentence
+    assert "lost their sign" in check.sentence
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "words"),
+    [
+        ("wheels.wheel_z.max_momentum", 0.005, "wheels.wheel_z.max_momentum: 0.005"),
+        ("wheels.wheel_y.max_torque", 5e-5, "wheels.wheel_y.max_torque: 5e-05"),
+        ("rate_sensor.range", 1e-3, "rate_sensor.range: 0.001"),
+    ],
+)
+def test_a_limit_that_is_far_exceeded_is_doubtful(tmp_path, key, value, words):
+    folder = with_keys(EXAMPLE, tmp_path / "campaign", {key: value})
+    check = check_conventions(folder, quick=True)
+    assert check.verdict == "doubtful"
+    assert any(words in doubt and "the limit is wrong" in doubt for doubt in check.doubts)
+
+
+def test_doubtful_ends_with_3_and_the_next_command_warns(tmp_path, capsys):
+    folder = with_keys(EXAMPLE, tmp_path / "campaign", {"rate_sensor.range": 1e-3})
+    assert run("doctor", folder) == 3
+    assert ": doubtful" in capsys.readouterr().out
+    assert run("check", folder) == 0
+    assert "warning: The data are doubtful" in capsys.readouterr().err
+    assert run("doctor", EXAMPLE) == 0
+    assert ": agrees" in capsys.readouterr().out

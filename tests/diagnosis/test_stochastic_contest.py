@@ -23,7 +23,7 @@ COST = cost_of_further(1, 1, CANDIDATES + 4)
 def _fit(*names):
     effects = tuple(SimpleNamespace(name=name) for name in names)
     model = SimpleNamespace(effects=effects)
-    return SimpleNamespace(model=model, discount=np.ones((1, 3)))
+    return SimpleNamespace(model=model, discount=np.ones((1, 3)), objective=0.0)
 
 
 @pytest.fixture
@@ -69,6 +69,16 @@ def test_steps_that_one_effect_beats_clearly_give_way(settled):
     assert step.added == LOW
     assert step.alternatives == ()
     assert [e.name for e in outcome.displaced] == [SHIFT, FRICTION]
+
+
+@pytest.mark.parametrize("lead", [-0.1, 3.1])
+def test_an_effect_with_which_no_motion_can_be_computed_does_not_count(settled, monkeypatch, lead):
+    endless = _fit(LOW)
+    endless.objective = np.nan
+    monkeypatch.setattr(stochastic_contest, "with_stochastic", lambda *_: endless)
+    first, second = settled(30.0 - COST + lead).steps
+    assert (first.added, second.added) == (SHIFT, FRICTION)
+    assert first.alternatives == ()
 
 
 @pytest.mark.parametrize("lead", [-0.1, -2.9])

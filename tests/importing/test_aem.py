@@ -5,8 +5,10 @@ from __future__ import annotations
 import ccsds_ndm
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.importing.attitude_forms import AttitudeConvention, to_quaternions
 from bayes_inertia.importing.raw_files import read_raw, tables_in
 from bayes_inertia.importing.raw_table import StatedAttitude
 from bayes_inertia.importing.time_stamps import times_to_seconds
@@ -187,7 +189,6 @@ def test_segments_are_joined_only_where_they_mean_the_same(tmp_path):
         ("2.0", {**BASE, "REF_FRAME_A": ""}, "lack REF_FRAME_A"),
         ("2.0", {**BASE, "REF_FRAME_A": "ITRF2000"}, "turns in inertial space"),
         ("2.0", {**BASE, "TIME_SYSTEM": "MET"}, "cannot be put beside other clocks"),
-        ("2.0", {**BASE, "ATTITUDE_TYPE": "SPIN"}, "a spin axis alone is no attitude"),
         ("2.0", {**BASE, "ATTITUDE_TYPE": "EULER_ANGLE"}, "names no three rotations"),
         ("2.0", {**BASE, "ATTITUDE_TYPE": "QUATERNION/ANGVEL"}, "4 numbers, but"),
         ("2.0", {**BASE, "QUATERNION_SIGN": "JPL"}, "could change what the numbers mean"),
@@ -207,3 +208,77 @@ def test_a_message_that_ends_early_or_hides_entities_is_refused(tmp_path):
         read(tmp_path, text.replace("META_START\n", "META_START\nMETA_START\n"))
     with pytest.raises(CampaignError, match="declares entities"):
         read(tmp_path, '<!DOCTYPE a [<!ENTITY b "c">]><aem id="CCSDS_AEM_VERS"></aem>')
+
+
+SPINS = np.array([[268.6 + 0.01 * i, 68.4, 100.5 + 30.0 * i, 30.0] for i in range(ROWS)])
+
+
+def _spin_xml(kind: str = "SPIN") -> str:
+    names = ("SPIN_ALPHA", "SPIN_DELTA", "SPIN_ANGLE", "SPIN_ANGLE_VEL")
+    meta = {**BASE, "ATTITUDE_DIR": "A2B", "ATTITUDE_TYPE": kind}
+    states = "".join(
+        f"<attitudeState><spin><EPOCH>{epoch}</EPOCH>"
+        + "".join(f"<{name}>{x}</{name}>" for name, x in zip(names, row, strict=True))
+        + "</spin></attitudeState>"
+        for epoch, row in zip(EPOCHS, SPINS, strict=True)
+    )
+    metadata = "".join(f"<{key}>{value}</{key}>" for key, value in meta.items())
+    return (
+        '<?xml version="1.0"?><aem id="CCSDS_AEM_VERS" version="1.0"><body><segment>'
+        f"<metadata>{metadata}</metadata><data>{states}</data></segment></body></aem>"
+    )
+
+
+@pytest.mark.parametrize("form", ["1.0", "2.0", "xml"])
+def test_spin_is_a_whole_attitude_its_axis_is_the_z_axis_of_the_body(tmp_path, form):
+    meta = {**BASE, "ATTITUDE_TYPE": "SPIN"} | ({"ATTITUDE_DIR": "A2B"} if form == "1.0" else {})
+    table = read(tmp_path, _spin_xml() if form == "xml" else kvn(form, meta, SPINS))
+    assert table.attitude is not None
+    assert (table.attitude.sequence, table.attitude.maps) == ("ZXZ", "inertial_to_body")
+    angles = table.stack(table.attitude.names)
+    convention = AttitudeConvention(
+        "euler", "inertial_to_body", sequence="zxz", radians=np.pi / 180
+    )
+    body = Rotation.from_quat(to_quaternions(angles, convention))
+    alpha, delta = np.radians(SPINS[:, :2].T)
+    axis = np.stack([np.cos(alpha) * np.cos(delta), np.sin(alpha) * np.cos(delta), np.sin(delta)])
+    np.testing.assert_allclose(body.apply([0.0, 0.0, 1.0]), axis.T, atol=1e-12)
+    turned = (body[0].inv() * body[1]).as_rotvec(degrees=True)
+    assert turned[2] == pytest.approx(30.0, abs=0.02)
+    assert table.columns["SPIN_ANGLE_VEL"].unit == "deg/s"
+
+
+def test_spin_that_is_no_whole_attitude_says_why(tmp_path):
+    with pytest.raises(CampaignError, match="nutation about the momentum"):
+        read(tmp_path, _spin_xml("SPIN/NUTATION"))
+    with pytest.raises(CampaignError, match="nutation about the momentum"):
+        read(tmp_path, kvn("2.0", {**BASE, "ATTITUDE_TYPE": "SPIN/NUTATION_MOM"}, SPINS))
+    meta = {**BASE, "ATTITUDE_TYPE": "SPIN", "ATTITUDE_DIR": "B2A"}
+    with pytest.raises(CampaignError, match="in which frame the spin axis stands"):
+        read(tmp_path, kvn("1.0", meta, SPINS))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (
+            "CCSDS_APM_VERS = 2.0\nQUAT_START\nQ1 = 0.5\n",
+            "is an APM .*one attitude",
+        ),
+        (
+            "COMMENT\nCCSDS_ACM_VERS=2.0\nATT_START\n 0.0 0.1 0.2\n",
+            "is an ACM .*an attitude eph",
+        ),
+        ("\ufeffCCSDS_OEM_VERS = 2.0\nMETA_START\n", "is an OEM .*holds no attitudes"),
+        ('<?xml version="1.0"?>\n<omm id="CCSDS_OMM_VERS" version="2.0">', "is an OMM .*mean"),
+        ("CCSDS_XYZ_VERS = 1.0\n", "is an XYZ .message of CCSDS"),
+        ("stk.v.11.0\nBEGIN Attitude\nAttitudeTimeQuaternions\n0 0 0 0 1\n", "STK attitude .*q4"),
+        ("stk.v.12.0\r\n\r\nBEGIN Ephemeris\r\n", "is an STK ephemeris file; it holds no att"),
+    ],
+)
+def test_other_messages_are_named_and_what_to_export_instead(tmp_path, content, message):
+    for suffix in (".txt", ".aem", ".xml"):
+        file = tmp_path / f"a{suffix}"
+        file.write_text(content, encoding="utf-8")
+        with pytest.raises(CampaignError, match=message):
+            read_raw(file)

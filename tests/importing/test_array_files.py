@@ -246,3 +246,15 @@ def test_the_child_imports_little_of_the_package():
         *(f"bayes_inertia.campaign.{name}" for name in parts),
     }
     assert not {"h5py", "scipy", "jax", "matplotlib"} & set(done.stdout.split())
+
+
+@pytest.mark.parametrize("suffix", [".h5", ".nc", ".mat"])
+def test_a_file_that_its_writer_holds_says_so(tmp_path, suffix, monkeypatch):
+    file = tmp_path / f"log{suffix}"
+    with h5py.File(file, "w") as store:
+        store["t"] = np.arange(5.0)
+        store.flush()
+        with pytest.raises(CampaignError, match="another program holds the file; close it there"):
+            read_raw(file)
+        monkeypatch.setenv("HDF5_USE_FILE_LOCKING", "FALSE")
+        assert read_raw(file).numbers("t").tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]

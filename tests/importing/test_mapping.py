@@ -211,7 +211,7 @@ def test_what_contradicts_an_aem_is_refused(tmp_path, log, a, b, keys, named):
 def test_a_wheel_of_the_same_type_takes_what_it_does_not_say_itself():
     second = '[[wheels]]\nname = "w2"\naxis = [0.0, 1.0, 0.0]\nsame_as = "{}"\n\n[rate_sensor]'
     one = parse_mapping(MAPPING, "m.toml").wheels[0]
-    two_columns = ('names = ["torque"]', 'names = ["torque", "torque"]')
+    two_columns = ('names = ["torque"]', 'names = ["torque", "torque_2"]')
     text = with_changes(two_columns, ("[rate_sensor]", second.format(one.name)))
     wheels = parse_mapping(text, "m.toml").wheels
     assert wheels[1].spin_inertia == one.spin_inertia

@@ -69,3 +69,16 @@ def test_too_few_readings_give_no_noise():
     assert fit_noise([np.arange(5.0)], STEP) is None
     assert fit_noise([], STEP) is None
     assert fit_noise([np.ones(100)], STEP) is None
+
+
+def test_no_white_noise_is_stated_as_none_and_not_as_zero():
+    rng = np.random.default_rng(4)
+    assert fit_noise([np.cumsum(np.cumsum(rng.normal(size=300)))], STEP) is None
+
+
+def test_the_noise_is_never_below_the_rounding():
+    rng = np.random.default_rng(5)
+    hidden = np.round(rng.normal(0.0, 0.02, 300))
+    fit = fit_noise([hidden], STEP, rounding=0.3)
+    assert fit is not None
+    assert fit.white == 0.3

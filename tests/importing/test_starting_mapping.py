@@ -11,7 +11,7 @@ from support.raw_logs import log_columns, write_csv
 from bayes_inertia.app.cli import main
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.errors import CampaignError, OutputError
-from bayes_inertia.importing.clock_guess import guessed_clock
+from bayes_inertia.importing.clock_guess import guessed_clock, stamp_units
 from bayes_inertia.importing.column_families import families, time_names
 from bayes_inertia.importing.import_logs import import_logs
 from bayes_inertia.importing.questions import open_questions
@@ -41,10 +41,61 @@ LOOKS = [
     ("a.csv", "t_s rx_N_m ry_N_m rz_N_m", ["t_s"], [("position", 3, "m")]),
     ("a.csv", "t_s wheel_radps", ["t_s"], [("wheel_speed", 1, "rad/s")]),
     ("a.csv", "t temperature voltage", ["t"], []),
+    (
+        "cosmos.txt",
+        "TARGET RECEIVED_TIMESECONDS GYRO_X GYRO_Y GYRO_Z",
+        ["RECEIVED_TIMESECONDS"],
+        [("rate", 3, "")],
+    ),
+    # ROS: topics as messages are echoed, and as PlotJuggler writes them.
+    (
+        "imu.csv",
+        "time field.orientation.x field.orientation.y field.orientation.z field.orientation.w "
+        "field.angular_velocity.x field.angular_velocity.y field.angular_velocity.z "
+        "field.linear_acceleration.x field.linear_acceleration.y field.linear_acceleration.z "
+        "orientation_covariance[0] orientation_covariance[1] orientation_covariance[2]",
+        ["time"],
+        [("attitude", 4, ""), ("rate", 3, "")],
+    ),
+    (
+        "a.csv",
+        "__time /imu/angular_velocity/x /imu/angular_velocity/y /imu/angular_velocity/z "
+        "/imu/orientation/w /imu/orientation/x /imu/orientation/y /imu/orientation/z "
+        "/imu/linear_acceleration/x /imu/linear_acceleration/y /imu/linear_acceleration/z",
+        ["__time"],
+        [("rate", 3, ""), ("attitude", 4, "")],
+    ),
+    # PX4: a file a message as ulog2csv writes it, and all in one as PlotJuggler does.
+    (
+        "log_vehicle_angular_velocity_0.csv",
+        "timestamp timestamp_sample xyz[0] xyz[1] xyz[2] xyz_derivative[0] xyz_derivative[1] "
+        "xyz_derivative[2]",
+        ["timestamp"],
+        [("rate", 3, "")],
+    ),
+    (
+        "log_vehicle_attitude_0.csv",
+        "timestamp q[0] q[1] q[2] q[3] delta_q_reset[0] delta_q_reset[1] delta_q_reset[2] "
+        "delta_q_reset[3]",
+        ["timestamp"],
+        [("attitude", 4, "")],
+    ),
+    (
+        "a.csv",
+        "timestamp vehicle_angular_velocity/xyz.00 vehicle_angular_velocity/xyz.01 "
+        "vehicle_angular_velocity/xyz.02 vehicle_attitude/q.00 vehicle_attitude/q.01 "
+        "vehicle_attitude/q.02 vehicle_attitude/q.03",
+        ["timestamp"],
+        [("rate", 3, ""), ("attitude", 4, "")],
+    ),
+    ("log_vehicle_rates_setpoint_0.csv", "timestamp roll pitch yaw", ["timestamp"], []),
+    ("log_vehicle_torque_setpoint_0.csv", "timestamp xyz[0] xyz[1] xyz[2]", ["timestamp"], []),
 ]
 
 
-@pytest.mark.parametrize(("file", "names", "times", "expected"), LOOKS, ids=[x[1] for x in LOOKS])
+@pytest.mark.parametrize(
+    ("file", "names", "times", "expected"), LOOKS, ids=[x[1][:60] for x in LOOKS]
+)
 def test_usual_columns_are_recognised(file, names, times, expected):
     table = RawTable(file, {name: RawColumn(np.zeros(2)) for name in names.split()})
     assert time_names(table) == times
@@ -101,7 +152,7 @@ def answered(text: str) -> str:
 
 def test_a_started_mapping_asks_and_once_answered_imports(log, tmp_path):
     mapping = tmp_path / "mapping.toml"
-    count = write_starting_mapping([log], mapping)
+    count = write_starting_mapping([log], mapping).questions
     text = mapping.read_text()
     asked = open_questions(tomllib.loads(text))
     assert count == len(asked) == 14
@@ -131,7 +182,7 @@ def test_what_a_file_states_is_not_asked(tmp_path):
     )
     rows = log.read_text().splitlines()
     log.write_text("\n".join([rows[0], "s,deg/s,deg/s,deg/s", *rows[1:]]) + "\n")
-    text = starting_mapping([log])
+    text = starting_mapping([log]).text
     asked = open_questions(tomllib.loads(text))
     assert ("streams", "rate", "unit") not in asked
     assert ("streams", "rate", "frame") in asked
@@ -141,7 +192,7 @@ def test_what_a_file_states_is_not_asked(tmp_path):
 def test_files_that_differ_in_a_number_are_one_stream(tmp_path):
     columns = {"t_s": np.arange(4.0)} | {f"w{a}_dps": np.ones(4) for a in "xyz"}
     files = [write_csv(tmp_path / f"gyro_{k}.csv", columns) for k in (1, 2, 10)]
-    streams = tomllib.loads(starting_mapping(files))["streams"]
+    streams = tomllib.loads(starting_mapping(files).text)["streams"]
     assert [stream["files"] for stream in streams] == [["gyro_*.csv"]]
 
 
@@ -177,6 +228,49 @@ def test_the_command_says_what_it_did_and_what_to_do_next(log, tmp_path, capsys)
     assert all(len(line) <= 80 for line in said.splitlines() if not any(p in line for p in paths))
 
 
+def test_a_mapping_without_a_stream_is_no_success(tmp_path, capsys):
+    log = write_csv(tmp_path / "a.csv", {"t": np.arange(9.0), "foo": np.ones(9), "b": np.ones(9)})
+    code, _, error = command(capsys, log, "--start", tmp_path / "m.toml")
+    assert code == 2
+    assert "no stream was recognised (a.csv: foo, b)" in error.splitlines()[-1]
+    assert '# files = ["a.csv"]' in (tmp_path / "m.toml").read_text()
+    columns = {name: np.ones(9) for name in ("rw1_rpm", "rw2_rpm", "foo")}
+    log = write_csv(tmp_path / "b.csv", {"t": np.arange(9.0), **columns})
+    code, said, _ = command(capsys, log, "--start", tmp_path / "n.toml")
+    assert code == 0
+    assert "no stream holds the rates" in said
+    assert said.splitlines()[-1] == "not recognised: b.csv: foo"
+
+
+def test_files_of_px4_say_clock_unit_and_sense(tmp_path):
+    stamps = {"timestamp": np.arange(9.0) * 4000 + 81234567}
+    rates = {f"xyz[{k}]": np.arange(9.0) for k in range(3)}
+    fixes = {f"q[{k}]": np.full(9, float(k == 0)) for k in range(4)}
+    files = [
+        write_csv(tmp_path / "log_vehicle_angular_velocity_0.csv", {**stamps, **rates}),
+        write_csv(tmp_path / "log_vehicle_attitude_0.csv", {**stamps, **fixes}),
+    ]
+    rate, attitude = tomllib.loads(starting_mapping(files).text)["streams"]
+    assert (rate["unit"], rate["frame"], rate["time"]["kind"]) == ("rad/s", "body", "us")
+    assert (attitude["scalar"], attitude["maps"]) == ("first", "inertial_to_body")
+
+
+def test_rows_of_several_packets_are_streams_of_their_own(tmp_path):
+    rows = [f"{0.25 * i},GYRO,0.1,0.2,0.3" for i in range(60)]
+    rows += [f"{0.25 * i},MAG,1e-5,2e-5,3e-5" for i in range(60)]
+    (tmp_path / "a.csv").write_text("\n".join(["t_s,PACKET,x,y,z", *rows]))
+    started = starting_mapping([tmp_path / "a.csv"])
+    rate, field = tomllib.loads(started.text)["streams"]
+    assert (rate["holds"], rate["names"]) == ("rate", ["x", "y", "z"])
+    assert rate["valid"] == {"name": "PACKET", "equals": "GYRO"}
+    assert (field["holds"], field["valid"]["equals"]) == ("magnetic_field", "MAG")
+    assert started.left_over == ()
+    rows = [f"{0.25 * i}," + ("100,1,2,3," if i % 2 else "101,,,,7") for i in range(60)]
+    (tmp_path / "b.csv").write_text("\n".join(["t_s,apid,gx,gy,gz,u", *rows]))
+    (rate,) = tomllib.loads(starting_mapping([tmp_path / "b.csv"]).text)["streams"]
+    assert rate["valid"] == {"name": "apid", "equals": 100}
+
+
 def test_the_command_needs_one_of_its_two_ways(log, capsys):
     code, _, error = command(capsys, log)
     assert code == 2
@@ -190,7 +284,7 @@ def test_a_column_of_dates_is_the_time_whatever_its_name(tmp_path):
     log = tmp_path / "a.csv"
     rows = [f"2026-03-14T02:00:0{k}.250Z;0,1;0,2;0,3" for k in range(4)]
     log.write_text("\n".join(["Zeit;wx;wy;wz", *rows]) + "\n")
-    text = starting_mapping([log])
+    text = starting_mapping([log]).text
     assert 'time = { names = ["Zeit"], kind = "utc" }' in text
 
 
@@ -212,6 +306,34 @@ KINDS = [
     ("mjd", 61100.5, "?"),
 ]
 
+STAMPS = [
+    ({"sec": [1772366400, 1772366401], "nanosec": [0, 5e8]}, "unix_s", ["s", "ns"]),
+    ({"hdr.stamp.secs": [1772366400] * 2, "hdr.stamp.nsecs": [0, 5e8]}, "unix_s", ["s", "ns"]),
+    ({"gps_sec": [1456401618, 1456401619], "gps_usec": [0, 5e5]}, "gps_s", ["s", "us"]),
+    ({"rtcDate": ["2026-03-01"] * 2, "rtcTime": ["12:00:00.25"] * 2}, "?", ["date", "date"]),
+    ({"DATE": ["01-Mar-2026"] * 2, "TIME_UTC": ["12:00:00", "12:00:01"]}, "utc", ["date", "date"]),
+    ({"coarse": [456789000, 456789001], "fine": [16384, 49152]}, "s", ["s", "s/2^16"]),
+    ({"sclk_coarse": [456789000, 456789001], "sclk_fine": [64, 192]}, "s", ["s", "s/2^8"]),
+    ({"day": [24896, 24896], "ms_of_day": [43200000, 43200250]}, "cds", ["day", "ms"]),
+    ({"day": [24896] * 2, "ms_of_day": [0, 0], "us_of_ms": [1, 501]}, "cds", ["day", "ms", "us"]),
+    ({"year": [2026] * 2, "doy": [60] * 2, "hour": [1] * 2, "min": [2] * 2, "sec": [0, 0.25]}, "?",
+     ["year", "doy", "h", "min", "s"]),
+    # What follows a stamp is not always a part of it.
+    ({"t_s": [0, 1], "dt_ms": [3, 4]}, "s", ["s"]),
+    ({"time_s": [0.25, 0.5], "time_us": [250000, 500000]}, "s", ["s"]),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("columns", "kind", "units"), STAMPS, ids=[" ".join(c) for c, *_ in STAMPS]
+)
+def test_stamps_in_several_columns_are_seen(columns, kind, units):
+    table = RawTable("a.csv", {n: RawColumn(np.array(v)) for n, v in columns.items()})
+    names = time_names(table)
+    assert names == list(columns)[: len(units)]
+    assert stamp_units(table, names) == units
+    assert guessed_clock(table, names).kind == kind
+
 
 @pytest.mark.parametrize(("name", "first", "kind"), KINDS, ids=[row[0] for row in KINDS])
 def test_a_clock_is_suggested_where_name_and_size_leave_one(name, first, kind):
@@ -224,7 +346,7 @@ def test_a_clock_is_suggested_where_name_and_size_leave_one(name, first, kind):
 
 def test_the_question_of_a_clock_says_what_each_answer_would_mean(tmp_path):
     columns = {"time": 1772366400.0 + np.arange(4.0)} | {f"w{a}_dps": np.ones(4) for a in "xyz"}
-    text = starting_mapping([write_csv(tmp_path / "gyro.csv", columns)])
+    text = starting_mapping([write_csv(tmp_path / "gyro.csv", columns)]).text
     words = " ".join(text.replace("#", " ").split())
     assert "2026-03-01T12:00:00Z as unix_s" in words
 
@@ -232,7 +354,7 @@ def test_the_question_of_a_clock_says_what_each_answer_would_mean(tmp_path):
 def test_names_of_simulators_say_frame_and_sense(tmp_path):
     columns = {"t_s": np.arange(4.0)} | {f"omega_BN_B[{k}]": np.ones(4) for k in range(3)}
     columns |= {f"sigma_BN[{k}]": np.ones(4) for k in range(3)}
-    text = starting_mapping([write_csv(tmp_path / "sim.csv", columns)])
+    text = starting_mapping([write_csv(tmp_path / "sim.csv", columns)]).text
     streams = {stream["holds"]: stream for stream in tomllib.loads(text)["streams"]}
     assert (streams["rate"]["unit"], streams["rate"]["frame"]) == ("rad/s", "body")
     assert streams["attitude"]["maps"] == "inertial_to_body"
@@ -240,7 +362,7 @@ def test_names_of_simulators_say_frame_and_sense(tmp_path):
     # Names of one's own leave order and direction open.
     columns = {"t_s": np.arange(4.0)} | {f"q{k}": np.ones(4) for k in range(4)}
     asked = open_questions(
-        tomllib.loads(starting_mapping([write_csv(tmp_path / "a.csv", columns)]))
+        tomllib.loads(starting_mapping([write_csv(tmp_path / "a.csv", columns)]).text)
     )
     assert {("streams", "attitude", key) for key in ("scalar", "maps", "frame")} <= set(asked)
 
@@ -248,7 +370,7 @@ def test_names_of_simulators_say_frame_and_sense(tmp_path):
 def test_wheels_of_one_type_are_described_once(tmp_path):
     columns = {"t_s": np.arange(4.0)} | {f"w{a}_dps": np.ones(4) for a in "xyz"}
     columns |= {f"rw_{a}_rpm": np.ones(4) for a in "xyz"}
-    text = starting_mapping([write_csv(tmp_path / "log.csv", columns)])
+    text = starting_mapping([write_csv(tmp_path / "log.csv", columns)]).text
     wheels = tomllib.loads(text)["wheels"]
     assert [wheel["name"] for wheel in wheels] == ["wheel_x", "wheel_y", "wheel_z"]
     assert [wheel.get("same_as") for wheel in wheels] == [None, "wheel_x", "wheel_x"]

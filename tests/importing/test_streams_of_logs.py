@@ -158,6 +158,21 @@ def test_a_file_that_no_stream_names_is_said(tmp_path, columns):
     assert imported.logs.unused == ("temperatures.csv",)
 
 
+def test_overlapping_downloads_are_one_log(tmp_path, columns):
+    whole = import_logs(
+        [write_csv(tmp_path / "log.csv", columns)], edited_mapping(tmp_path), tmp_path / "whole"
+    )
+    parts = [
+        write_csv(tmp_path / f"log{k}.csv", {name: v[rows] for name, v in columns.items()})
+        for k, rows in enumerate((slice(0, 150), slice(120, None)))
+    ]
+    imported = import_logs(parts, edited_mapping(tmp_path), tmp_path / "parts")
+    (one,), (other,) = whole.campaign.slews, imported.campaign.slews
+    np.testing.assert_array_equal(one.time, other.time)
+    np.testing.assert_array_equal(one.rate, other.rate)
+    assert "30 rows repeated a time and were left out" in imported.logs.streams["rate"].notes
+
+
 def test_a_row_that_is_no_attitude_is_refused_with_its_line(tmp_path, columns):
     columns["q4"][30] = 0.2
     log = write_csv(tmp_path / "log.csv", columns)
@@ -186,4 +201,6 @@ def test_rows_of_one_time_are_filled_up_and_never_averaged():
         stream([0, 1, 1, 2, 2], [[1.0, 1.0], [2.0, nan], [nan, 3.0], [4.0, 4.0], [9.0, 9.0]])
     )
     assert rows.values.tolist() == [[1.0, 1.0], [2.0, 3.0], [4.0, 4.0]]
-    assert rows.notes == ("1 row repeated a time and was left out",)
+    assert rows.notes == (
+        "1 of 5 rows repeat the time of another with other readings and are left out",
+    )

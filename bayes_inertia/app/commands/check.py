@@ -30,14 +30,14 @@ def check_command(
     campaign: CampaignFolder, anyway: Anyway = False, as_json: AsJson = False
 ) -> None:
     """Read a campaign, check it and its conventions, and say what it contains."""
+    from bayes_inertia.app.commands.doctor import refuse_or_warn
     from bayes_inertia.campaign.reader import read_campaign
-    from bayes_inertia.conventions.check import refuse_impossible
 
     flown = read_campaign(campaign)
     if not as_json:
         show_campaign(flown)
     if not anyway:
-        refuse_impossible(campaign)
+        refuse_or_warn(campaign)
     if as_json:
         print_json(campaign_json(flown))
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 import typer
 
 from bayes_inertia.app.commands.options import AsJson
@@ -14,6 +16,11 @@ from bayes_inertia.app.terminal import headed, plain_console, print_json
 if TYPE_CHECKING:
     from bayes_inertia.conventions.check import ConventionsCheck
 
+# The verdict as people read it, and the exit code. Doubtful ends with 3, as results that are not
+# to be trusted do: a script that goes on after `doctor` must not go on over a doubt.
+_WORDS = {"consistent": ("agrees", 0), "doubtful": ("doubtful", 3), "wrong": ("wrong", 2)}
+# Keys in a doubt's words, such as columns.rate.names or wheels.x.max_torque.
+_KEY = re.compile(r"\b(?:columns|wheels|rate_sensor)\.[\w.-]*\w")
 _CampaignOrNone = Annotated[
     Path | None,
     typer.Argument(help="Campaign folder; without it the installation is looked at."),
@@ -24,7 +31,8 @@ def doctor_command(campaign: _CampaignOrNone = None, as_json: AsJson = False) ->
     """Hold a campaign's conventions against physics; without a campaign, check the installation.
 
     Units, signs, orders, frames and clocks are those of the data, or the change that makes them so
-    is named. Nothing is changed. Exit code 2 if a convention is wrong.
+    is named. Nothing is changed. Exit code 2 if a convention is wrong; 3 if the data are doubtful:
+    then what fails, and where, is said.
     """
     if campaign is None:
         from bayes_inertia.app.installation import installation_json, show_installation
@@ -37,19 +45,55 @@ def doctor_command(campaign: _CampaignOrNone = None, as_json: AsJson = False) ->
         return
     from bayes_inertia.conventions.check import check_conventions
 
-    check = check_conventions(campaign)
+    check = check_conventions(campaign).doubting(_left_out(campaign))
     lines = _mapping_lines(campaign, check)
     if as_json:
         print_json(check.json() | {"mapping_lines": lines})
     else:
         show_check(check, lines)
-    if check.verdict == "wrong":
-        raise typer.Exit(2)
+    code = _WORDS[check.verdict][1]
+    if code:
+        raise typer.Exit(code)
+
+
+def refuse_or_warn(campaign: Path) -> None:
+    """Stop if a campaign's conventions are wrong, and say on stderr what is doubtful.
+
+    Parameters
+    ----------
+    campaign : Path
+        Its folder.
+
+    Raises
+    ------
+    CampaignError
+        If the data are impossible under the stated conventions.
+    """
+    from bayes_inertia.conventions.check import refuse_impossible
+
+    check = refuse_impossible(campaign).doubting(_left_out(campaign))
+    if check.verdict == "doubtful":
+        plain_console(stderr=True).print(f"warning: {check.sentence}")
+
+
+def _left_out(campaign: Path) -> list[str]:
+    """Streams that an import had to leave out of every slew, and the offset that is known."""
+    from bayes_inertia.conventions.clocks import apart_in_words
+    from bayes_inertia.importing.mapped_lines import streams_outside
+
+    said = [
+        apart_in_words(key, count, [(np.array(own), np.array(slews))])
+        for key, (count, own, slews) in streams_outside(campaign).items()
+    ]
+    if len(said) > 1:
+        said.append("or it is the clock of the rates: columns.rate.offset_s, with the other sign")
+    return said
 
 
 def _mapping_lines(campaign: Path, check: ConventionsCheck) -> list[str]:
-    """The lines of the mapping that the proposal is about, of a folder that was imported."""
+    """Lines of the mapping that proposal and doubts are about, of a folder that was imported."""
     keys = [change.key for change in check.changes if change.proposal == 1]
+    keys = list(dict.fromkeys([*keys, *(k for doubt in check.doubts for k in _KEY.findall(doubt))]))
     if not keys:
         return []
     from bayes_inertia.importing.mapped_lines import mapped_lines
@@ -72,10 +116,10 @@ def show_check(check: ConventionsCheck, mapping_lines: Sequence[str] = ()) -> No
     console = plain_console()
     hidden = invisible_in_brief(check.cannot_show)
     style = "bold red" if check.verdict == "wrong" else "bold"
-    console.print(headed(f"{check.campaign}: {check.verdict}", style=style))
+    console.print(headed(f"{check.campaign}: {_WORDS[check.verdict][0]}", style=style))
     console.print(check.sentence)
     for title, lines in (
-        ("the folder was imported; change this and import again:", mapping_lines),
+        ("the folder was imported; look here and import again:", mapping_lines),
         ("telemetry:", [_dirt_in_words(dirt) for dirt in check.dirt]),
         ("physical, no wrong convention:", check.remarks),
         ("this campaign cannot show (all of it with --json):", hidden),

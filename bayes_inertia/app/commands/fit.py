@@ -37,11 +37,11 @@ def fit_command(
 
     Writes posterior.nc, summary.json and report.html.
     """
-    from bayes_inertia.conventions.check import refuse_impossible
+    from bayes_inertia.app.commands.doctor import refuse_or_warn
 
     # Before anything heavy is loaded: seconds against minutes.
     if not anyway:
-        refuse_impossible(campaign)
+        refuse_or_warn(campaign)
 
     from bayes_inertia.app import run_folder
     from bayes_inertia.app.commands.run_result import finish_and_show

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +12,7 @@ from rich.table import Table
 
 from bayes_inertia.app.commands.options import AsJson
 from bayes_inertia.app.terminal import headed, plain_console, print_json, print_json_file
-from bayes_inertia.errors import SettingsError
+from bayes_inertia.errors import CampaignError, SettingsError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 START_FORMAT = "bayes-inertia-import-start/1"
 _WIDTH = 80  # Columns of the terminal that the output fits.
+_LONGEST_LIST = 200  # Letters of the columns of one file; the mapping has them all.
 _SPANS_SHOWN = 6
 _SHORTEST_SPAN_S = 1.0  # [s]; shorter parts of a log that no slew needs are not worth a word.
 
@@ -60,7 +62,7 @@ def import_command(
                 "no folder for the campaign", where="import", advice="add -o CAMPAIGN"
             )
         from bayes_inertia.importing.import_logs import import_logs
-        from bayes_inertia.importing.imported_folder import RECORD_FILE
+        from bayes_inertia.importing.mapped_lines import RECORD_FILE
 
         imported = import_logs(raw, using, out)
         if as_json:
@@ -72,13 +74,30 @@ def import_command(
 def _start(raw: list[Path], start: Path, as_json: bool) -> None:
     from bayes_inertia.importing.starting_mapping import write_starting_mapping
 
-    questions = write_starting_mapping(raw, start)
+    started = write_starting_mapping(raw, start)
+    left_over = "; ".join(_shortened(names) for names in started.left_over)
+    if not started.streams:
+        raise CampaignError(
+            f"no stream was recognised ({left_over or 'the files have times alone'})",
+            where=str(start),
+            advice="it is written without one: add [[streams]] with the names of these columns",
+        )
     if as_json:
-        print_json({"format": START_FORMAT, "mapping": str(start), "questions": questions})
+        content = {"mapping": str(start), "questions": started.questions}
+        content |= {"streams": started.streams, "not_recognised": started.left_over}
+        print_json({"format": START_FORMAT, **content})
         return
     console = plain_console()
-    console.print(headed(str(start), f": {questions} questions to answer"), soft_wrap=True)
+    console.print(headed(str(start), f": {started.questions} questions to answer"), soft_wrap=True)
     console.print(f"then: bayes-inertia import RAW... --using {start} -o CAMPAIGN", soft_wrap=True)
+    if "rate" not in started.streams:
+        console.print("no stream holds the rates, which an import needs")
+    if left_over:
+        console.print(f"not recognised: {left_over}", soft_wrap=True)
+
+
+def _shortened(names: str) -> str:
+    return textwrap.shorten(names, _LONGEST_LIST, placeholder=" ...")
 
 
 def show_import(imported: ImportedCampaign) -> None:
@@ -89,7 +108,8 @@ def show_import(imported: ImportedCampaign) -> None:
     imported : ImportedCampaign
         The import.
     """
-    from bayes_inertia.importing.imported_folder import PICTURE_FILE, RECORD_FILE, zero_of_clock
+    from bayes_inertia.importing.imported_folder import PICTURE_FILE, zero_of_clock
+    from bayes_inertia.importing.mapped_lines import RECORD_FILE
 
     console = plain_console()
     console.width = min(console.width, _WIDTH)
@@ -173,10 +193,11 @@ def _show_noise(console: Console, noises: tuple[RestNoise, ...]) -> None:
         table.add_row(noise.key, stated, _numbers(noise.seen), noise.unit)
     console.print(table)
     for noise in noises:
+        of = f" (rounding to steps of {noise.step:.2g} {noise.unit})" if noise.step else ""
         if noise.differs:
-            console.print(f"  {noise.key}: the rests show another noise: {noise.toml()}")
+            console.print(f"  {noise.key}: the rests show another noise: {noise.toml()}{of}")
         if noise.stated is None:
-            console.print(f"  {noise.key}: to use these readings, state {noise.toml()}")
+            console.print(f"  {noise.key}: to use these readings, state {noise.toml()}{of}")
 
 
 def _numbers(values: tuple[float, ...]) -> str:

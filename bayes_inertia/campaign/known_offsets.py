@@ -1,0 +1,86 @@
+"""What clocks of spacecraft and ground differ by, so that a stream beside its slews finds back."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from types import MappingProxyType
+
+import numpy as np
+
+KNOWN_OFFSETS: Mapping[float, str] = MappingProxyType(
+    {
+        18.0: "GPS time is ahead of UTC",
+        37.0: "TAI is ahead of UTC",
+        19.0: "TAI is ahead of GPS time",
+        32.184: "TT is ahead of TAI",
+        51.184: "TT is ahead of GPS time",
+        69.184: "TT is ahead of UTC",
+        64.184: "TT was ahead of UTC until 2005",
+    }
+)
+"""What clocks of different scales differ by [s], the most common first, and why."""
+
+_HOUR = 3600.0
+_LARGEST_ZONE = 14  # [h]
+_PARTS_OF_HOUR = (0.0, 0.5, 0.75, 0.25)
+# This share of the readings beside the slews shows that an offset is meant.
+_MOST = 0.9
+
+
+def known_offset(
+    times: np.ndarray, spans: Sequence[tuple[float, float]]
+) -> tuple[float, str, int] | None:
+    """The known offset that puts readings beside slews which they all miss.
+
+    Parameters
+    ----------
+    times : (n,) array
+        Times of the readings [s].
+    spans : sequence of (float, float)
+        Start and end of each slew [s].
+
+    Returns
+    -------
+    seconds : float
+        What is to be added to the times.
+    why : str
+        What differs by it.
+    inside : int
+        How many readings then lie in a slew.
+
+    Examples
+    --------
+    >>> known_offset(np.array([3605.0, 3690.0]), [(0.0, 99.0)])
+    (-3600.0, '1 h, as of a time zone', 2)
+    """
+    for size, why in likely_offsets():
+        for seconds in (-size, size):
+            moved = times + seconds
+            inside = sum(((moved >= start) & (moved <= end)).sum() for start, end in spans)
+            if inside > _MOST * len(times):
+                return seconds, why, int(inside)
+    return None
+
+
+def likely_offsets() -> Iterator[tuple[float, str]]:
+    """What clocks differ by: scales, time zones, and both.
+
+    Yields
+    ------
+    seconds : float
+        An offset, the most common first [s].
+    why : str
+        What differs by it.
+
+    Examples
+    --------
+    >>> next(iter(likely_offsets()))
+    (18.0, 'GPS time is ahead of UTC')
+    """
+    yield from KNOWN_OFFSETS.items()
+    zones = [part + k for part in _PARTS_OF_HOUR for k in range(_LARGEST_ZONE + 1) if part + k]
+    yield from ((_HOUR * zone, f"{zone:g} h, as of a time zone") for zone in zones)
+    for zone in zones:
+        for small, of in KNOWN_OFFSETS.items():
+            yield _HOUR * zone - small, f"{zone:g} h, and {of}"
+            yield _HOUR * zone + small, f"{zone:g} h, and {of}"

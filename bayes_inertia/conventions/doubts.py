@@ -1,0 +1,312 @@
+"""What is doubtful about a campaign, and where: the channel, the axis or wheel, the slew."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.conventions import limits
+from bayes_inertia.conventions.hypothesis import KeyChange, Mistake
+from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE
+from bayes_inertia.conventions.linear_fit import LinearFit
+from bayes_inertia.conventions.misfits import Misfits
+from bayes_inertia.conventions.reading import Reading
+
+Columns = Mapping[str, Mapping[str, Any]]
+
+LAWS_IN_WORDS: Mapping[str, str] = {
+    CLOSURE: "the integrated rate against the star tracker",
+    CONSERVATION: "conservation of momentum",
+    DRIVE: "the commanded torque against the tachometers",
+}
+"""The laws by name, as messages call them."""
+
+_RARITY = 3
+# A wheel that moves less than this share of the one that moves most tells no factor.
+_IDLE = 0.1
+# Factors closer than this share are one, or the whole number that is meant; 60 / (2 pi) is not 10.
+_ONE_FACTOR = 0.03
+
+
+def doubtful_places(misfits: Misfits, reading: Reading) -> tuple[str, ...]:
+    """Which laws fail, and where.
+
+    Parameters
+    ----------
+    misfits : Misfits
+        The telemetry and its laws.
+    reading : Reading
+        Conventions as stated, perhaps with another rate bias.
+
+    Returns
+    -------
+    tuple of str
+        One a law that fails, such as "the commanded torque against the tachometers: wheel_y of
+        slew 2 is off by 4.3 sd".
+    """
+    fits = misfits.of(reading)
+    return tuple(
+        f"{LAWS_IN_WORDS[law]}: {_place(misfits, law, fit)}"
+        for law, fit in fits.items()
+        if fit.worst > limits.IMPOSSIBLE
+    )
+
+
+def _place(misfits: Misfits, law: str, fit: LinearFit) -> str:
+    """The slew and axis or wheel that a law fails in most, or what would have to differ for it."""
+    row = int(np.argmax(fit.misfit))
+    if fit.departure > fit.misfit[row]:
+        what = _parameters(misfits, law)[int(np.argmax(np.abs(fit.values)))]
+        return f"it holds only with {what} far from what is stated ({fit.departure:.2g} sd)"
+    if law == DRIVE:
+        wheels = misfits.campaign.wheels
+        slew = misfits.slews.names[row // len(wheels)]
+        return f"{wheels[row % len(wheels)].name} of {slew} is off by {fit.misfit[row]:.2g} sd"
+    axis = "xyz"[int(np.argmax(fit.by_component[row]))]
+    slew = misfits.slews.names[row]
+    return f"{slew} is off by {fit.misfit[row]:.2g} sd, most about {axis}"
+
+
+def _parameters(misfits: Misfits, law: str) -> list[str]:
+    """The uncertain parameters of a law in the order of its regressors, as people call them."""
+    axes = [f"{a}{b}" for a in "xyz" for b in "xyz"]
+    bias = [f"a rate bias about {a}" for a in "xyz"]
+    wheels = [wheel.name for wheel in misfits.campaign.wheels]
+    if law == DRIVE:
+        return [f"a {w} of {wheel}" for w in ("gain", "friction") for wheel in wheels]
+    if law == CLOSURE:
+        return [*(f"K or misalignment {a} of the rate sensor" for a in axes), *bias]
+    scales = [f"K{k} of the rate sensor" for k in (1, 2, 3)]
+    torques = [f"a torque about {a}" for a in "xyz"]
+    return [*(f"J{a}" for a in axes), *scales, *bias, *torques]
+
+
+@dataclass(frozen=True, eq=False)
+class Factors:
+    """What the tachometers show over what the commands ask for.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the wheels.
+    values : (wheels,) array
+        The factor; 1 where it is within what a gain and friction may be.
+    commands_are_wrong : bool or None
+        Whether conservation of momentum sides with the tachometers; None where it does not tell.
+    """
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    commands_are_wrong: bool | None
+
+    def words(self) -> tuple[str, ...]:
+        """One sentence for all wheels with one factor.
+
+        Returns
+        -------
+        tuple of str
+            Without full stop; empty if no factor is far from 1.
+        """
+        groups: dict[float, list[str]] = {}
+        for name, value in zip(self.names, self.values, strict=True):
+            if value != 1.0:
+                known = (f for f in groups if abs(f / value - 1.0) < _ONE_FACTOR)
+                groups.setdefault(next(known, value), []).append(name)
+        return tuple(self._sentence(value, named) for value, named in groups.items())
+
+    def _sentence(self, value: float, named: Sequence[str]) -> str:
+        side = {
+            None: "a unit, sign or spin inertia is wrong in one of the two",
+            True: "conservation of momentum sides with the tachometers: look at the commands",
+            False: "conservation of momentum sides with the commands: look at the unit of the "
+            "tachometers and the spin inertia",
+        }[self.commands_are_wrong]
+        wheels = ", ".join(named)
+        larger = "tachometers" if abs(value) > 1.0 else "commands"
+        size = max(abs(value), 1.0 / abs(value))
+        what = f"differ by a factor of {_rounded(size):.4g} ({larger} are larger)"
+        if size < limits.FACTOR:
+            what = "have opposite signs"
+        elif value < 0.0:
+            what += " and have opposite signs"
+        return f"commands and tachometers of {wheels} {what}; {side}"
+
+    def mistake(self, campaign: Campaign, columns: Columns) -> Mistake | None:
+        """Spin inertias that are wrong by the factors.
+
+        Parameters
+        ----------
+        campaign : Campaign
+            The campaign as it states itself.
+        columns : mapping
+            Its `[columns]`.
+
+        Returns
+        -------
+        Mistake or None
+            None where spin inertia does not turn speeds into momentum, or a factor is negative.
+        """
+        if "wheel_speed" not in columns or np.all(self.values == 1.0) or np.any(self.values < 0.0):
+            return None
+        factors = np.array([_rounded(value) for value in self.values])
+        changes = tuple(
+            KeyChange(f"wheels.{w.name}.spin_inertia", w.spin_inertia, _digits(w.spin_inertia / f))
+            for w, f in zip(campaign.wheels, factors, strict=True)
+            if f != 1.0
+        )
+        back = np.diag(1.0 / factors)
+        names = ", ".join(n for n, f in zip(self.names, factors, strict=True) if f != 1.0)
+        sizes = (_rounded(max(f, 1.0 / f)) for f in factors.tolist() if f != 1.0)
+        said = ", ".join(dict.fromkeys(f"{size:.3g}" for size in sizes))
+        return Mistake(
+            changes,
+            _RARITY,
+            lambda reading: replace(reading, momentum=back @ reading.momentum),
+            f"the spin inertia of {names} is wrong by a factor of {said}",
+        )
+
+
+def _rounded(factor: float) -> float:
+    """A factor, or the whole number, or the inverse of one, that it is within 3 % of."""
+    for whole in (factor, 1.0 / factor):
+        near = np.round(whole)
+        if near != 0.0 and abs(whole / near - 1.0) < _ONE_FACTOR:
+            return float(near if whole == factor else 1.0 / near)
+    return factor
+
+
+def _digits(value: float) -> float:
+    return float(f"{value:.3g}")
+
+
+def factors(misfits: Misfits, reading: Reading) -> Factors | None:
+    """By which factor commands and tachometers of each wheel differ.
+
+    Parameters
+    ----------
+    misfits : Misfits
+        The telemetry and its laws.
+    reading : Reading
+        Conventions as stated.
+
+    Returns
+    -------
+    Factors or None
+        None where a wheel has no commands or no tachometer, or no factor is far from 1.
+    """
+    slews = misfits.slews
+    if slews.momentum is None or slews.impulse is None:
+        return None
+    seen = _moved(slews.momentum @ reading.momentum.T, slews.valid)
+    asked = _moved(reading.time * slews.impulse @ reading.torque.T, slews.valid)
+    both = np.sqrt((seen**2).sum((0, 1))), np.sqrt((asked**2).sum((0, 1)))
+    sense = np.sign((seen * asked).sum((0, 1)))
+    busy = np.maximum(both[0] / max(both[0].max(), 1e-300), both[1] / max(both[1].max(), 1e-300))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        rough = np.where((busy > _IDLE) & (sense * both[1] != 0.0), sense * both[0] / both[1], 1.0)
+    scaled = replace(reading, torque=np.diag(rough) @ reading.torque)
+    fit = misfits.fit(DRIVE, scaled)
+    assert fit is not None
+    wheels = len(rough)
+    left = fit.misfit.reshape(-1, wheels).max(axis=0)
+    gains = fit.values[:wheels] * limits.GAIN_SD
+    friction = np.abs(fit.values[wheels:])
+    exact = (left < limits.SUSPICIOUS) & (np.abs(gains) < 0.5) & (friction < limits.ORDINARY)
+    values = rough * (1.0 + gains)
+    far = np.maximum(np.abs(values), 1.0 / np.maximum(np.abs(values), 1e-300)) > limits.FACTOR
+    values = np.where(exact & (far | (values < 0.0)), values, 1.0)
+    if np.all(values == 1.0):
+        return None
+    names = tuple(wheel.name for wheel in misfits.campaign.wheels)
+    return Factors(names, values, _side(misfits, reading, values))
+
+
+def _moved(values: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """Departures (S, N, wheels) from the mean of each slew, 0 where a moment does not count."""
+    count = np.maximum(valid.sum(axis=1), 1)[:, None, None]
+    mean = (values * valid[..., None]).sum(axis=1, keepdims=True) / count
+    return (values - mean) * valid[..., None]
+
+
+def _side(misfits: Misfits, reading: Reading, values: np.ndarray) -> bool | None:
+    """Whether conservation of momentum holds with the tachometers, or with what is commanded."""
+    with_commands = replace(reading, momentum=np.diag(1.0 / values) @ reading.momentum)
+    fits = [misfits.fit(CONSERVATION, r) for r in (reading, with_commands)]
+    if any(fit is None for fit in fits):
+        return None
+    tachometers, commands = (fit.worst for fit in fits if fit is not None)
+    if max(tachometers, commands) < limits.IMPROVEMENT * min(tachometers, commands):
+        return None
+    return bool(tachometers < commands)
+
+
+def broken_limits(campaign: Campaign, holds: Mapping[str, bool]) -> tuple[str, ...]:
+    """Limits of the hardware that readings are far beyond.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        As it was read, nothing masked.
+    holds : mapping of str to bool
+        Whether a law holds as stated; those that do show that the units are right.
+
+    Returns
+    -------
+    tuple of str
+        One a key, without full stop.
+    """
+    said = []
+    for key, channel, unit, proof in _LIMITS:
+        beyond = _beyond(campaign, key, channel)
+        if not beyond:
+            continue
+        name = max(beyond, key=lambda n: beyond[n][0] / beyond[n][1])
+        largest, limit = beyond[name]
+        place = "rate_sensor.range" if key == "range" else f"wheels.{name}.{key}"
+        more = f" (and {len(beyond) - 1} more)" if len(beyond) > 1 and key != "range" else ""
+        told = [holds[law] for law in proof if law in holds]
+        blame = f"the limit or the unit of {_STREAMS[channel]} is wrong"
+        if told and all(told):
+            blame = "the limit is wrong, for the laws of motion hold with this unit"
+        said.append(
+            f"{place}{more}: {limit:.3g} {unit} is exceeded {largest / limit:.2g} times by "
+            f"{_STREAMS[channel]} (up to {largest:.3g} {unit}); {blame}"
+        )
+    return tuple(said)
+
+
+_LIMITS = (
+    ("max_torque", "wheel_torque", "N m", (DRIVE, CONSERVATION)),
+    ("max_momentum", "wheel_momentum", "N m s", (DRIVE, CONSERVATION)),
+    ("range", "rate", "rad/s", (CLOSURE, CONSERVATION)),
+)
+_STREAMS = {
+    "wheel_torque": "the torque commands",
+    "wheel_momentum": "the wheel momentum",
+    "rate": "the rates",
+}
+
+
+def _beyond(campaign: Campaign, key: str, channel: str) -> dict[str, tuple[float, float]]:
+    """Largest usual reading and limit, by wheel or axis, where the limit is far exceeded."""
+    readings = [getattr(slew, channel) for slew in campaign.slews]
+    given = [np.abs(r) for r in readings if r is not None]
+    if not given:
+        return {}
+    names: Sequence[str] = [wheel.name for wheel in campaign.wheels]
+    stated = [getattr(wheel, key, None) for wheel in campaign.wheels]
+    if key == "range":
+        names, stated = "xyz", [campaign.rate_sensor.range] * 3
+    beyond = {}
+    for k, (name, limit) in enumerate(zip(names, stated, strict=True)):
+        column = np.concatenate([values[:, k] for values in given])
+        column = column[np.isfinite(column)]
+        # A few outliers are no unit: the limit must be far exceeded in a hundredth of the rows.
+        largest = float(np.quantile(column, 0.99)) if len(column) else 0.0
+        if limit and largest > limits.FAR_BEYOND * limit:
+            beyond[name] = (largest, limit)
+    return beyond

@@ -1,0 +1,188 @@
+"""Clocks that people bring: set back, wrapped, split in columns, an hour off, or none at all."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.campaign_files import assert_teaches
+from support.raw_logs import edited_mapping, log_columns, write_csv
+
+from bayes_inertia.campaign.known_offsets import known_offset
+from bayes_inertia.campaign.row_order import set_back_row
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.importing.import_logs import import_logs
+
+GRID = np.arange(0.0, 100.0, 0.25)
+CAMPAIGN = 'kind = "ms", epoch = "campaign"'
+
+
+@pytest.fixture(scope="module")
+def columns():
+    return log_columns([(40.0, 30.0, 0.5)], 110.0)
+
+
+def imported(tmp_path, columns, *changes, files=None):
+    mapping = edited_mapping(tmp_path, *changes)
+    files = files or [write_csv(tmp_path / "log.csv", columns)]
+    return import_logs(files, mapping, tmp_path / "c")
+
+
+def refusal(tmp_path, columns, *changes, files=None) -> CampaignError:
+    with pytest.raises(CampaignError) as caught:
+        imported(tmp_path, columns, *changes, files=files)
+    return caught.value
+
+
+def noise(count: int) -> np.ndarray:
+    return np.random.default_rng(0).normal(size=(count, 3))
+
+
+BACK = {
+    "again from zero": (np.r_[GRID, GRID[:80] + 0.1], 400),
+    "the very same stamps": (np.r_[GRID, GRID], 400),
+    "a longer second session": (np.r_[GRID[:100], GRID + 0.1], 100),
+    "into a pause of the first": (np.r_[0:20:0.25, 60:100:0.25, 25:45:0.25], 240),
+    "by some seconds": (np.r_[GRID[:200], GRID[180:] + 0.1], 200),
+}
+
+
+@pytest.mark.parametrize("name", BACK)
+def test_a_clock_that_was_set_back_is_told(name):
+    stamps, row = BACK[name]
+    assert set_back_row(stamps, noise(len(stamps))) == row
+
+
+LATE = {
+    "two rows swapped": np.r_[GRID[:50], GRID[51], GRID[50], GRID[52:]],
+    "a packet that came late": np.r_[GRID[:100], GRID[150:200], GRID[100:150], GRID[200:]],
+    "downloads in reverse order": np.r_[GRID[200:], GRID[:200]],
+    "packets of a network": GRID[np.argsort(np.arange(400) + 6 * noise(400)[:, 0] ** 2 % 6)],
+    "one stamp far ahead": np.r_[GRID[:50], 1e6, GRID[51:]],
+    "one stamp at zero": np.r_[GRID[40:90], 0.0, GRID[91:]],
+}
+
+
+@pytest.mark.parametrize("name", LATE)
+def test_rows_that_only_came_late_are_no_clock_set_back(name):
+    assert set_back_row(LATE[name], noise(len(LATE[name]))) is None
+
+
+def test_rows_sent_again_are_no_clock_set_back():
+    stamps = np.r_[GRID[:200], GRID[100:]]
+    assert set_back_row(stamps, np.sin(stamps)[:, None]) is None
+    assert set_back_row(stamps, noise(len(stamps))) == 200
+
+
+def test_a_second_session_is_an_error_with_its_line_and_by_how_much(tmp_path, columns):
+    twice = {name: np.concatenate([cells, cells]) for name, cells in columns.items()}
+    twice["t_ms"][220:] += 100.0
+    assert_teaches(refusal(tmp_path, twice), ["log.csv, line 222", "goes back by 109.4 s"])
+
+
+def test_a_second_session_in_a_file_of_its_own_is_never_shuffled_in(tmp_path, columns):
+    later = {**columns, "t_ms": columns["t_ms"] + 100.0, "wx": columns["wx"] + 0.01}
+    files = [write_csv(tmp_path / "log_1.csv", columns), write_csv(tmp_path / "log_2.csv", later)]
+    by_rest = ("[rate_sensor]", '[cut]\nby = "rest"\n\n[rate_sensor]')
+    error = refusal(tmp_path, {}, by_rest, files=files)
+    assert_teaches(error, ["log_2.csv", "overlap", 'epoch = "file"'])
+
+
+PERIODS = [
+    ("ms", 2**32, 1, "2^32 ms"),
+    ("ms", 2**31, 1, "2^31 ms"),
+    ("ms", 2**24, 1, "2^24 ms"),
+    ("us", 2**32, 1000, "2^32 us"),
+    ("ms", 86400000, 1, "86400 s"),
+    ("s", 4294967.296, 1e-3, "2^32 ms"),
+    ("ms", 2**16, 1, "2^16 ms"),
+]
+
+
+def wrapped(columns, kind, period, size, start=50_000.0):
+    """A log whose counter begins anew 50 s after its start."""
+    counts = (columns["t_ms"] * size + period - start * size) % period
+    exact = counts if kind == "s" else np.round(counts).astype(np.int64)
+    return {**columns, "t_ms": exact}, (CAMPAIGN, f'kind = "{kind}", epoch = "campaign"')
+
+
+@pytest.mark.parametrize(("kind", "period", "size", "name"), PERIODS, ids=[p[3] for p in PERIODS])
+def test_a_counter_that_wraps_is_counted_on_and_said(tmp_path, columns, kind, period, size, name):
+    log, change = wrapped(columns, kind, period, size)
+    straight = imported(tmp_path, columns).logs.streams
+    (tmp_path / "wrapped").mkdir()
+    streams = imported(tmp_path / "wrapped", log, change).logs.streams
+    assert list(streams) == list(straight)
+    for key, stream in streams.items():
+        np.testing.assert_allclose(stream.time, straight[key].time, atol=1e-6)
+        # All streams have the stamps of one file.
+        assert f"wrapped at {name} (" in " ".join(stream.notes)
+        assert "line 102" in " ".join(stream.notes)
+
+
+def test_streams_that_begin_after_the_wrap_are_counted_on_too(tmp_path, columns):
+    log, _ = wrapped(columns, "ms", 2**32, 1)
+    late = {name: cells[150:] for name, cells in log.items()}
+    files = [write_csv(tmp_path / "log_a.csv", log), write_csv(tmp_path / "st.csv", late)]
+    of_tracker = (
+        'holds = "attitude"\nfiles = ["log*.csv"]',
+        'holds = "attitude"\nfiles = ["st.csv"]',
+    )
+    streams = imported(tmp_path, {}, of_tracker, files=files).logs.streams
+    assert streams["attitude"].time[0] - streams["rate"].time[0] == 75.0
+    assert "the counter had wrapped" in " ".join(streams["attitude"].notes)
+
+
+def test_a_pause_that_may_hide_a_wrap_is_refused(tmp_path, columns):
+    log, _ = wrapped(columns, "ms", 2**16, 1)
+    paused = {name: np.delete(cells, np.s_[10:40]) for name, cells in log.items()}
+    assert_teaches(refusal(tmp_path, paused), ["log.csv, line 12", "every 2^16 ms (65.536 s)"])
+
+
+def test_stamps_coarser_than_rows_stop_the_import(tmp_path, columns):
+    coarse = {**columns, "t_ms": np.floor(columns["t_ms"] / 2000.0) * 2000.0}
+    error = refusal(tmp_path, coarse)
+    assert_teaches(error, ["log.csv, line 3", "165 of 220 rows repeat the time", "nanosec"])
+
+
+def test_rows_without_a_time_are_few_or_an_error(tmp_path, columns):
+    holes = {**columns, "t_ms": columns["t_ms"].copy()}
+    holes["t_ms"][5] = np.nan
+    notes = imported(tmp_path, holes).logs.streams["rate"].notes
+    assert "1 of 220 rows hold readings without a time and are left out" in notes
+    holes["t_ms"][20:40] = np.nan
+    (tmp_path / "many").mkdir()
+    assert_teaches(refusal(tmp_path / "many", holes), ["log.csv, line 7", "21 of 220 rows"])
+
+
+@pytest.mark.parametrize("offset", [3600.0, -7200.0, 19800.0])
+def test_a_stream_outside_every_slew_is_told_with_the_offset_that_explains_it(
+    tmp_path, columns, offset
+):
+    off = {**columns, "t_ms": columns["t_ms"] + 1e3 * offset}
+    files = [write_csv(tmp_path / "log_a.csv", columns), write_csv(tmp_path / "st.csv", off)]
+    of_tracker = (
+        'holds = "attitude"\nfiles = ["log*.csv"]',
+        'holds = "attitude"\nfiles = ["st.csv"]',
+    )
+    error = refusal(tmp_path, {}, of_tracker, files=files)
+    said = f"all 220 readings of st.csv lie outside every slew, by {abs(offset):g} s"
+    assert_teaches(error, ["streams.attitude.offset_s", said, f"offset_s = {-offset:g} ("])
+
+
+def test_offsets_of_time_scales_are_tried_by_name():
+    for size, why in ((18.0, "GPS"), (69.184, "TT is ahead of UTC"), (3618.0, "GPS")):
+        known = known_offset(np.array([0.1, 5.0, 9.9]) + size, [(0.0, 10.0)])
+        assert known is not None
+        assert known[0] == pytest.approx(-size)
+        assert why in known[1]
+    assert known_offset(np.array([0.0, 9.0]) + 1234.5, [(0.0, 10.0)]) is None
+
+
+def test_a_log_without_stamps_is_read_at_its_rate(tmp_path, columns):
+    rate = ('time = { names = ["t_ms"], kind = "ms", epoch', "time = { rate_hz = 2.0, epoch")
+    bare = {name: cells for name, cells in columns.items() if name != "t_ms"}
+    streams = imported(tmp_path, bare, rate).logs.streams
+    assert np.allclose(streams["rate"].time, columns["t_ms"] / 1e3)
+    (tmp_path / "both").mkdir()
+    both = ("time = { names", "time = { rate_hz = 2.0, names")
+    assert_teaches(refusal(tmp_path / "both", columns, both), ["time.rate_hz", "both given"])
