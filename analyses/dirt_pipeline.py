@@ -15,6 +15,7 @@ import numpy as np
 
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.conventions.check import refuse_impossible
+from bayes_inertia.diagnosis.quoted_parameters import quoted_parameters
 from bayes_inertia.errors import BayesInertiaError
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import clean_fit
@@ -23,11 +24,10 @@ from bayes_inertia.inference.gates import check_gates
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.report.uncertainty import quoted_sd
 
 NAMES = (*ELEMENTS, "K1", "K2", "K3")
 # Chains that are perfect: their gate is another study's matter.
-_PERFECT = Diagnostics(True, 1.0, 1e4, 1e4, 1.0, 1, 1.0, 0.0, 1.0, 0, 10**6)
+PERFECT = Diagnostics(True, 1.0, 1e4, 1e4, 1.0, 1, 1.0, 0.0, 1.0, 0, 10**6)
 
 
 @dataclass(frozen=True)
@@ -74,14 +74,14 @@ def judged(folder: Path) -> Outcome:
     campaign = read_campaign(folder)
     refuse_impossible(folder)
     estimate = clean_fit(optimizer.estimate(Model(campaign))).estimate
-    return outcome_of(estimate, check_gates(estimate, _PERFECT), dirt_of(estimate.model.campaign))
+    return outcome_of(estimate, check_gates(estimate, PERFECT), dirt_of(estimate.model.campaign))
 
 
 def uncleaned(folder: Path) -> Outcome:
     """As `judged`, with the cleaning turned off: the negative control."""
     campaign = read_campaign(folder)
     estimate = optimizer.estimate(Model(campaign))
-    return outcome_of(estimate, check_gates(estimate, _PERFECT), dirt_of(campaign))
+    return outcome_of(estimate, check_gates(estimate, PERFECT), dirt_of(campaign))
 
 
 def dirt_of(campaign) -> tuple[dict, ...]:
@@ -102,14 +102,8 @@ def outcome_of(estimate: Estimate, gates: list[dict], dirt: tuple[dict, ...]) ->
 
 
 def quoted(estimate: Estimate) -> np.ndarray:
-    """The sd (9,) that a result quotes: the larger of the model's and of the slews' scatter."""
-    robust = estimate.robust_sd
-    return np.array(
-        [
-            quoted_sd(estimate.sd[i], None if robust is None else float(robust[i])).sd
-            for i in range(9)
-        ]
-    )
+    """The sd (9,) that a result quotes."""
+    return quoted_parameters(estimate).sd
 
 
 def fitted(folder: Path) -> Outcome:
@@ -127,7 +121,7 @@ def _of_summary(summary: dict) -> Outcome:
         "; ".join(summary["reasons"]),
         tuple(summary.get("dirt", ())),
         np.array([row["mean"] for row in rows]),
-        np.array([quoted_sd(row["sd"], row["robust_sd"]).sd for row in rows]),
+        np.array([row["quoted_sd"] or row["sd"] for row in rows]),
     )
 
 

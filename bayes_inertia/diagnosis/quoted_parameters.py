@@ -32,7 +32,7 @@ class QuotedParameters:
     names : tuple of str
         Of the elements of J and K.
     mean : (9,) array
-        SI units.
+        SI units; the median where several models are averaged.
     sd : (9,) array
         Of normal distributions with the same 90 % intervals.
     """
@@ -106,7 +106,7 @@ def averaged_parameters(
     alternatives: tuple[AlternativeParameters, ...],
     dispersion_factor: float = 1.0,
 ) -> QuotedParameters:
-    """Mean of a mixture, and the sd that belongs to its 90 % interval.
+    """Median of a mixture, and the sd that belongs to its 90 % interval.
 
     Parameters
     ----------
@@ -134,13 +134,11 @@ def averaged_parameters(
     shares = np.array([1.0 - sum(r.probability for r in alternatives)])
     shares = np.append(shares, [r.probability for r in alternatives])
     means, sds = (np.array([getattr(r, key) for r in rows]) for key in ("mean", "sd"))
-    low, high = (
+    low, middle, high = (
         np.array([_quantile(level, shares, m, s) for m, s in zip(means.T, sds.T, strict=True)])
-        for level in (0.05, 0.95)
+        for level in (0.05, 0.5, 0.95)
     )
-    return QuotedParameters(
-        first.names, shares @ means, dispersion_factor * sd_of_interval(low, high)
-    )
+    return QuotedParameters(first.names, middle, dispersion_factor * sd_of_interval(low, high))
 
 
 def _quantile(level: float, shares: np.ndarray, mean: np.ndarray, sd: np.ndarray) -> float:

@@ -216,7 +216,7 @@ class Posterior:
         contraction = 1.0 - (sd / prior_sd) ** 2
         q05, q50, q95 = (float(q) for q in np.quantile(draws, [0.05, 0.5, 0.95]))
         return {
-            "mean": float(draws.mean()),
+            "mean": q50 if self._is_averaged(name) else float(draws.mean()),
             "sd": sd,
             "quoted_sd": self._quoted(q05, q95),
             "robust_sd": robust if np.isfinite(robust) else None,
@@ -230,6 +230,10 @@ class Posterior:
             "contraction": contraction,
             "observable": bool(contraction > OBSERVABLE_ABOVE),
         }
+
+    def _is_averaged(self, name: str) -> bool:
+        """Whether draws are an average over models: thin long tails rule its mean, not its median."""
+        return "averaged" in self.tree and name in self.tree["averaged"]
 
     def _quoted(self, q05: float, q95: float) -> float | None:
         """The sd to quote of draws with these quantiles, None where none can be."""
@@ -253,6 +257,7 @@ class Posterior:
         """Principal moments as they stand in summary.json, smallest first."""
         group: Any = self.tree["averaged" if "averaged" in self.tree else "derived"]
         draws = group["principal_moment"].values.reshape(-1, 3)
+        middle = np.median if self._is_averaged("principal_moment") else np.mean
         derived: Any = self.tree["derived"]
         sd = derived["principal_moment"].values.reshape(-1, 3).std(0, ddof=1)
         # As for the parameters.
@@ -260,7 +265,7 @@ class Posterior:
         robust = np.maximum(estimate["robust_principal_sd"].values, sd)
         return {
             f"I{i + 1}": {
-                "mean": float(draws[:, i].mean()),
+                "mean": float(middle(draws[:, i])),
                 "sd": float(sd[i]),
                 "quoted_sd": self._quoted(*np.quantile(draws[:, i], [0.05, 0.95]).tolist()),
                 "robust_sd": float(robust[i]) if np.isfinite(robust[i]) else None,

@@ -24,13 +24,13 @@ from bayes_inertia.maths.values import array_dataclass
 _UNTESTED = 1e-9
 
 
-# Slews that agree so little once in twenty campaigns are not said to disagree: widened always, 90 %
-# intervals of clean campaigns would hold in 94 %.
-CHANCE = 0.05
+# Slews are said to disagree where noise makes so much disagreement once in a hundred campaigns. At
+# once in twenty, or widened always, intervals are wider and hold no more often.
+CHANCE = 0.01
 
 
 class Dispersion(NamedTuple):
-    """Disagreement of the slews, pooled over slews and parameters.
+    """Disagreement of the slews, pooled over slews and parameters: the Birge ratio.
 
     Parameters
     ----------

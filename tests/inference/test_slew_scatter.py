@@ -36,7 +36,7 @@ def scatters(matrices: np.ndarray, noise: float) -> list[SlewScatter]:
 
 
 def test_slews_that_agree_are_said_to_agree(matrices):
-    """The p-value is uniform, so that one campaign in twenty is widened by chance."""
+    """The p-value is uniform, so that one campaign in a hundred is widened by chance."""
     agreeing = [scatter.dispersion for scatter in scatters(matrices, 1.0)]
     assert stats.kstest([d.p_value for d in agreeing], "uniform").pvalue > 1e-3
     widened = sum(d.factor > 1.0 for d in agreeing)
