@@ -78,7 +78,7 @@ def rounding_sigmas(values: np.ndarray) -> np.ndarray:
     ----------
     values : (n, k) array
         Numbers of one quantity as they lie in a file; NaN where there is none. A column that never
-        changes is taken to be rounded like the coarsest of the others.
+        changes is taken to have the coarsest step of the others, whatever their decimals.
 
     Returns
     -------
@@ -99,12 +99,12 @@ def rounding_sigmas(values: np.ndarray) -> np.ndarray:
         quantisation_step(np.append(column, 0.0) if len(column) == 2 else column) or 0.0
         for column in columns
     ]
+    decimal = _decimal_step(columns)
     steps = [
-        max(steps) if len(column) == 1 else step
+        max(steps) if len(column) == 1 else max(step, decimal)
         for column, step in zip(columns, steps, strict=True)
     ]
-    decimal = _decimal_step(columns)
-    return np.array([quantisation_sigma(max(step, decimal)) for step in steps])
+    return np.array([quantisation_sigma(step) for step in steps])
 
 
 def _decimal_step(columns: Sequence[np.ndarray]) -> float:

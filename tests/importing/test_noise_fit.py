@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bayes_inertia.importing.noise_fit import fit_noise
+from bayes_inertia.importing.noise_fit import fit_noise, rounding_sigmas
 
 RUNS = 40
 SAMPLES = 1500
@@ -82,3 +82,9 @@ def test_the_noise_is_never_below_the_rounding():
     fit = fit_noise([hidden], STEP, rounding=0.3)
     assert fit is not None
     assert fit.white == 0.3
+
+
+def test_an_axis_that_stays_at_one_value_beside_noisy_ones_has_no_rounding():
+    rates = np.random.default_rng(2).normal(0.0, 2e-5, (200, 3)).round(12)
+    rates[:, 0] = 0.0
+    assert rounding_sigmas(rates)[0] == 0.0
