@@ -13,22 +13,14 @@ In a notebook::
 
 from __future__ import annotations
 
-import os
-import sys
 from importlib import import_module
 from typing import Any
 
 from bayes_inertia.version import __version__ as __version__
 
-# Attitude residuals of arc seconds on angles of radians need double precision, also in what a user
-# computes with JAX before the first module that imports it. JAX takes half a second to import.
-if "jax" not in sys.modules:
-    os.environ["JAX_ENABLE_X64"] = "1"  # JAX reads it when it is imported.
-else:
-    import_module(f"{__name__}.maths.jax_settings")
-
 # Public names and the modules they live in, loaded on first use: plots and reports take a second to
-# import.
+# import. The first that computes sets JAX up, see `maths.jax_settings`; until then JAX and the
+# environment stay as they are.
 _PUBLIC = {
     # Campaigns: what was flown.
     "Campaign": "campaign.campaign",

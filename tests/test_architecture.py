@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -345,6 +346,14 @@ def test_every_module_and_public_name_says_what_it_is_for():
 def lines_too_many(path: Path) -> int:
     """Lines of a file from the limit on."""
     return max(0, len(path.read_text(encoding="utf-8").splitlines()) - MAX_LINES + 1)
+
+
+def test_no_head_claims_to_hold_all_thresholds():
+    """Steps keep thresholds of their own: who looks for one must not be told otherwise."""
+    claims = re.compile(r"\b(all|every) thresholds?\b|one place decides", re.IGNORECASE)
+    assert claims.search("All thresholds stand in `Rules`.")
+    texts = [*ROOT.rglob("*.py"), *(ROOT.parent / "docs").rglob("*.md")]
+    assert [str(path) for path in texts if claims.search(path.read_text("utf-8"))] == []
 
 
 def test_no_file_is_long():

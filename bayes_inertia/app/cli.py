@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import atexit
 import gc
-import os
 import sys
 from collections.abc import Callable
 from typing import Annotated
@@ -33,9 +32,9 @@ from bayes_inertia.app.commands.resume import resume_command
 from bayes_inertia.app.commands.simulate import simulate_command
 from bayes_inertia.app.commands.study import study_command
 from bayes_inertia.app.compiled_code import compiled_code_kept
-from bayes_inertia.app.failures import failure_message, is_closed_output
+from bayes_inertia.app.failures import failure_message
 from bayes_inertia.app.interruption import ending_soon_on_signals, how_to_go_on
-from bayes_inertia.app.terminal import quietly, safe_message
+from bayes_inertia.app.terminal import quietly, safe_message, usable_streams
 from bayes_inertia.errors import BayesInertiaError
 from bayes_inertia.version import __version__
 
@@ -128,7 +127,10 @@ def main(arguments: list[str] | None = None) -> None:
     words = sys.argv[1:] if arguments is None else arguments
     # The interpreter would look at every object once more before it ends, for most of a second.
     atexit.register(gc.freeze)
-    with ending_soon_on_signals(lambda: how_to_go_on(words)) as interruption:
+    with (
+        usable_streams(),
+        ending_soon_on_signals(lambda: how_to_go_on(words)) as interruption,
+    ):
         try:
             code = _exit_code(words)
         except (typer.Abort, KeyboardInterrupt):
@@ -158,10 +160,6 @@ def _exit_code(words: list[str]) -> int:
         error.show()  # type: ignore[attr-defined]
         return error.exit_code
     except Exception as error:
-        if is_closed_output(error):
-            # Nothing more can be said there, not by the interpreter at its end either.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            return 1
         message = failure_message(error)
         if message is None:
             raise

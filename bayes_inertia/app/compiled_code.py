@@ -3,8 +3,8 @@
 Compiling a model takes longer than sampling it. The commands keep what was compiled, so that the
 next campaign of the same shape begins at once. JAX writes and evicts entries under a lock, and
 finds them by a digest of the program; here stands where, how much, and what happens when the
-folder fails. A library leaves JAX as its user set it: only the commands, and who calls
-`keep_compiled_code`, change anything.
+folder fails. A library leaves JAX's cache as its user set it: only the commands, and who calls
+`keep_compiled_code`, change it.
 """
 
 from __future__ import annotations

@@ -15,6 +15,7 @@ from bayes_inertia.app.diagnosis_pictures import pictures_json
 from bayes_inertia.app.diagnosis_tables import alike_pairs, candidate_rows, step_row
 from bayes_inertia.app.investigation import Investigation
 from bayes_inertia.design.correction_slew import CorrectionForecast
+from bayes_inertia.design.goals import CORRECTED_TURN_DEG
 from bayes_inertia.design.separating_slew import Separation
 from bayes_inertia.diagnosis.model_averaging import AlternativeParameters
 from bayes_inertia.diagnosis.residual_scan import Disagreement
@@ -27,7 +28,6 @@ from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS, STOCHASTIC
 
 FORMAT = "bayes-inertia-diagnosis/1"
-_CORRECTION_ANGLE = 60.0  # [deg] of the correction slew that is forecast
 
 
 def to_json(investigation: Investigation) -> dict[str, Any]:
@@ -174,7 +174,7 @@ def _alternative_from(row: Mapping[str, Any]) -> AlternativeParameters:
 def _correction(correction: CorrectionForecast | None) -> dict[str, Any] | None:
     if correction is None:
         return None
-    return {**asdict(correction), "unit": "rad", "angle_deg": _CORRECTION_ANGLE}
+    return {**asdict(correction), "unit": "rad", "angle_deg": CORRECTED_TURN_DEG}
 
 
 def _separating(separation: Separation) -> dict[str, Any]:

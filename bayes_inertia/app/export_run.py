@@ -12,6 +12,7 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.design.correction_slew import correction_with_update
+from bayes_inertia.design.goals import CORRECTED_TURN_DEG
 from bayes_inertia.files import write_new_files
 from bayes_inertia.flight.spacecraft import spin_tensor, without_spin
 from bayes_inertia.inference.posterior import Posterior
@@ -31,7 +32,8 @@ from bayes_inertia.sealing import blaming, is_sealed
 _FORECAST_DRAWS = 48  # of the posterior, in the forecast of the correction slew
 _DAMAGED = "start a new run in another folder"
 _CORRECTION_SAYS = (
-    "after a slew of 60 deg about the worst body axis, noise and effects left out; "
+    f"after a slew of {CORRECTED_TURN_DEG:g} deg about the worst body axis, noise and effects left "
+    "out; "
     "old and new J and K on board; median and 95 % quantile over the posterior"
 )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 from concurrent.futures import BrokenExecutor
 
 _ALLOCATION_FAILED = ("RESOURCE_EXHAUSTED", "Out of memory", "Unable to allocate", "bad_alloc")
@@ -67,24 +66,3 @@ def disk_failure(error: Exception) -> str:
     if "errno = " not in text or "error message = '" not in text:
         return ""
     return text.partition("error message = '")[2].partition("'")[0]
-
-
-def is_closed_output(error: Exception) -> bool:
-    """Whether the reader of the output went away, as `head` does.
-
-    Parameters
-    ----------
-    error : Exception
-        That ended a command.
-
-    Returns
-    -------
-    bool
-        Then there is nobody to tell.
-
-    Examples
-    --------
-    >>> is_closed_output(BrokenPipeError(32, "Broken pipe"))
-    True
-    """
-    return isinstance(error, OSError) and error.errno == errno.EPIPE

@@ -225,7 +225,11 @@ def _ids(folder: Path, out: Path) -> tuple[str, ...]:
         )
     results = out.resolve()
     folders = sorted(path.parent for path in folder.rglob("campaign.toml"))
-    folders = [path for path in folders if not path.is_relative_to(results)]
+    folders = [
+        path
+        for path in folders
+        if not (path.is_relative_to(results) or _is_copy_of_run(path, folder))
+    ]
     if not folders:
         raise CampaignError(
             "holds no campaign.toml, at any depth",
@@ -233,6 +237,12 @@ def _ids(folder: Path, out: Path) -> tuple[str, ...]:
             advice="give a folder of campaign folders",
         )
     return tuple(f"{path.relative_to(folder).as_posix()}{_AT}{_digest(path)}" for path in folders)
+
+
+def _is_copy_of_run(path: Path, folder: Path) -> bool:
+    """Whether a campaign lies in the folder of a run, which keeps a copy of what it fitted."""
+    between = path.relative_to(folder).parents
+    return any((folder / run / "run.json").is_file() for run in between if run != Path())
 
 
 def _digest(path: Path) -> str:

@@ -6,12 +6,16 @@ nothing here is markup: style is given beside a text, never inside it.
 
 from __future__ import annotations
 
+import errno
+import io
 import json
+import os
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import typer
 from rich.box import SIMPLE
@@ -33,8 +37,70 @@ from rich.text import Text
 _QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
 # Up to so many columns, tables are made as narrow as they can be.
 _NARROW = 100
+# What writing fails with where the reader went away: a pipe, one on Windows, a terminal.
+_NOBODY_READS = (errno.EPIPE, errno.EINVAL, errno.EIO)
 # Characters of a message, and how many of them are its end, which says what to do.
 _LONGEST, _END = 4000, 1000
+
+
+class _Stream(io.FileIO):
+    """A descriptor whose reader may go away, as `head` does: what comes later is dropped."""
+
+    def write(self, data: Any) -> int:
+        try:
+            return super().write(data)
+        except OSError as error:
+            nowhere = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(nowhere, self.fileno())
+            os.close(nowhere)
+            if error.errno not in _NOBODY_READS:
+                raise
+        return super().write(data)
+
+
+@contextmanager
+def usable_streams() -> Iterator[None]:
+    """Let a command print while the context lasts, whatever stdout and stderr lack.
+
+    Letters that their encoding lacks are replaced. Where they are closed, or their reader goes
+    away, what is printed is dropped, and the work goes on.
+
+    Examples
+    --------
+    >>> with usable_streams():
+    ...     print("5 slews")
+    5 slews
+    """
+    # A file that is opened later must not get the number of a closed stream, and what C libraries
+    # write there.
+    while (free := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(free, True)
+    os.close(free)
+    before = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = (_usable(stream) for stream in before)
+    try:
+        yield
+    finally:
+        for stream in (sys.stdout, sys.stderr):
+            with suppress(OSError):
+                stream.flush()
+        sys.stdout, sys.stderr = before
+
+
+def _usable(stream: TextIO | None) -> TextIO:
+    """A stream on the same descriptor that replaces letters and survives its reader."""
+    if stream is None or stream.closed:
+        return open(os.devnull, "w", encoding="utf-8")
+    buffer = getattr(stream, "buffer", None)
+    raw = getattr(buffer, "raw", buffer)
+    if type(raw) is io.FileIO:
+        stream.flush()
+        pipe = io.BufferedWriter(_Stream(raw.fileno(), "w", closefd=False))
+        return io.TextIOWrapper(pipe, stream.encoding, "replace", line_buffering=True)
+    # A console of Windows, or what a notebook or a test captures.
+    if isinstance(stream, io.TextIOWrapper):
+        stream.reconfigure(errors="replace")
+    return stream
 
 
 def plain_console(*, stderr: bool = False) -> Console:

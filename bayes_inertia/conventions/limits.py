@@ -1,5 +1,6 @@
-"""Every threshold of the conventions check, with the reason for its size.
+"""The thresholds by which the laws of the conventions check decide, with the reason for each.
 
+Numbers of a single step (rounds, rarities, what counts as at rest) stand in the file that takes it.
 None is tuned to a campaign: they follow from what the effects of the library do (`physics.effects`
 states its priors as fractions of the motion) and from how far apart two conventions lie. A wrong
 unit, sign or order leaves 100 % or 200 % of the motion unexplained; a physical effect leaves a few

@@ -14,13 +14,16 @@ from jax import Array
 
 from bayes_inertia.errors import CampaignError
 
+# Turn of the slew whose correction is forecast [deg], as everywhere in the package.
+CORRECTED_TURN_DEG = 60.0
 # What the number of each goal means, and its unit; smaller is better.
 GOALS = {
     "cross_terms": ("largest sd of a product of inertia", "kg m^2"),
     "inertia": ("typical sd of J: geometric mean over the axes of its error ellipsoid", "kg m^2"),
     "scale_factors": ("largest sd of a scale factor", ""),
     "correction_slew": (
-        "sd of the correction slew after 60 deg about an axis of any direction",
+        f"sd of the correction slew after {CORRECTED_TURN_DEG:g} deg "
+        "about an axis of any direction",
         "rad",
     ),
     "separate": (
@@ -28,8 +31,7 @@ GOALS = {
         "prior sd",
     ),
 }
-# The slew [rad] whose correction counts.
-_REFERENCE_ANGLE = math.radians(60.0)
+_REFERENCE_ANGLE = math.radians(CORRECTED_TURN_DEG)
 # The largest of several sds, made smooth: a norm of this order is at most 5 % above that of three.
 _NORM_ORDER = 24
 

@@ -32,6 +32,7 @@ from bayes_inertia.design.plan_arrays import (
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.slew_profile import angle_and_rate
 from bayes_inertia.maths import quaternion
+from bayes_inertia.maths.jax_settings import require_usable_jax
 from bayes_inertia.maths.values import AnyArray
 
 # Rows in the rest before, each ramp, the coast, the settling and the rest after.
@@ -145,6 +146,7 @@ def motion_of_plan(plan: Plan, body: RigidBody) -> PlannedMotion:
     >>> round(float(motion_of_plan(one, body).total_time), 9)
     115.0
     """
+    require_usable_jax()
     start = plan_start(plan, body.wheel_axes_B.shape[1])
     return jax.jit(motion_of_slews)(slew_arrays(plan), plan_times(plan), body, start)
 

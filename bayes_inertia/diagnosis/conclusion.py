@@ -109,6 +109,7 @@ def conclude(
         why_unknown=why_unknown,
         nameless_lead=lead,
         nameless_source=rival.source,
+        nameless_instead_of=rival.instead_of,
         displaced=outcome.displaced,
         hypotheses=hypotheses(levels, steps, lowest_p_value(tests), len(candidates), rules),
     )
@@ -172,20 +173,26 @@ def final_tests(estimate: Estimate) -> dict[str, ChannelTest]:
     Parameters
     ----------
     estimate : Estimate
-        A fit; its noise has one factor a channel in all slews.
+        A fit.
 
     Returns
     -------
     dict
         {channel: ChannelTest}, and `total`.
     """
-    scale = {c: np.sqrt(estimate.discount[0, i]) for i, c in enumerate(CHANNELS)}
+    scale = np.sqrt(estimate.discount)
     tested, info = estimate.tested_residuals, estimate.information
-    series = {c: [scale[c] * x for x in slews] for c, slews in tested.series.items()}
-    chi2 = tested.chi2 * [scale[c] ** 2 for c in CHANNELS]
+    series = {
+        c: [s * x for s, x in zip(scale[:, i], tested.series[c], strict=True)]
+        for i, c in enumerate(CHANNELS)
+    }
+    # Slews of one noise are added before they are scaled, as they always were.
+    relative = estimate.discount / estimate.discount[0]
+    chi2 = (tested.chi2 * relative).sum(0) * scale[0] ** 2
     dof = info.n_data.sum(0) - tested.parameters
     steps = rounding_steps(estimate.model.campaign)
-    rounded = [c for c, of_components in steps.items() if has_one_error(scale[c] * of_components)]
+    largest = dict(zip(CHANNELS, scale.max(0), strict=True))
+    rounded = [c for c, of_components in steps.items() if has_one_error(largest[c] * of_components)]
     return channel_tests(series, chi2, dof, rounded)
 
 

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from bayes_inertia.diagnosis.conclusion import final_tests, is_explained
-from bayes_inertia.diagnosis.nameless import NAMELESS
+from bayes_inertia.diagnosis.nameless import NAMELESS, Rival, nameless_leads
 from bayes_inertia.diagnosis.result import AlternativeEffect, Diagnosis, Step
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import estimate, move_to, re_estimate, with_noise
@@ -137,8 +137,11 @@ def _nameless_members(diagnosis: Diagnosis) -> list[_Member]:
         for name in others
         if name in NAMELESS.values()
     ]
+    rival = Rival(diagnosis.nameless_source, diagnosis.nameless_lead, diagnosis.nameless_instead_of)
+    leads = nameless_leads(diagnosis.steps, diagnosis.rules, rival)
+    own = {step.added: of_step for step, of_step in zip(diagnosis.steps, leads, strict=True)}
     return [
-        _Member(name, named, diagnosis.nameless_lead, _with_remainders(diagnosis, named))
+        _Member(name, named, own[named][name], _with_remainders(diagnosis, named))
         for name, named in places[:1]
     ]
 

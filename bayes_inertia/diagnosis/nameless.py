@@ -171,18 +171,49 @@ def ambiguous_sets(
         Shapes without a name are called `NAMELESS[source]`.
     """
     sets = []
-    equal = rival.log_bayes_factor > -rules.log_evidence_margin
-    for i, step in enumerate(steps):
-        random = step.stochastic or any(_is_stochastic(a) for a in step.alternatives)
-        near = [n.source for n in _nameless_equals(step, rules)] if random else []
-        if equal and i >= rival.instead_of:
-            near.append(rival.source.split(FOLLOWS)[0])
+    for i, (step, leads) in enumerate(zip(steps, nameless_leads(steps, rules, rival), strict=True)):
         beside = [name for a in step.alternatives for name in (a.effect, *a.beside)]
         beside += [a.effect for s in steps[:i] for a in s.alternatives if step.added in a.replaces]
-        beside += [NAMELESS[source] for source in near]
+        beside += leads
         if beside:
             sets.append((step.added, *dict.fromkeys(beside)))
     return tuple(sets)
+
+
+def nameless_leads(
+    steps: Sequence[Step], rules: Rules, rival: Rival
+) -> tuple[dict[str, float], ...]:
+    """What without a name explains the data about as well as each step's effect, and by how much.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        What was added.
+    rules : Rules
+        Its margin decides what explains as well.
+    rival : Rival
+        From `nameless_rival`.
+
+    Returns
+    -------
+    tuple of dict
+        One a step: {value of `NAMELESS`: log evidence by which it beats what was named}.
+    """
+    found = []
+    equal = rival.log_bayes_factor > -rules.log_evidence_margin
+    for i, step in enumerate(steps):
+        random = step.stochastic or any(_is_stochastic(a) for a in step.alternatives)
+        near = [
+            (shape.source, shape.log_bayes_factor - step.log_bayes_factor)
+            for shape in (_nameless_equals(step, rules) if random else ())
+        ]
+        if equal and i >= rival.instead_of:
+            near.append((rival.source.split(FOLLOWS)[0], rival.log_bayes_factor))
+        leads: dict[str, float] = {}
+        for source, lead in near:
+            leads[NAMELESS[source]] = max(lead, leads.get(NAMELESS[source], lead))
+        found.append(leads)
+    return tuple(found)
 
 
 def _nameless_equals(step: Step, rules: Rules) -> list[NamelessShape]:

@@ -182,6 +182,8 @@ class Diagnosis:
         something known) explains the data better than what was named; -inf if nothing was.
     nameless_source : str
         Where that disturbance enters; empty if nothing was named.
+    nameless_instead_of : int
+        The first of the steps, from 0, in whose place it stands.
     treatment : DirtTreatment
         What was done about dirt in the telemetry; its level is `noise`.
     hypotheses : tuple of Hypothesis
@@ -207,6 +209,7 @@ class Diagnosis:
     why_unknown: str = ""
     nameless_lead: float = -math.inf
     nameless_source: str = ""
+    nameless_instead_of: int = 0
     treatment: DirtTreatment = field(default_factory=DirtTreatment)
     hypotheses: tuple[Hypothesis, ...] = ()
     displaced: tuple[Effect, ...] = ()

@@ -159,8 +159,9 @@ class ScoreTests:
         dof = self.dof(k)
         if dof == 0:
             return np.ones_like(score)
-        single = np.where(np.asarray(score) > 0, stats.chi2.sf(score, dof), 1.0)
-        single = single * (0.5 if self.one_sided[k] else 1.0)
+        sides = 0.5 if self.one_sided[k] else 1.0
+        # Every score is at least zero, which is what an effect of the other sign has.
+        single = np.where(np.asarray(score) > 0, sides * stats.chi2.sf(score, dof), 1.0)
         nonlinear = self.nonlinear.get(self.names[k])
         trials = 1 if nonlinear is None else nonlinear.trials
         return -np.expm1(trials * np.log1p(-np.minimum(single, 1.0 - 1e-16)))

@@ -12,6 +12,7 @@ from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.slew_profile import angle_and_rate
 from bayes_inertia.flight.spacecraft import Spacecraft
+from bayes_inertia.maths.jax_settings import require_usable_jax
 
 # Rows are padded to multiples of this, so that few shapes are compiled.
 _ROW_MULTIPLE = 32
@@ -41,6 +42,7 @@ def planned_campaign(plan: Plan, mission: Mission, name: str | None = None) -> C
     >>> len(planned_campaign(paper_like_plan(), most_like_mission()).slews)
     5
     """
+    require_usable_jax()
     craft, (angles, rates), attitudes = mission.spacecraft, _planned_motion(plan), plan.attitudes
     slews = tuple(
         _planned_slew(plan, craft, i, attitudes[i], angles[i], rates[i])

@@ -1,9 +1,10 @@
 """Dirt seen in the residuals of a fit: outliers are left out, the noise takes its own shape.
 
-One place decides for every fit and every diagnosis. Outliers are looked for always; level and
-colour of the noise only where the residuals are not what the stated noise predicts. They are
-measured from what is fast, where a missing effect is not, and believed where they are alike in all
-slews, at rest and in motion. Where nothing is found, the estimate is the very object given.
+Every fit decides here; a diagnosis in `diagnosis.clean_start`, in an order of its own, because
+noise and missing effects compete there. Outliers are looked for always; level and colour of the
+noise only where the residuals are not what the stated noise predicts. They are measured from what
+is fast, where a missing effect is not, and believed where they are alike in all slews, at rest and
+in motion. Where nothing is found, the estimate is the very object given.
 
 A channel that was asked for Student-t noise has its outliers modelled: none is left out, and its
 level and colour are taken as given. So is the level of a channel whose scale is sampled.

@@ -25,6 +25,7 @@ import numpy as np
 from jax.experimental import serialize_executable
 
 import bayes_inertia
+from bayes_inertia.maths.jax_settings import require_usable_jax
 
 _PACKAGE = bayes_inertia.__name__
 # What is kept of a program that cannot be read back: nobody tries again.
@@ -59,6 +60,7 @@ class KeptProgram:
         self._preparing: dict[Hashable, Lock] = {}
 
     def __call__(self, structure: Any, *arrays: Any) -> Any:
+        require_usable_jax()
         leaves, tree = jax.tree.flatten(arrays)
         if any(isinstance(x, jax.core.Tracer) for x in leaves):
             return self._traced(structure, *arrays)
@@ -191,7 +193,7 @@ def _proved(compiled: jax.stages.Compiled, arrays: tuple) -> bytes:
     """
     try:
         content = _packed(compiled)
-        kept = jax.tree.leaves(_loaded(content, arrays)(*arrays))
+        kept = jax.block_until_ready(jax.tree.leaves(_loaded(content, arrays)(*arrays)))
     except Exception:  # The libraries raise whatever they stumble over.
         return _NOT_KEPT
     same = zip(kept, jax.tree.leaves(compiled(*arrays)), strict=True)

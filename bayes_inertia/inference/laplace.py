@@ -144,7 +144,7 @@ class Estimate:
         )
         if filtered is not None:
             return filtered
-        chi2 = (self.information.chi2 / self.discount).sum(0)
+        chi2 = self.information.chi2 / self.discount
         return TestedResiduals(self.residual_series, chi2, self.effective_parameters)
 
     @cached_property
@@ -153,7 +153,7 @@ class Estimate:
         tested = self.tested_residuals
         dof = self.information.n_data.sum(0) - tested.parameters
         rounded = [c for c, s in rounding_steps(self.model.campaign).items() if has_one_error(s)]
-        return channel_tests(tested.series, tested.chi2, dof, rounded)
+        return channel_tests(tested.series, tested.chi2.sum(0), dof, rounded)
 
     @cached_property
     def robust_sd(self) -> np.ndarray | None:

@@ -126,9 +126,13 @@ def bursts_of(time: np.ndarray) -> list[np.ndarray]:
 def _clipped_power(squares: np.ndarray, order: int) -> float:
     """White noise power from squared differences, without the few jumps of an unmodelled step.
 
-    The median starts it; the mean below three sigma, which scatters far less, finishes it.
+    The median starts it, or the mean where most readings repeat, as those of an idle wheel or of a
+    coarse counter do; the mean below three sigma, which scatters far less, finishes it.
     """
-    power = float(np.median(squares)) / _MEDIAN_OF_CHI2
+    power = float(np.median(squares)) / _MEDIAN_OF_CHI2 or float(np.mean(squares))
     for _ in range(20):
-        power = float(np.mean(squares[squares < 9.0 * power])) / _POWER_BELOW_3_SIGMA
+        below = squares[squares < 9.0 * power]
+        if not below.any():
+            return 0.0
+        power = float(np.mean(below)) / _POWER_BELOW_3_SIGMA
     return power / _DIFFERENCE_VARIANCE[order]

@@ -232,7 +232,7 @@ class Posterior:
         }
 
     def _is_averaged(self, name: str) -> bool:
-        """Whether draws are an average over models: thin long tails rule its mean, not its median."""
+        """Whether draws are an average over models: thin long tails rule the mean of one."""
         return "averaged" in self.tree and name in self.tree["averaged"]
 
     def _quoted(self, q05: float, q95: float) -> float | None:

@@ -37,8 +37,8 @@ class TestedResiduals:
     ----------
     series : dict of list of (rows, components) arrays
         By channel and slew, in stated sigmas; NaN where nothing was measured.
-    chi2 : (3,) array
-        Sums of squares by channel.
+    chi2 : (slews, 3) array
+        Sums of squares by slew and channel.
     parameters : (3,) array
         How many parameters each channel pays for.
     """
@@ -83,9 +83,9 @@ def filtered_residuals(
         filtered[each.coefficients] = True
     whole = [each.noise._replace(knots=0) for each in of_effects]
     series = _filtered_series(model, point, stated, whole, filtered)
-    chi2 = [sum(float(np.nansum(np.square(x))) for x in series[c]) for c in CHANNELS]
+    chi2 = [[float(np.nansum(np.square(x))) for x in series[c]] for c in CHANNELS]
     parameters = hat_traces(information, point.n_local, covariance, nuisances=~filtered)
-    return TestedResiduals(series, np.array(chi2), parameters)
+    return TestedResiduals(series, np.array(chi2).T, parameters)
 
 
 def _filtered_series(

@@ -6,7 +6,7 @@ import jax
 import numpy as np
 from jax import Array
 
-from bayes_inertia.maths import jax_settings as jax_settings
+from bayes_inertia.maths.jax_settings import require_usable_jax
 from bayes_inertia.maths.values import AnyArray
 
 
@@ -25,9 +25,15 @@ def on_device(values: AnyArray) -> Array:
     Array
         Of the same shape and type.
 
+    Raises
+    ------
+    SettingsError
+        As `require_usable_jax`.
+
     Examples
     --------
     >>> on_device((1.0, 2.0)).shape
     (2,)
     """
+    require_usable_jax()
     return jax.device_put(np.asarray(values))

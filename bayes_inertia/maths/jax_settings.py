@@ -1,13 +1,62 @@
 """How JAX must compute. Every module that can start a computation imports this one.
 
-Attitude residuals of arc seconds on angles of radians need double precision. Ensembles run in
-threads, and each waits for its own result: asynchronous dispatch only makes them fight over the
-cores.
+JAX has these settings once a process, so that the user's own computations get them too, from the
+first name of the package that computes. Attitude residuals of arc seconds on angles of radians need
+double precision. A compiled program that is kept is proved by calling it, and its error must come
+with the call, not later; ensembles run in threads that each wait for their own result.
 """
 
 from __future__ import annotations
 
+import os
+from contextlib import suppress
+from threading import Event
+
 import jax
+
+from bayes_inertia.errors import SettingsError
 
 jax.config.update("jax_enable_x64", True)
 jax.config.update("jax_cpu_enable_async_dispatch", False)
+
+_forked_late = Event()
+
+
+def _after_fork() -> None:
+    """Note in a child whether JAX had computed before; it has no public way to ask."""
+    with suppress(ImportError):
+        from jax._src.xla_bridge import backends_are_initialized
+
+        if backends_are_initialized():
+            _forked_late.set()
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_after_fork)
+
+
+def require_usable_jax() -> None:
+    """Raise where JAX would compute for ever, or in single precision.
+
+    Raises
+    ------
+    SettingsError
+        In a process that was forked after JAX had computed: a fork copies none of the threads that
+        compiled code runs in. Where someone switched double precision off.
+
+    Examples
+    --------
+    >>> require_usable_jax()
+    """
+    if _forked_late.is_set():
+        raise SettingsError(
+            "was forked after JAX had computed and would hang",
+            where="this process",
+            advice='start processes with spawn: multiprocessing.get_context("spawn")',
+        )
+    if not jax.config.jax_enable_x64:
+        raise SettingsError(
+            "double precision was switched off",
+            where="JAX",
+            advice='switch it on again: jax.config.update("jax_enable_x64", True)',
+        )

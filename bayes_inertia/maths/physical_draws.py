@@ -9,7 +9,7 @@ import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths import inertia_tensor
-from bayes_inertia.maths import jax_settings as jax_settings
+from bayes_inertia.maths.jax_settings import require_usable_jax
 
 _is_physical = jax.jit(inertia_tensor.is_physical)
 
@@ -32,6 +32,7 @@ def are_physical(elements: np.ndarray) -> np.ndarray:
     >>> are_physical(np.array([[3.0, 2.0, 2.0, 0.0, 0.0, 0.0], [5.0, 2.0, 2.0, 0.0, 0.0, 0.0]]))
     array([ True, False])
     """
+    require_usable_jax()
     return np.array(_is_physical(elements))
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.errors import EffectError
+from bayes_inertia.errors import BayesInertiaError, EffectError
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.parameters import Parameter
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
@@ -76,6 +76,9 @@ def guarded(effect: Effect, step_name: str, call: Callable[[], Any]) -> Any:
         return call()
     except EffectError:
         raise
+    except BayesInertiaError as reason:
+        where = ", ".join((effect.name, step_name, *filter(None, [reason.where])))
+        raise EffectError(reason.what, where=where, advice=reason.advice) from reason
     except Exception as reason:
         first = (str(reason).strip() or type(reason).__name__).splitlines()[0]
         raise EffectError(

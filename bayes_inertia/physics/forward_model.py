@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import field, replace
+from functools import partial
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.channel_noise import NOISE_OWNER, NoiseModel
 from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.effect_declaration import guarded
 from bayes_inertia.physics.effects.lost_commands import LostCommands
 from bayes_inertia.physics.integration_plan import integration_plan
 from bayes_inertia.physics.nuisances import NuisanceScale
@@ -24,9 +26,9 @@ from bayes_inertia.physics.parameters import (
     Parameter,
     ParameterSpace,
     scalar,
+    with_prior_scale,
 )
 from bayes_inertia.physics.prediction import Data, Sensors, Structure
-from bayes_inertia.physics.prior_scale import with_prior_scale
 from bayes_inertia.physics.random_inputs import coefficient_counts
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.stated_noise import stated_noise
@@ -216,12 +218,18 @@ def _space(campaign: Campaign, effects: tuple[Effect, ...], noise: NoiseModel) -
         ("", scalar(name, unit="", prior=Normal(mean, sd), null=1.0)) for name, mean, sd in factors
     ]
     entries += [
-        (effect.name, with_prior_scale(p, effect.prior_scale))
+        (effect.name, parameter)
         for effect in effects
-        for p in effect.parameters(campaign)
+        for parameter in guarded(
+            effect, "parameters(campaign)", partial(_parameters_of, effect, campaign)
+        )
     ]
     entries += [(NOISE_OWNER, p) for p in noise.parameters()]
     return ParameterSpace(tuple(entries))
+
+
+def _parameters_of(effect: Effect, campaign: Campaign) -> tuple[Parameter, ...]:
+    return tuple(with_prior_scale(p, effect.prior_scale) for p in effect.parameters(campaign))
 
 
 def _structure(

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax
 import numpy as np
 from jax import Array
 
@@ -19,6 +18,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.fix_groups import fix_groups
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.physics.slew_context import SlewContext
 from bayes_inertia.physics.slew_input import ReadingProjection, SlewInput, Start
 
@@ -220,7 +220,7 @@ def _stack_tuples(parts):
         return None
     if isinstance(first, tuple):
         return type(first)(*(_stack_tuples(field) for field in zip(*parts, strict=True)))
-    return jax.device_put(np.stack(parts))
+    return on_device(np.stack(parts))
 
 
 def _extend(rows: np.ndarray, n: int) -> np.ndarray:

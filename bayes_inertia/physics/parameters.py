@@ -3,101 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from scipy import stats
 
+from bayes_inertia.errors import SettingsError
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.inertia_tensor import ELEMENTS
+from bayes_inertia.physics.priors import LogNormal as LogNormal
+from bayes_inertia.physics.priors import Normal as Normal
+from bayes_inertia.physics.priors import Prior as Prior
 
 # J and K, first in every model, before the parameters of effects.
 BASE_NAMES = (*ELEMENTS, "K1", "K2", "K3")
 N_BASE = len(BASE_NAMES)
-
-
-@dataclass(frozen=True)
-class Normal:
-    """Gaussian prior, truncated where limits are given.
-
-    Parameters
-    ----------
-    mean, scale : float
-        Mean and standard deviation of the Gaussian, in the parameter's unit.
-    lower, upper : float, optional
-        Ends of the support.
-
-    Examples
-    --------
-    >>> Normal(0.0, 2.0).sd, Normal(0.0, 1.0, lower=0.0).sd
-    (2.0, 0.602...)
-    """
-
-    mean: float
-    scale: float
-    lower: float = -np.inf
-    upper: float = np.inf
-    logarithmic = False
-
-    @property
-    def distribution(self) -> stats.rv_continuous:
-        """The same distribution from `scipy.stats`."""
-        a, b = (self.lower - self.mean) / self.scale, (self.upper - self.mean) / self.scale
-        return stats.truncnorm(a, b, loc=self.mean, scale=self.scale)
-
-    @property
-    def sd(self) -> float:
-        """Standard deviation, in the parameter's unit."""
-        if np.isinf(self.lower) and np.isinf(self.upper):
-            return float(self.scale)
-        return float(self.distribution.std())
-
-
-@dataclass(frozen=True)
-class LogNormal:
-    """Prior of a positive quantity known to a factor: log(x / median) is Gaussian.
-
-    Parameters
-    ----------
-    median : float
-        Median, in the parameter's unit.
-    scale : float
-        Standard deviation of the logarithm.
-    lower, upper : float, optional
-        Ends of the support.
-
-    Examples
-    --------
-    >>> round(LogNormal(0.5, 0.1).sd, 4)
-    0.0504
-    """
-
-    median: float
-    scale: float
-    lower: float = 0.0
-    upper: float = np.inf
-    logarithmic = True
-
-    @property
-    def mean(self) -> float:
-        """Logarithm of the median: the centre of the Gaussian that log(x) follows."""
-        return float(np.log(self.median))
-
-    @property
-    def distribution(self) -> stats.rv_continuous:
-        """The same distribution from `scipy.stats`."""
-        return stats.lognorm(self.scale, scale=self.median)
-
-    @property
-    def sd(self) -> float:
-        """Standard deviation, in the parameter's unit."""
-        return float(self.distribution.std())
-
-
-Prior = Normal | LogNormal
 
 
 @dataclass(frozen=True)
@@ -193,6 +115,42 @@ def vector(
     ('torque_x', 'torque_y', 'torque_z')
     """
     return Parameter(name, unit, (prior,) * len(components), null, tuple(components))
+
+
+def with_prior_scale(parameter: Parameter, factor: float) -> Parameter:
+    """A parameter whose Gaussian priors are as many times wider; log-normal ones stay.
+
+    Parameters
+    ----------
+    parameter : Parameter
+    factor : float
+        Multiplies each standard deviation.
+
+    Returns
+    -------
+    Parameter
+
+    Raises
+    ------
+    SettingsError
+        If the factor is not finite and above zero.
+
+    Examples
+    --------
+    >>> lag = scalar("lag", unit="s", prior=Normal(0.0, 0.1))
+    >>> with_prior_scale(lag, 8.0).priors[0].sd
+    0.8
+    """
+    if factor == 1.0:
+        return parameter
+    if not 0.0 < factor < np.inf:
+        raise SettingsError(
+            f"{factor} is not above zero",
+            where="prior_scale",
+            advice="give how many times as wide as stated the priors are to be",
+        )
+    priors = (p if p.logarithmic else replace(p, scale=factor * p.scale) for p in parameter.priors)
+    return replace(parameter, priors=tuple(priors))
 
 
 @dataclass(frozen=True)

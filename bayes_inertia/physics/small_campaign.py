@@ -10,6 +10,7 @@ from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
 from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.maths import quaternion
+from bayes_inertia.maths.jax_settings import require_usable_jax
 from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_input import Start, idle_slew
 
@@ -32,6 +33,7 @@ def small_campaign() -> Campaign:
     >>> [len(slew.time) for slew in small_campaign().slews]
     [64, 64, 64]
     """
+    require_usable_jax()
     tensor = np.array([[3.2, -0.02, 0.01], [-0.02, 2.2, 0.03], [0.01, 0.03, 1.9]])
     axes = np.eye(3)
     wheels = tuple(

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, ClassVar
 import jax.numpy as jnp
 from jax import Array
 
+from bayes_inertia.errors import EffectError
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.reading_noise import ReadingNoise
 from bayes_inertia.physics.slew_context import SlewContext
@@ -37,6 +38,11 @@ class StochasticEffect(Effect):
     prior_scale : float, optional
         As of `Effect`; sizes and times with log-normal priors stay as they are.
 
+    Raises
+    ------
+    EffectError
+        If an effect has a field `knots` below 2, or `pieces` below 1.
+
     Examples
     --------
     >>> StochasticEffect().coefficient_count(None)
@@ -50,6 +56,17 @@ class StochasticEffect(Effect):
     signal_quantity: ClassVar[str] = ""
     signal_unit: ClassVar[str] = ""
     signal_components: ClassVar[tuple[str, ...]] = ()
+
+    def __post_init__(self) -> None:
+        # Straight lines go between two knots at least.
+        for setting, least in (("knots", 2), ("pieces", 1)):
+            number = getattr(self, setting, least)
+            if not (isinstance(number, int) and number >= least):
+                raise EffectError(
+                    f"{setting} is {number}",
+                    where=self.name,
+                    advice=f"give a whole number, {least} or more",
+                )
 
     def coefficient_count(self, campaign: Campaign) -> int:
         """How many coefficients one slew has.

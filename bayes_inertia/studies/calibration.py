@@ -16,6 +16,7 @@ from typing import Any, Literal
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.design.goals import CORRECTED_TURN_DEG
 from bayes_inertia.flight.final_errors import predict_correction_slew
 from bayes_inertia.flight.plan import PlannedSlew
 from bayes_inertia.flight.plan_flight import Flight
@@ -40,7 +41,7 @@ RANKED = 199
 SETTINGS = Settings(ensembles=2, walkers=50, steps=12, max_steps=12, threads=1)
 QUANTITIES = (*BASE_NAMES, "I1", "I2", "I3", "correction slew", "log posterior")
 # The slew [rad] whose correction is predicted, about an axis that all of J and K bear on.
-_CORRECTED_ANGLE = np.radians(60.0)
+_CORRECTED_ANGLE = np.radians(CORRECTED_TURN_DEG)
 _CORRECTED_AXIS = (1.0, 1.0, 1.0)
 # The wrong pipelines: sds too small by this factor; K held this firmly.
 _SMALL_SD = 0.75

@@ -98,6 +98,19 @@ def test_what_was_added_or_changed_is_fitted_and_nothing_else(fleet, fitted, tmp
     assert moved.rows == after.rows
 
 
+def test_the_copy_of_a_campaign_that_a_run_keeps_is_no_other_campaign(fleet, fitted, tmp_path):
+    for fitted_before in (fleet / "alpha/run", fleet / "runs/beta"):
+        shutil.copytree(EXAMPLE, fitted_before / "campaign")
+        (fitted_before / "run.json").write_text("{}")
+    # Who fitted into the campaign's own folder still has a campaign there.
+    (fleet / "beta/run.json").write_text("{}")
+    rows = fit_many(fleet, tmp_path / "out").rows
+    assert [row["campaign"] for row in rows] == ["alpha", "beta", "older/2024"]
+    # A run named as the folder itself: its campaign is meant.
+    rows = fit_many(fleet / "alpha/run", tmp_path / "again").rows
+    assert [row["campaign"] for row in rows] == ["campaign"]
+
+
 def test_bad_campaigns_are_told_and_the_others_fitted(fleet, fitted, tmp_path, capsys):
     out, toml = tmp_path / "out", fleet / "alpha" / "campaign.toml"
     good = toml.read_text()

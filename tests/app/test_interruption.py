@@ -139,22 +139,6 @@ def test_a_fault_of_the_program_is_no_message(monkeypatch):
         cli.main(["doctor"])
 
 
-def test_output_that_nobody_reads_is_no_traceback():
-    code = "import sys; from bayes_inertia.app.cli import main; sys.stdin.read(); main(['--help'])"
-    program = subprocess.Popen(
-        [sys.executable, "-c", code],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    program.stdout.close()
-    program.stdin.close()
-    assert program.stderr.read() == ""
-    assert program.wait() == 1
-    program.stderr.close()
-
-
 def test_one_process_at_a_time_works_in_a_folder(tmp_path):
     run = tmp_path / "run"
     hold = (

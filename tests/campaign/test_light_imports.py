@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -61,8 +62,40 @@ def test_the_count_of_imports_can_fail():
 
 
 @pytest.mark.parametrize("order", ["import bayes_inertia, jax", "import jax, bayes_inertia"])
-def test_double_precision_whoever_is_imported_first(order):
-    subprocess.run([sys.executable, "-c", order + PRECISE], check=True)
+def test_an_import_changes_neither_jax_nor_the_environment(order):
+    code = f"""
+import os
+before = dict(os.environ)
+{order}
+bayes_inertia.read_campaign({str(EXAMPLE)!r})
+assert dict(os.environ) == before
+assert not jax.config.jax_enable_x64
+assert jax.config.values["jax_cpu_enable_async_dispatch"]
+bayes_inertia.Model
+assert dict(os.environ) == before
+"""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("JAX_ENABLE")}
+    subprocess.run([sys.executable, "-c", code + PRECISE], check=True, env=environment)
+
+
+@pytest.mark.parametrize(
+    "off", ['jax.config.update("jax_enable_x64", False)', "jax.enable_x64(False).__enter__()"]
+)
+def test_single_precision_is_refused_at_once(off):
+    code = f"""
+import bayes_inertia as bi, jax
+campaign = bi.read_campaign({str(EXAMPLE)!r})
+model = bi.Model(campaign)
+{off}
+for what in (lambda: bi.Model(campaign), lambda: bi.estimate(model), lambda: bi.fit(campaign)):
+    try:
+        what()
+    except bi.SettingsError as error:
+        assert "jax_enable_x64" in str(error)
+    else:
+        raise AssertionError
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_whatever_computes_sets_jax_up():

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import bayes_inertia
 from bayes_inertia.design.goals import Goal, correction_sensitivity, criterion, parse_goal
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.final_errors import predict_final_errors
@@ -56,6 +59,13 @@ def test_correction_slew_is_that_of_the_closed_loop(craft, mission):
     assert min(
         min(np.linalg.norm(error - f), np.linalg.norm(error + f)) for f in forms
     ) < 0.02 * np.linalg.norm(error)
+
+
+def test_the_turn_whose_correction_is_forecast_stands_in_one_place():
+    package = Path(bayes_inertia.__file__).parent
+    constant = re.compile(r"^_?[A-Z_]*(ANGLE|TURN)[A-Z_]* = .*\b60\b", re.MULTILINE)
+    files = [path.name for path in package.rglob("*.py") if constant.search(path.read_text())]
+    assert files == ["goals.py"]
 
 
 def test_unknown_goals_name_the_nearest():

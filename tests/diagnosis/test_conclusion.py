@@ -1,15 +1,22 @@
 """From the steps of a search to the verdict."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from bayes_inertia.diagnosis import nameless
-from bayes_inertia.diagnosis.conclusion import is_explained, without_named_alternatives
+from bayes_inertia.diagnosis.conclusion import (
+    final_tests,
+    is_explained,
+    without_named_alternatives,
+)
 from bayes_inertia.diagnosis.nameless import (
     Rival,
     ambiguous_sets,
+    nameless_leads,
     nameless_rival,
     nameless_shapes,
     names_may_imitate,
@@ -17,8 +24,10 @@ from bayes_inertia.diagnosis.nameless import (
 from bayes_inertia.diagnosis.prior_of_sets import cost_of_further
 from bayes_inertia.diagnosis.result import AlternativeEffect, NamelessShape, Step
 from bayes_inertia.diagnosis.rules import Rules
-from bayes_inertia.inference.residual_tests import chi2_test
+from bayes_inertia.inference.optimizer import estimate
+from bayes_inertia.inference.residual_tests import chi2_test, whiteness
 from bayes_inertia.physics.effects import StarTrackerLowFrequency, TorqueNoise
+from bayes_inertia.physics.forward_model import Model
 
 # Nothing without a name comes near.
 FAR = Rival("body torque", -20.0, 0)
@@ -77,6 +86,19 @@ def test_a_name_that_something_without_a_name_equals_is_one_of_a_set():
     assert ambiguous_sets(steps, Rules(), FAR) == ()
 
 
+def test_what_has_no_name_leads_each_step_by_its_own_evidence():
+    """Not by that of the nearest over all steps, which may be none of the set."""
+    fit = SimpleNamespace()
+    shapes = (NamelessShape("body torque", 19.0), NamelessShape("rate sensor", 19.5))
+    random = Step("torque_noise", fit, fit, 20.0, stochastic=True, nameless=shapes)
+    steps = (random, Step("rate_bias", fit, fit, 30.0))
+    torque, rate = "nameless_body_torque", "nameless_rate_error"
+    assert nameless_leads(steps, Rules(), FAR) == ({torque: -1.0, rate: -0.5}, {})
+    near = Rival("body torque that follows body rate", 1.5, 0)
+    assert nameless_leads(steps, Rules(), near) == ({torque: 1.5, rate: -0.5}, {torque: 1.5})
+    assert nameless_leads(steps, Rules(), near._replace(instead_of=1))[0][torque] == -1.0
+
+
 def test_one_effect_in_place_of_several_is_in_all_their_sets():
     """And several in place of one are in its set together."""
     fit = SimpleNamespace(model=SimpleNamespace(effects=(StarTrackerLowFrequency(),)))
@@ -117,6 +139,22 @@ def test_a_random_effect_is_weighed_against_what_is_averaged_as_it_is(monkeypatc
     )
     both = (Step("constant_torque", fit, fit, 4.0, nameless=shapes), weak)
     assert rival_of(both, 24).log_bayes_factor == pytest.approx(1.0 + cost_of_further(1, 1, 25))
+
+
+def test_each_slew_is_tested_against_its_own_noise(flown):
+    """As a fit that discounts each slew by its own dispersion leaves it."""
+    fitted = estimate(Model(flown.campaign))
+    discount = np.array([[1.0, 1.0, 1.0], [0.25, 1.0, 1.0], [1.0, 1.0, 4.0]])
+    chi2 = fitted.information.chi2
+    louder = replace(fitted, discount=discount)
+    tests = final_tests(louder)
+    dof = fitted.information.n_data.sum(0) - louder.tested_residuals.parameters
+    for i, channel in enumerate(("rate", "attitude", "momentum")):
+        assert tests[channel].reduced_chi2 == pytest.approx(chi2[:, i].sum() / dof[i])
+    series = [
+        np.sqrt(d) * x for d, x in zip(discount[:, 0], fitted.residual_series["rate"], strict=True)
+    ]
+    assert tests["rate"].p_white == whiteness(series)
 
 
 def test_only_too_much_or_structure_is_misfit():

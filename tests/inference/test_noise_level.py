@@ -32,6 +32,22 @@ def test_one_loud_axis_counts_in_full():
     assert found > 1.3 * pooled  # which would leave the loud axis unexplained
 
 
+@pytest.mark.filterwarnings("error")
+def test_readings_that_mostly_repeat_are_as_loud_as_they_are():
+    # Three wheels idle, one three times as loud as stated.
+    assert abs(white_factor([noise(600, 0.0, 0.0, 0.0, 3.0)]) - 3.0) < 0.5
+    assert white_factor([noise(600, 0.0, 0.0, 0.0, 1.0)]) == 1.0
+    assert white_factor([noise(600, 0.0, 0.0)]) == 1.0
+    # A coarse counter: steps of 8 sigma, most differences zero.
+    counts = 8.0 * np.round(noise(5000, 3.0, seed=1) / 8.0)
+    assert (np.diff(counts, n=2, axis=0) == 0.0).mean() > 0.5
+    assert abs(white_factor([counts]) / counts.std() - 1.0) < 0.2
+    # A single jump is none of the noise.
+    counts = np.zeros((600, 1))
+    counts[300:] = 5.0
+    assert white_factor([counts]) == 1.0
+
+
 def test_a_ringing_of_one_axis_is_not_its_noise():
     ringing = np.sin(2.0 * np.pi * 0.15 * np.arange(600.0))[:, None] * [0.0, 4.0, 0.0]
     assert white_factor([noise(600, 1.0, 1.0, 1.0) + ringing]) < 1.4

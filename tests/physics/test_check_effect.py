@@ -22,7 +22,7 @@ from bayes_inertia.physics.effects import (
     LIBRARY,
     by_name,
 )
-from bayes_inertia.physics.parameters import Normal, scalar, vector
+from bayes_inertia.physics.parameters import LogNormal, Normal, scalar, vector
 
 CANONICAL = [
     "rate_bias",
@@ -193,6 +193,15 @@ class Unhashable(Torque):
     direction: object = None
 
 
+@dataclass(frozen=True)
+class OfPrior(Torque):
+    prior: object = None
+
+    def parameters(self, campaign):
+        kind, *numbers = self.prior
+        return (vector("torque", "xyz", unit="N m", prior=kind(*numbers)),)
+
+
 class NotADataclass(Torque):
     pass
 
@@ -213,6 +222,9 @@ class NotADataclass(Torque):
         (Unhashable(direction=[1.0]), "cannot be hashed"),
         (NotADataclass(), "not a frozen dataclass"),
         (Torque, "not an instance"),
+        (OfPrior((Normal, 0.0, 0.0)), r"parameters.*Normal prior: the scale is 0.0"),
+        (OfPrior((LogNormal, 1.0, np.nan)), "LogNormal prior: the scale is nan"),
+        (Torque(prior_scale=0.0), r"prior_scale: 0.0 is not above zero"),
     ],
     ids=lambda x: getattr(x, "__name__", type(x).__name__) if not isinstance(x, str) else "",
 )

@@ -121,6 +121,7 @@ BROKEN = {
     "a name of the library": (PUSH.replace('"push"', '"rate_bias"'), "Push", ["rate_bias"]),
     "no unit": (PUSH.replace('"N m"', '"deg"'), "Push", ["deg", "SI"]),
     "parameters fail": (PUSH.replace("vector(", "vectr("), "Push", ["parameters(campaign)"]),
+    "no width": (PUSH.replace("1e-5", "0.0"), "Push", ["parameters(campaign)", "scale is 0.0"]),
     "hook fails": (PUSH.replace('p["torque"]', 'p["force"]'), "Push", ["predicting telemetry"]),
     "hook of a wrong shape": (
         PUSH.replace('return p["torque"]', "return jnp.ones(4)"),
@@ -138,7 +139,7 @@ def test_what_is_wrong_with_a_file_is_said_with_its_place(write, case):
 
 
 # These are of an effect that was made, and name it instead of the file.
-QUOTES_NAME = {"no unit", "parameters fail", "hook fails", "hook of a wrong shape"}
+QUOTES_NAME = {"no unit", "no width", "parameters fail", "hook fails", "hook of a wrong shape"}
 
 
 def test_a_file_or_a_package_that_is_not_there_is_told(tmp_path):

@@ -8,8 +8,10 @@ import pytest
 from scipy import stats
 
 from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.errors import EffectError, SettingsError
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.physics.effects.constant_torque import ConstantTorque
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import (
     LogNormal,
@@ -111,3 +113,58 @@ def test_what_slews_about_one_axis_cannot_see_keeps_its_prior_sd(flying, setup_t
     assert seen["K1"] < 0.2
     for name in ("Jyy", "Jzz", "K2", "K3", "Jyz"):
         assert 0.9 < seen[name] < 1.0 + 1e-6, name
+
+
+@pytest.mark.parametrize(
+    ("kind", "numbers", "words"),
+    [
+        (Normal, (0.0, 0.0), "scale is 0.0"),
+        (Normal, (0.0, -1.0), "scale is -1.0"),
+        (Normal, (0.0, np.inf), "scale is inf"),
+        (Normal, (np.nan, 1.0), "mean is nan"),
+        (Normal, (0.0, 1.0, 2.0, 2.0), "between 2.0 and 2.0"),
+        (Normal, (0.0, 1.0, np.nan), "between nan and inf"),
+        (LogNormal, (0.0, 1.0), "median is 0.0"),
+        (LogNormal, (1.0, np.nan), "scale is nan"),
+        (LogNormal, (1.0, 1.0, -2.0, 0.0), "between -2.0 and 0.0"),
+    ],
+)
+def test_numbers_that_make_no_prior_are_refused_where_it_is_made(kind, numbers, words):
+    with pytest.raises(SettingsError, match=f"^{kind.__name__} prior: .*{words}"):
+        kind(*numbers)
+
+
+@pytest.mark.parametrize("factor", [0.0, -1.0, np.nan, np.inf])
+def test_a_prior_scale_that_is_no_factor_is_refused_by_the_model(factor, campaign):
+    with pytest.raises(EffectError, match=f"^constant_torque, .*prior_scale: {factor}"):
+        Model(campaign, (ConstantTorque(prior_scale=factor),))
+
+
+def test_a_size_of_zero_is_refused_by_the_model(campaign):
+    with pytest.raises(EffectError, match=r"^constant_torque, .*the scale is 0\.0"):
+        Model(campaign, (ConstantTorque(sigma=0.0),))
+
+
+@pytest.mark.parametrize(
+    "prior",
+    [
+        LogNormal(1.0, 1.0, upper=2.0),
+        LogNormal(1.0, 0.5, lower=1.5),
+        LogNormal(3e-6, 0.1, lower=2.9e-6, upper=3.2e-6),
+        LogNormal(1.0, 1.0, lower=1e-9, upper=1e9),
+    ],
+)
+def test_limits_of_a_log_normal_prior_count_in_draws_and_sd(prior):
+    space = ParameterSpace((("a", scalar("size", unit="", prior=prior)),))
+    drawn = space.draw(np.random.default_rng(3), 4000)
+    assert np.isfinite(log_prior(space.constants(), drawn)).all()
+    assert prior.sd == pytest.approx(drawn.std(), rel=0.1)
+    gaussian = stats.truncnorm(
+        *(np.log(np.array([max(prior.lower, 1e-300), prior.upper]) / prior.median) / prior.scale)
+    )
+    whitened = np.log(drawn[:, 0] / prior.median) / prior.scale
+    assert stats.kstest(whitened, gaussian.cdf).pvalue > 1e-3
+    assert stats.kstest(drawn[:, 0], prior.distribution.cdf).pvalue > 1e-3
+    middle = prior.distribution.ppf([0.3, 0.6])
+    exact = np.diff(prior.distribution.logpdf(middle))
+    assert exact == pytest.approx(np.diff(log_prior(space.constants(), middle[:, None])))

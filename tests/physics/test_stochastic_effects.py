@@ -232,6 +232,20 @@ def test_broken_covariances_are_refused(broken, says):
         check_effect(broken(), small_campaign())
 
 
+@pytest.mark.parametrize("kind", [type(e) for e in STOCHASTIC if hasattr(e, "knots")])
+@pytest.mark.parametrize("knots", [1, 0, -3, 2.5])
+def test_straight_lines_need_two_knots(kind, knots):
+    with pytest.raises(EffectError, match=f"^{kind.name}: knots is {knots}; give .* 2 or more"):
+        kind(knots=knots)
+    assert kind(knots=2).knots == 2
+
+
+@pytest.mark.parametrize("kind", [type(e) for e in STOCHASTIC if hasattr(e, "pieces")])
+def test_no_pieces_are_refused(kind):
+    with pytest.raises(EffectError, match=f"^{kind.name}: pieces is 0; give .* 1 or more"):
+        kind(pieces=0)
+
+
 def test_what_has_a_fixed_shape_has_no_coefficients(campaign):
     model = Model(campaign, LIBRARY[:3])
     assert model.structure.coefficients == ()
