@@ -57,7 +57,6 @@ def test_noise_is_taken_as_measured_unless_something_has_no_name(
         return "posterior"
 
     monkeypatch.setattr(diagnosed_fit, "fit", fit)
-    monkeypatch.setattr(diagnosed_fit, "averaged_posterior", lambda posterior, *_: posterior)
     noise = {"rate": 2.0, "attitude": 1.0, "momentum": 1.0}
     wanted = NextFit(verdict, effects, DirtTreatment(level=noise), "commanded")
     fit_after_diagnosis(flown.campaign, wanted, drive=None, settings=QUICK)

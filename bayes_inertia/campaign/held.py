@@ -9,7 +9,7 @@ steady drift that is rounded moves by one step at a time, and noise stays for ir
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from bayes_inertia.campaign.schema import ColumnsPart
 from bayes_inertia.campaign.stream_clocks import StreamRows
 from bayes_inertia.campaign.stuck import resolution
 from bayes_inertia.campaign.units import to_si
+from bayes_inertia.maths.values import array_dataclass
 
 # Where fewer readings than this share stand twice, sds are wrong by less than 5 %.
 _FEWEST_HELD = 0.1
@@ -42,7 +43,7 @@ _CHANNELS = {
 _WORDS = ("once", "twice", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 
 
-@dataclass(frozen=True)
+@array_dataclass
 class HeldReadings:
     """Which readings of a channel only repeat those before them, in one slew.
 
