@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -105,11 +106,14 @@ def _found(series: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[HeldReadings
     rest = [i for i, held in enumerate(found) if held is None]
     for i, held in zip(rest, _held_rows([series[i] for i in rest]), strict=True):
         found[i] = held
-    for (_, before), (_, values), held in zip(series, series[1:], found[1:], strict=False):
+    for i, ((_, before), (_, values)) in enumerate(pairwise(series), 1):
+        held = found[i]
         rows, earlier = (np.flatnonzero(np.isfinite(v).any(axis=1)) for v in (values, before))
         # What a slew begins with may stand since the one before it.
         if held and len(earlier) and np.array_equal(before[earlier[-1]], values[rows[0]]):
-            held.repeats[rows[0]] = True
+            repeats = held.repeats.copy()
+            repeats[rows[0]] = True
+            found[i] = replace(held, repeats=repeats)
     return found
 
 

@@ -46,7 +46,7 @@ _SUMMARY_ORDER = (
 _OTHER_MEASURES = ("hc3_sd", "cr2_sd", "cr2_dof")
 
 
-def sd_of_interval(low: np.ndarray | float, high: np.ndarray | float) -> np.ndarray | float:
+def sd_of_interval(low: Any, high: Any) -> Any:
     """The sd of a normal distribution with this 90 % interval.
 
     An average over models has long thin tails, which rule its sd and not what holds 90 %.

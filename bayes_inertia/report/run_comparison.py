@@ -77,7 +77,9 @@ class ParameterDifference:
     @property
     def combined_sd(self) -> float | None:
         """Root of the sum of squares of the quoted sds; None where a run has none."""
-        sds = [None if row is None else row["quoted_sd"] for row in (self.first, self.second)]
+        if self.first is None or self.second is None:
+            return None
+        sds = (self.first["quoted_sd"], self.second["quoted_sd"])
         return None if None in sds else math.hypot(*sds)
 
     @property
