@@ -1,7 +1,6 @@
 """How far an effect too weak to be found could have moved J and K."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -46,11 +45,7 @@ def test_what_could_hide_moves_the_fit_as_far_as_it_says(
         )
     content = content_of(found, blind_spots=tuple(rows.values()))
     check_contract(content)
-    assert (
-        diagnosis_verdict(content)
-        .sentences[-1]
-        .startswith("An effect too weak to be found could still have moved J and K: most of all ")
-    )
+    assert "An effect too weak to be found, " in diagnosis_verdict(content).title
     assert "What could still hide" in [section.title for section in diagnosis_sections(content)]
 
 
@@ -64,9 +59,8 @@ def test_what_is_fitted_hides_nothing_and_of_the_unknown_nothing_is_said(lagging
 @pytest.mark.long
 @pytest.mark.slow
 def test_J_and_K_with_an_undetected_effect_are_those_of_a_fit_with_it(clean_diagnosis):
-    rows = {row.effect: row for row in undetected_alternatives(clean_diagnosis)}
+    rows = {row.effect: row for row in undetected_alternatives(clean_diagnosis.final)}
     assert 0.0 < sum(row.probability for row in rows.values()) < 0.5
-    assert undetected_alternatives(replace(clean_diagnosis, verdict="unknown")) == ()
     for name in ("constant_torque", "rate_sensor_misalignment"):
         direct, row = fitted_with(clean_diagnosis.base.model, name), rows[name]
         # To first order in the effect: 5 % of what the fit moves or widens.

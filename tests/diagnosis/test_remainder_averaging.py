@@ -106,13 +106,12 @@ def test_what_a_random_effect_displaced_is_fitted_where_that_explains_nothing_ei
 @pytest.mark.slow
 def test_what_is_quoted_holds_the_truth_whatever_the_verdict(pumped, pumped_truth, lagging):
     named = quoted_parameters(lagging)
-    assert np.array_equal(named.mean, lagging.final.theta[:9])
-    # The larger of the model's sd and of what the scatter between slews supports.
-    assert np.allclose(named.sd, lagging.final.robust_sd[:9], rtol=1e-12)
-    assert np.all(named.sd >= lagging.final.sd[:9] * (1.0 - 1e-12))
+    # What was not detected moves and widens them by a part of their sd.
+    assert np.all(np.abs(named.mean - lagging.final.theta[:9]) < lagging.final.sd[:9])
+    assert np.all(named.sd > 0.95 * lagging.final.sd[:9])
     quoted = quoted_parameters(pumped)
     (free,) = remainder_alternatives(pumped)
     assert quoted.names == free.names
-    # Half the variance of each of two fits, and a quarter of their distance squared.
-    assert np.all(quoted.sd > np.sqrt(0.5) * free.sd)
+    # Half of the average is the fit with free shapes: a tenth of that lies outside the interval.
+    assert np.all(quoted.sd > 0.5 * free.sd)
     assert np.max(np.abs(quoted.mean - pumped_truth) / quoted.sd) < 4.0
