@@ -14,6 +14,7 @@ _LARGEST_MOMENTUM = 1e6  # [N m s]; the largest gyros of space stations hold 5e3
 _LARGEST_TORQUE = 1e6  # [N m]
 _FEW = 0.02  # of the commands; where more are impossible, it is their unit that is wrong
 _MARKED = 0.5  # of the commands, where all of them are one number
+_AGAIN = 10  # times that number must stand: fewer may be commands of a short slew
 _APART = 10.0  # times larger than all other commands are those that are dirt
 _TIMES_THE_LIMIT = 100.0  # of a wheel
 
@@ -106,7 +107,8 @@ def without_impossible_torques(
     # The largest commands of a wrong unit go on where the others end: those are no dirt.
     absurd &= size > _APART * size[~absurd].max(initial=0.0)
     # One number again and again is no command in another unit, but a mark of "no command".
-    most = _FEW if len(np.unique(torque[absurd])) > 1 else _MARKED
+    marked = np.sum(absurd) >= _AGAIN and len(np.unique(torque[absurd])) == 1
+    most = _MARKED if marked else _FEW
     if not absurd.any() or np.mean(absurd.any(axis=1)) > most:
         return channels, []
     note = f"commands up to {np.abs(torque[absurd]).max():.3g} N m, which no wheel can follow"
