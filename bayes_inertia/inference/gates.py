@@ -115,10 +115,8 @@ def _explained(estimate: Estimate, context: FitContext) -> dict[str, Any]:
         )
     if large:
         sizes = [f"{name} (reduced chi^2 {tests[name].reduced_chi2:.3g})" for name in large]
-        robust = "use robust_sd, " if len(estimate.model.campaign.slews) > 1 else ""
         advice = (
-            f"; {robust}look for the missing effect with `diagnose`, and do not read sd as the "
-            "uncertainty"
+            "; look for the missing effect with `diagnose`, and do not read sd as the uncertainty"
         )
         # After a diagnosis its own gate says what to do.
         advice = "" if context.verdict == "unknown" else advice

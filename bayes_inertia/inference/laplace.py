@@ -344,14 +344,9 @@ def principal_sd(estimate: Estimate, covariance: np.ndarray) -> np.ndarray:
     (3,) array
         [kg m^2], smallest moment first.
     """
-    weights = principal_weights(estimate)
-    return np.sqrt(np.einsum("ij,jk,ik->i", weights, covariance, weights))
-
-
-def principal_weights(estimate: Estimate) -> np.ndarray:
-    """Derivatives (3, d) of the principal moments, smallest first, with respect to theta."""
-    _, axes = np.linalg.eigh(inertia_tensor.tensor(estimate.theta[:6]))
-    weights = np.zeros((3, len(estimate.theta)))
-    for row, axis in zip(weights, axes.T, strict=True):
-        row[:6] = inertia_tensor.elements(np.outer(axis, axis)) * [1, 1, 1, 2, 2, 2]
-    return weights
+    tensor = inertia_tensor.tensor(estimate.theta[:6])
+    _, axes = np.linalg.eigh(tensor)
+    weights = np.stack(
+        [inertia_tensor.elements(np.outer(v, v)) * [1, 1, 1, 2, 2, 2] for v in axes.T]
+    )
+    return np.sqrt(np.einsum("ij,jk,ik->i", weights, covariance[:6, :6], weights))
