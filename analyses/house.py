@@ -34,6 +34,7 @@ FLOORS = (
     ("inference", "flight"),
     ("physics", "importing", "conventions"),
     ("campaign",),
+    ("tables",),
     ("maths",),
 )
 SAYS = {
@@ -49,6 +50,7 @@ SAYS = {
     "importing": "raw logs to a campaign",
     "conventions": "units, signs, axes, clocks",
     "campaign": "what was flown: files to records",
+    "tables": "any file to columns",
     "maths": "quaternions, inertia tensors",
 }
 INK, FAINT, BOX = "#1f2933", "#7b8794", "#e4edf5"

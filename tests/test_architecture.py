@@ -19,7 +19,7 @@ MAX_FUNCTION_LINES = 40
 
 # Which wings each wing may import. Inside a wing its files may use each other.
 OPEN_TO_ALL = ("errors", "files", "folder_lock", "sealing", "version")
-BELOW_PHYSICS = ("campaign", "maths")
+BELOW_PHYSICS = ("campaign", "tables", "maths")
 BELOW_DESIGN = ("inference", "flight", "physics", *BELOW_PHYSICS)
 MIDDLE = ("observability", "diagnosis", "design")
 ARROWS = {
@@ -29,7 +29,8 @@ ARROWS = {
     "folder_lock": ("errors", "files"),
     "sealing": ("errors", "files"),
     "maths": OPEN_TO_ALL,
-    "campaign": ("maths", *OPEN_TO_ALL),
+    "tables": ("maths", *OPEN_TO_ALL),
+    "campaign": ("tables", "maths", *OPEN_TO_ALL),
     "importing": (*BELOW_PHYSICS, *OPEN_TO_ALL),
     "conventions": (*BELOW_PHYSICS, *OPEN_TO_ALL),
     "physics": (*BELOW_PHYSICS, *OPEN_TO_ALL),

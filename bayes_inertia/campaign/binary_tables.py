@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.campaign.isolated_arrays import ArrayKind, read_arrays
 from bayes_inertia.campaign.table import Table, check_columns_present
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.tables.isolated import ArrayKind, read_arrays
 
 
 def read_parquet(path: Path, names: Sequence[str]) -> Table:

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-from bayes_inertia.campaign.isolated_arrays import ArrayKind, FileArrays, read_arrays
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.aem_file import (
     aem_segments,
@@ -24,6 +23,8 @@ from bayes_inertia.importing.parquet_file import read_parquet_file
 from bayes_inertia.importing.raw_table import RawTable
 from bayes_inertia.importing.text_options import TextOptions
 from bayes_inertia.importing.text_table import read_text_table
+from bayes_inertia.tables.array_files import FileArrays
+from bayes_inertia.tables.isolated import ArrayKind, read_arrays
 
 _WORKBOOKS = (".xlsx", ".xlsm", ".xlsb")
 _HEAD = 1024  # Bytes by which a format is told.

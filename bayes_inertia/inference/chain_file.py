@@ -17,9 +17,9 @@ import emcee
 import numpy as np
 from emcee.backends import Backend, HDFBackend
 
-from bayes_inertia.campaign.isolated_arrays import check_readable
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.sealing import is_sealed, write_sealed
+from bayes_inertia.tables.isolated import check_readable
 
 _ADVICE = "delete it, and this ensemble begins again"
 

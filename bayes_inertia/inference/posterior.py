@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy import stats
 
-from bayes_inertia.campaign.isolated_arrays import check_readable
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.gate_limits import OBSERVABLE_ABOVE
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.sealing import blaming, is_sealed, write_sealed
+from bayes_inertia.tables.isolated import check_readable
 
 if TYPE_CHECKING:
     import xarray as xr

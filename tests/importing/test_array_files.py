@@ -15,11 +15,11 @@ import scipy.io
 import xarray
 from pyarrow import parquet
 
-from bayes_inertia.campaign import isolated_arrays
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.array_tables import table_of, tables_of
 from bayes_inertia.importing.raw_files import read_raw, tables_in
 from bayes_inertia.importing.time_stamps import times_to_seconds
+from bayes_inertia.tables import isolated
 
 ROWS, FIXES = 40, 9
 TIME = np.arange(ROWS) * 0.25
@@ -231,21 +231,36 @@ def test_a_reader_that_hangs_or_crashes_ends_in_one_message(tmp_path, monkeypatc
         program.write_text(first_line + text)
         program.chmod(0o755)
         with pytest.raises(CampaignError, match=message):
-            isolated_arrays.read_arrays(file, "hdf5", seconds=1.0)
+            isolated.read_arrays(file, "hdf5", seconds=1.0)
 
 
-def test_the_child_imports_little_of_the_package():
+def test_the_process_of_a_file_imports_little_of_the_package():
     """Its start is what each file costs."""
-    code = "import sys, bayes_inertia.campaign.array_child as child; print(*sys.modules)"
+    code = "import sys, bayes_inertia.tables.isolated; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
     loaded = [name for name in done.stdout.split() if name.startswith("bayes_inertia.")]
-    parts = ("array_child", "array_contents", "array_readers", "mat_objects", "mat_reader")
+    parts = ("array_files", "isolated", "mat_objects")
     assert set(loaded) == {
+        "bayes_inertia.errors",
         "bayes_inertia.version",
-        "bayes_inertia.campaign",
-        *(f"bayes_inertia.campaign.{name}" for name in parts),
+        "bayes_inertia.tables",
+        *(f"bayes_inertia.tables.{name}" for name in parts),
     }
     assert not {"h5py", "scipy", "jax", "matplotlib"} & set(done.stdout.split())
+
+
+def test_a_plain_script_reads_arrays_without_a_main_guard(tmp_path):
+    """Processes of a pool would run the script again, and each would start processes."""
+    with h5py.File(tmp_path / "log.h5", "w") as store:
+        store["t"] = np.arange(5.0)
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from pathlib import Path\n"
+        "from bayes_inertia.tables.isolated import read_arrays\n"
+        f"print(read_arrays(Path({str(tmp_path / 'log.h5')!r}), 'hdf5').arrays['t'].sum())\n"
+    )
+    done = subprocess.run([sys.executable, script], check=True, capture_output=True, text=True)
+    assert done.stdout == "10.0\n"
 
 
 @pytest.mark.parametrize("suffix", [".h5", ".nc", ".mat"])

@@ -9,9 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayes_inertia.campaign.array_contents import Contents
-from bayes_inertia.campaign.mat_reader import read_mat
 from bayes_inertia.importing.raw_files import read_raw
+from bayes_inertia.tables.array_files import FileArrays, read_mat
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # It sets an option that pandas 3 no longer needs.
@@ -55,8 +54,8 @@ def saved(file, version: str, **variables):
     return file
 
 
-def contents(file) -> Contents:
-    into = Contents(10**8)
+def contents(file) -> FileArrays:
+    into = FileArrays(left=10**8)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         read_mat(str(file), into)

@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from bayes_inertia.campaign.array_contents import Contents
+Part = tuple[str, np.ndarray, str]
+"""Path, values and unit of one array."""
 
 _INDEXED = re.compile(r"(.*)\((\d+)\)")
 _UNITS = {
@@ -28,38 +30,20 @@ _UNITS = {
 }
 
 
-def read_objects(path: str, into: Contents) -> None:
-    """Read objects of a MAT file that other readers left closed; unknown classes stay closed.
-
-    Parameters
-    ----------
-    path : str
-        The file.
-    into : Contents
-        Its closed paths name the objects; what is read goes there.
-    """
-    places = [place for place, what in into.closed.items() if what.startswith("a MATLAB ")]
-    if not places:
-        return
+def opened_objects(path: str, places: Sequence[str]) -> dict[str, list[Part]]:
+    """Arrays of the objects at some places of a MAT file; unknown classes are absent."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # It sets an option that pandas 3 no longer needs.
-        try:
-            import matio
-        except ImportError:  # It has no wheel for Python 3.14 yet, so is no dependency there.
-            for place in places:
-                into.closed[place] += " (mat-io may open it: pip install mat-io)"
-            return
-
+        import matio
     names = list({re.sub(r"\(\d+\)$", "", place.split("/")[0]) for place in places})
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             content = matio.load_from_mat(path, variable_names=names, add_table_attrs=True)
     except Exception:  # A damaged object: the rest of the file was read.
-        return
-    for place in places:
-        if _add_object(_at(content, place), place, into):
-            del into.closed[place]
+        return {}
+    opened = {place: _parts(_at(content, place), place) for place in places}
+    return {place: parts for place, parts in opened.items() if parts is not None}
 
 
 def _at(content: Any, place: str) -> Any:
@@ -79,62 +63,57 @@ def _at(content: Any, place: str) -> Any:
     return value
 
 
-def _add_object(value: Any, place: str, into: Contents) -> bool:
-    """Keep what an object holds; whether it is of a class that is known."""
+def _parts(value: Any, place: str) -> list[Part] | None:
+    """Arrays of an object; None for a class that is not known."""
     kind = type(value).__name__
     if kind == "DataFrame":
-        _add_table(value, place, into)
-        return True
+        return _table(value, place)
     if kind == "MatlabOpaque" and value.classname == "timeseries":
-        return _add_timeseries(value.properties, place, into)
+        return _timeseries(value.properties, place)
     if isinstance(value, np.ndarray) and value.dtype.kind in "UMm":
-        _add_column(value, place, "", into)
-        return True
-    return False
+        return [_column(value, place)]
+    return None
 
 
-def _add_column(values: np.ndarray, place: str, unit: str, into: Contents) -> None:
-    into.check_size(place, int(values.nbytes))
+def _column(values: np.ndarray, place: str, unit: str = "") -> Part:
+    """An array as it is; durations in seconds."""
     if values.dtype.kind == "m":
-        values, unit = values / np.timedelta64(1, "s"), "s"
-    into.add(place, values, unit)
+        return place, values / np.timedelta64(1, "s"), "s"
+    return place, values, unit
 
 
-def _add_table(table: Any, place: str, into: Contents) -> None:
+def _table(table: Any, place: str) -> list[Part]:
     """Columns of a table; the row times of a timetable are a column before them."""
     units = [str(unit) for unit in np.ravel(table.attrs.get("varUnits", []))]
     units += [""] * (len(table.columns) - len(units))
+    parts = []
     if table.index.dtype.kind in "mM" or getattr(table.index, "tz", None) is not None:
-        _add_dates(table.index.to_series(), f"{place}/{table.index.name or 'Time'}", into)
+        parts.append(_dates(table.index.to_series(), f"{place}/{table.index.name or 'Time'}"))
     for name, unit in zip(table.columns, units, strict=False):
-        column = table[name]
-        if getattr(column.dtype, "tz", None) is not None:
-            _add_dates(column, f"{place}/{name}", into)
-        else:
-            _add_column(column.to_numpy(), f"{place}/{name}", unit, into)
+        column, inner = table[name], f"{place}/{name}"
+        dated = getattr(column.dtype, "tz", None) is not None
+        parts.append(_dates(column, inner) if dated else _column(column.to_numpy(), inner, unit))
+    return parts
 
 
-def _add_dates(column: Any, place: str, into: Contents) -> None:
+def _dates(column: Any, place: str) -> Part:
     """Dates and durations; those with a time zone as dates in UTC."""
     if getattr(column.dtype, "tz", None) is None:
-        _add_column(column.to_numpy(), place, "", into)
-        return
+        return _column(column.to_numpy(), place)
     dates = np.datetime_as_string(column.dt.tz_convert("UTC").dt.tz_localize(None).to_numpy())
-    _add_column(np.char.add(dates.astype(str), "Z"), place, "", into)
+    return place, np.char.add(dates.astype(str), "Z"), ""
 
 
-def _add_timeseries(properties: dict[str, Any], place: str, into: Contents) -> bool:
+def _timeseries(properties: dict[str, Any], place: str) -> list[Part] | None:
     """Time [s] and readings of a timeseries."""
     details, data = properties.get("TimeInfo"), properties.get("Data_")
     if not isinstance(data, np.ndarray):
-        return False
+        return None
     time = _times(_properties(details))
     if time is None or len(time) not in data.shape:
-        return False
-    _add_column(time, f"{place}/Time", "s", into)
-    units = _text(_properties(properties.get("DataInfo")).get("Units"))
-    _add_column(data, f"{place}/Data", units, into)
-    return True
+        return None
+    unit = _text(_properties(properties.get("DataInfo")).get("Units"))
+    return [_column(time, f"{place}/Time", "s"), _column(data, f"{place}/Data", unit)]
 
 
 def _properties(value: Any) -> dict[str, Any]:
