@@ -20,9 +20,9 @@ from bayes_inertia.campaign.schema import (
 )
 from bayes_inertia.campaign.slew import bad_quaternion
 from bayes_inertia.campaign.streams import Stream
-from bayes_inertia.campaign.table import Table
 from bayes_inertia.campaign.units import to_si
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.tables.number_table import Table
 
 # Entry of [columns] -> field of `Slew`.
 _CHANNELS = {

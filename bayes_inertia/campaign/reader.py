@@ -14,7 +14,6 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.channels import stream_from_table
 from bayes_inertia.campaign.commands import with_known_torques
-from bayes_inertia.campaign.csv_table import read_table
 from bayes_inertia.campaign.description import parse_description
 from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
@@ -29,7 +28,6 @@ from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import located, parts_of
 from bayes_inertia.campaign.stream_clocks import StreamRows, on_their_clocks
 from bayes_inertia.campaign.streams import Stream, streams_of, union
-from bayes_inertia.campaign.table import Table
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import (
     description_path,
@@ -39,6 +37,7 @@ from bayes_inertia.files import (
     text_of,
     write_atomically,
 )
+from bayes_inertia.tables.number_table import Table, read_table
 
 # Errors below these shares of the noise of one reading are not told by all readings together.
 _OF_RATE_NOISE, _OF_ATTITUDE_NOISE = 0.02, 0.1

@@ -15,8 +15,8 @@ import numpy as np
 
 from bayes_inertia.campaign.dirt import Dirt, DirtKind, Treatment
 from bayes_inertia.campaign.stamps import regular_stamps
-from bayes_inertia.campaign.table import Table
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.tables.number_table import Table
 
 # More wrong stamps than this share of all rows are no single glitches.
 _GLITCHES = 0.02

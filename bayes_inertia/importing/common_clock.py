@@ -11,11 +11,11 @@ from bayes_inertia.campaign.row_order import set_back_row
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.counter_wraps import counted_on
 from bayes_inertia.importing.file_share import ZERO_OF_FILE, FileShare
-from bayes_inertia.importing.leap_seconds import SECOND
 from bayes_inertia.importing.logged_stream import LoggedStream, held, in_order, joined, left_out
 from bayes_inertia.importing.mapping_schema import MappingPart
 from bayes_inertia.importing.wheel_reference import relative_to_body
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.tables.leap_seconds import SECOND
 
 
 @array_dataclass

@@ -14,9 +14,9 @@ import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.file_share import ZERO_OF_FILE, FileShare
-from bayes_inertia.importing.leap_seconds import SECOND
-from bayes_inertia.importing.stamp_parts import unit_size
-from bayes_inertia.importing.time_stamps import FREE_CLOCKS
+from bayes_inertia.tables.leap_seconds import SECOND
+from bayes_inertia.tables.stamp_parts import unit_size
+from bayes_inertia.tables.time_stamps import FREE_CLOCKS
 
 _BITS = (16, 24, 31, 32)
 # Counts of these are scaled to other units by ground software; also the unit of the file itself.

@@ -14,7 +14,6 @@ import numpy as np
 from bayes_inertia.campaign.schema import FORMAT
 from bayes_inertia.campaign.writer import array_of_tables
 from bayes_inertia.importing.common_clock import Logs
-from bayes_inertia.importing.leap_seconds import tai_to_utc
 from bayes_inertia.importing.mapped_lines import RECORD_FILE
 from bayes_inertia.importing.mapping import rate_sensor_axes, streams_that_hold
 from bayes_inertia.importing.mapping_schema import MappingPart
@@ -22,6 +21,7 @@ from bayes_inertia.importing.rest_noise import RestNoise
 from bayes_inertia.importing.slew_cutting import SlewCut
 from bayes_inertia.importing.slew_tables import SlewTables, csv_of
 from bayes_inertia.importing.written_columns import written_columns
+from bayes_inertia.tables.leap_seconds import tai_to_utc
 from bayes_inertia.version import __version__
 
 RECORD_FORMAT = "bayes-inertia-import/1"

@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from bayes_inertia.importing.column_families import split_unit
 from bayes_inertia.importing.mapping_schema import MAPPING_FORMAT
 from bayes_inertia.importing.mapping_text import mapping_entry
 from bayes_inertia.importing.questions import UNKNOWN
+from bayes_inertia.tables.time_columns import split_unit
 
 _AXES = {"x": [1.0, 0.0, 0.0], "y": [0.0, 1.0, 0.0], "z": [0.0, 0.0, 1.0]}
 

@@ -15,13 +15,14 @@ import tomlkit
 
 from bayes_inertia.errors import OutputError
 from bayes_inertia.files import write_atomically
-from bayes_inertia.importing.column_families import ColumnFamily, families, time_names
+from bayes_inertia.importing.column_families import ColumnFamily, families
 from bayes_inertia.importing.mapping_text import mapping_comment, mapping_value
 from bayes_inertia.importing.questions import open_questions
-from bayes_inertia.importing.raw_files import read_raw, tables_in
-from bayes_inertia.importing.raw_table import RawTable
 from bayes_inertia.importing.starting_hardware import hardware_text, wheel_words
 from bayes_inertia.importing.starting_streams import FileGroup, stream_text
+from bayes_inertia.tables.raw_files import read_raw, tables_in
+from bayes_inertia.tables.raw_table import RawTable
+from bayes_inertia.tables.time_columns import time_names
 
 _ORDER = (
     "rate",

@@ -10,15 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.importing.clock_guess import ClockGuess, guessed_clock, stamp_units
-from bayes_inertia.importing.column_families import ColumnFamily, time_names
+from bayes_inertia.importing.clock_guess import ClockGuess, guessed_clock
+from bayes_inertia.importing.column_families import ColumnFamily
 from bayes_inertia.importing.file_share import SHARED_ZERO
 from bayes_inertia.importing.known_notation import notation_of
 from bayes_inertia.importing.mapping_text import mapping_comment, mapping_entry, mapping_value
 from bayes_inertia.importing.questions import UNKNOWN, question_at
-from bayes_inertia.importing.raw_table import RawTable
 from bayes_inertia.importing.stated_facts import stated_attitude
-from bayes_inertia.importing.time_stamps import FREE_CLOCKS
+from bayes_inertia.tables.raw_table import RawTable
+from bayes_inertia.tables.time_columns import stamp_units, time_names
+from bayes_inertia.tables.time_stamps import FREE_CLOCKS
 
 _SENSES = {
     "wheel_torque": "acts_on",

@@ -13,8 +13,8 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.attitude_forms import COLUMNS_OF_FORM, AttitudeConvention
 from bayes_inertia.importing.mapping_schema import AttitudeStream
 from bayes_inertia.importing.questions import question_at
-from bayes_inertia.importing.raw_table import RawTable, is_inertial
 from bayes_inertia.importing.unit_factors import unit_factor
+from bayes_inertia.tables.raw_table import RawTable, is_inertial
 
 # Names of frames as CCSDS (SANA registry) and ground systems write them, in capitals.
 _BODY = re.compile(r"(SC|SPACECRAFT)_?(BODY|FRAME)?(_\d+)?|BODY.*|S/C.*")

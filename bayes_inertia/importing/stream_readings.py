@@ -23,9 +23,9 @@ from bayes_inertia.importing.mapping_schema import (
     ValidRows,
 )
 from bayes_inertia.importing.noise_fit import rounding_sigmas
-from bayes_inertia.importing.raw_table import RawTable, number_of
 from bayes_inertia.importing.stated_facts import agreed_attitude, agreed_unit
 from bayes_inertia.importing.unit_factors import to_si_with, unit_factor
+from bayes_inertia.tables.raw_table import RawTable, number_of
 
 # Quaternions of one length, but for this share of it, are counts; this share of the rows must be.
 _EVEN_LENGTH = 1e-3

@@ -16,10 +16,11 @@ import xarray
 from pyarrow import parquet
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.importing.array_tables import table_of, tables_of
-from bayes_inertia.importing.raw_files import read_raw, tables_in
-from bayes_inertia.importing.time_stamps import times_to_seconds
 from bayes_inertia.tables import isolated
+from bayes_inertia.tables.array_files import FileArrays
+from bayes_inertia.tables.array_tables import table_of, tables_of
+from bayes_inertia.tables.raw_files import read_raw, tables_in
+from bayes_inertia.tables.time_stamps import times_to_seconds
 
 ROWS, FIXES = 40, 9
 TIME = np.arange(ROWS) * 0.25
@@ -135,7 +136,7 @@ def test_mat_of_version_7_3(tmp_path):
 
 def test_a_closed_object_alone_says_how_to_open_it(tmp_path):
     with pytest.raises(CampaignError, match=r"was not read; save it as a struct: s ="):
-        table_of({}, {}, "a.mat", closed={"ts": "a MATLAB timeseries object"})
+        table_of(FileArrays(closed={"ts": "a MATLAB timeseries object"}), "a.mat")
 
 
 def test_numpy_of_a_basilisk_recorder(tmp_path):
@@ -189,7 +190,7 @@ def test_parquet(tmp_path):
 def test_tables_of_different_lengths_are_listed_with_their_rows():
     arrays = {"t": np.zeros(5), "w": np.zeros((3, 5)), "n": np.float64(1.0), "u": np.zeros(7)}
     assert tables_of(arrays) == ["[7 rows]", "[5 rows]"]
-    assert list(table_of(arrays, {}, "a.h5", table="[5 rows]").columns) == ["t", *RATES]
+    assert list(table_of(FileArrays(arrays), "a.h5", table="[5 rows]").columns) == ["t", *RATES]
 
 
 def test_links_lead_nowhere(tmp_path):

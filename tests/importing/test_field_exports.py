@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.importing.raw_files import read_raw, tables_in
-from bayes_inertia.importing.raw_table import RawTable
+from bayes_inertia.tables.raw_files import read_raw, tables_in
+from bayes_inertia.tables.raw_table import RawTable
 
 ROWS = 40
 TIME = [0.25 * i for i in range(ROWS)]

@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bayes_inertia.importing.raw_files import read_raw
 from bayes_inertia.tables.array_files import FileArrays, read_mat
+from bayes_inertia.tables.raw_files import read_raw
 
 with warnings.catch_warnings():
     warnings.simplefilter("ignore")  # It sets an option that pandas 3 no longer needs.

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.importing.raw_files import file_format, read_raw
+from bayes_inertia.tables.raw_files import file_format, read_raw
 
 ROWS = 12
 TIME = np.arange(ROWS) * 0.25

@@ -15,8 +15,8 @@ from bayes_inertia.importing.clock_guess import guessed_clock, stamp_units
 from bayes_inertia.importing.column_families import families, time_names
 from bayes_inertia.importing.import_logs import import_logs
 from bayes_inertia.importing.questions import open_questions
-from bayes_inertia.importing.raw_table import RawColumn, RawTable
 from bayes_inertia.importing.starting_mapping import starting_mapping, write_starting_mapping
+from bayes_inertia.tables.raw_table import RawColumn, RawTable
 
 LOOKS = [
     ("imu.csv", "utc gx_dps gy_dps gz_dps flag", ["utc"], [("rate", 3, "deg/s")]),

@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.importing.raw_files import read_raw, tables_in
-from bayes_inertia.importing.raw_table import RawTable
-from bayes_inertia.importing.text_options import TextOptions
-from bayes_inertia.importing.text_table import parse_text
+from bayes_inertia.tables.raw_files import read_raw, tables_in
+from bayes_inertia.tables.raw_table import RawTable
+from bayes_inertia.tables.text_cells import TextOptions
+from bayes_inertia.tables.text_table import parse_text
 
 ROWS = 20
 TIME = np.round(np.arange(ROWS) * 0.25, 2)
@@ -150,7 +150,7 @@ def test_damaged_text_is_refused_with_the_line(text, message):
 
 
 def parse_text_file(text: str) -> RawTable:
-    from bayes_inertia.importing.text_cells import decoded
+    from bayes_inertia.tables.text_cells import decoded
 
     return parse_text(decoded(text.encode(), "a.csv"), "a.csv", TextOptions())
 

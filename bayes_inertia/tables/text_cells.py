@@ -11,15 +11,14 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.importing.raw_table import EMPTY_CELLS, number_of
-from bayes_inertia.importing.text_options import TextOptions
-from bayes_inertia.importing.time_texts import is_date
+from bayes_inertia.tables.raw_table import EMPTY_CELLS, number_of
+from bayes_inertia.tables.time_texts import is_date
 
 WHITESPACE = "whitespace"
 _DELIMITERS = ("\t", ";", ",", "|", WHITESPACE)
 _SAMPLE = 200  # Rows by which a file is judged.
 _SAMPLE_BYTES = 2**20  # By which an encoding is told.
-_COMMENTS = ("#", "%", "//")
+COMMENTS = ("#", "%", "//")
 _LINE_END = re.compile("\r\n|\n|\r")
 _MOST_CUT = 3  # Lines that losses of power may cut in a short file; in a long one, every 20th.
 _CONTROL = re.compile("[\x01-\x08\x0e-\x19\x1b-\x1f]")  # Signs of a binary file.
@@ -39,58 +38,52 @@ _MARKS = (
 
 
 class CellRow(NamedTuple):  # A log has a million of them: a dataclass takes twice the time.
-    """One row of a text file.
-
-    Parameters
-    ----------
-    line : int
-        The line where it starts, from 1.
-    cells : tuple of str
-        Its cells without white space around them.
-    """
+    """The line (from 1) where a row of a text starts, and its cells without white space around."""
 
     line: int
     cells: tuple[str, ...]
 
 
 @dataclass(frozen=True)
-class TextForm:
-    """How a text file separates its cells.
+class TextOptions:
+    """What a mapping may say of a text file; everything else is told from the file.
 
     Parameters
     ----------
-    delimiter : str
-        One character, or "whitespace".
-    decimal : str
-        "." or ",".
+    delimiter : str, optional
+        What separates cells, such as ";", "\\t" or "whitespace"; "" to tell from the file.
+    decimal : str, optional
+        "." or ","; "" to tell from the file.
+    encoding : str, optional
+        Such as "latin-1"; "" to tell from the file.
+    comment : str, optional
+        What a comment row begins with; "" for "#" and "%".
+    header_line : int, optional
+        Line of the column names, from 1; 0 to tell from the file, -1 for a file without names,
+        whose columns are then called c1, c2, ...
+    units_line : int, optional
+        Line of the units, from 1; 0 to tell from the file, -1 for none.
     """
+
+    delimiter: str = ""
+    decimal: str = ""
+    encoding: str = ""
+    comment: str = ""
+    header_line: int = 0
+    units_line: int = 0
+
+
+class TextForm(NamedTuple):
+    """What separates the cells of a text (a character, or "whitespace"), and the decimal sign."""
 
     delimiter: str
     decimal: str
 
 
 def decoded(data: bytes, label: str, encoding: str = "") -> str:
-    """The text of a file.
+    """The text of a file without byte-order mark; an encoding "" is told from its content.
 
-    Parameters
-    ----------
-    data : bytes
-        The file's content.
-    label : str
-        The file, as messages name it.
-    encoding : str, optional
-        "" to tell from the content: by its mark, as UTF-16 by its zero bytes, as UTF-8, else as
-        Windows-1252.
-
-    Returns
-    -------
-    str
-        The text without a byte-order mark.
-
-    Raises
-    ------
-    CampaignError
-        If it is no text, or holds zero bytes.
+    By its mark, as UTF-16 by its zero bytes, as UTF-8, else as Windows-1252.
 
     Examples
     --------
@@ -104,30 +97,10 @@ def decoded(data: bytes, label: str, encoding: str = "") -> str:
 
 
 def whole_lines(data: bytes, label: str, encoding: str = "") -> tuple[str, tuple[str, ...]]:
-    """The text of a file whose lines are independent, without lines that a loss of power cut.
+    """The text of a file without lines that a loss of power cut, and notes that say so.
 
-    A logger that loses power leaves zero bytes where its last lines were to stand.
-
-    Parameters
-    ----------
-    data : bytes
-        The file's content.
-    label : str
-        The file, as messages name it.
-    encoding : str, optional
-        As of `decoded`.
-
-    Returns
-    -------
-    text : str
-        Lines with zero bytes are empty, so that the others keep their numbers.
-    notes : tuple of str
-        What was left out.
-
-    Raises
-    ------
-    CampaignError
-        If it is no text.
+    A logger that loses power leaves zero bytes where its last lines were to stand. Lines with zero
+    bytes become empty, so that the others keep their numbers.
 
     Examples
     --------
@@ -197,30 +170,16 @@ def _encoding(data: bytes) -> str:
     return "utf-8"
 
 
-def content_lines(text: str, comment: str = "") -> tuple[list[tuple[int, str]], dict[int, str]]:
-    """Lines that hold cells, and comments, each with its number.
-
-    Parameters
-    ----------
-    text : str
-        The text of the file.
-    comment : str, optional
-        What a comment begins with; "" for "#", "%" and "//".
-
-    Returns
-    -------
-    lines : list of (int, str)
-        Number from 1, and the line.
-    comments : dict of int to str
-        Comments by their number, without their sign.
-    """
-    signs = (comment,) if comment else _COMMENTS
+def content_lines(
+    text: str, signs: tuple[str, ...] = COMMENTS
+) -> tuple[list[tuple[int, str]], dict[int, str]]:
+    """Lines that hold cells, each with its number from 1, and comments by number without sign."""
     lines, comments = [], {}
     for number, line in enumerate(_LINE_END.split(text), start=1):
         stripped = line.strip()
         if not stripped:
             continue
-        if stripped.startswith(signs):
+        if signs and stripped.startswith(signs):
             sign = next(sign for sign in signs if stripped.startswith(sign))
             comments[number] = stripped.lstrip(sign).strip()
         else:
@@ -231,27 +190,7 @@ def content_lines(text: str, comment: str = "") -> tuple[list[tuple[int, str]], 
 def split_rows(
     lines: Sequence[tuple[int, str]], delimiter: str, label: str = ""
 ) -> Iterator[CellRow]:
-    """Lines cut into cells; a quoted cell may hold the delimiter and span lines.
-
-    Parameters
-    ----------
-    lines : sequence of (int, str)
-        Number and text.
-    delimiter : str
-        One character, or "whitespace".
-    label : str, optional
-        The file, as messages name it.
-
-    Yields
-    ------
-    CellRow
-        One for each row.
-
-    Raises
-    ------
-    CampaignError
-        If a quote is not closed.
-    """
+    """Lines cut into cells; a quoted cell may hold the delimiter and span lines."""
     if delimiter == WHITESPACE:
         for number, line in lines:
             yield CellRow(number, tuple(line.replace('"', " ").split()))
@@ -281,42 +220,14 @@ def split_rows(
 
 
 def is_reading(cell: str, decimal: str) -> bool:
-    """Whether a cell holds a number or a time.
-
-    Parameters
-    ----------
-    cell : str
-        The cell.
-    decimal : str
-        The decimal sign.
-
-    Returns
-    -------
-    bool
-        False for an empty cell too.
-    """
+    """Whether a cell holds a number or a time; an empty one does not."""
     if number_of(cell, decimal) == number_of(cell, decimal):
         return not (decimal == "," and "." in cell and "," in cell)
     return bool(_TIME.fullmatch(cell)) or is_date(cell)
 
 
 def told_form(lines: Sequence[tuple[int, str]], options: TextOptions, label: str) -> TextForm:
-    """How a file separates its cells: the way that gives most rows of one length with readings.
-
-    Parameters
-    ----------
-    lines : sequence of (int, str)
-        The lines that hold cells.
-    options : TextOptions
-        What the mapping states.
-    label : str
-        The file, as messages name it.
-
-    Returns
-    -------
-    TextForm
-        Delimiter and decimal sign.
-    """
+    """How a file separates its cells: the way that gives most rows of one length with readings."""
     middle = max(len(lines) - _SAMPLE, 0) // 2
     sample = list(lines[:10]) + list(lines[max(middle, 10) : middle + _SAMPLE])
     best, best_score = TextForm(",", "."), -1.0

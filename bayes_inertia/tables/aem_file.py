@@ -10,9 +10,9 @@ from xml.etree import ElementTree
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes
-from bayes_inertia.importing.aem import AemSegment, joined_segments, segment_table
-from bayes_inertia.importing.raw_table import RawTable
-from bayes_inertia.importing.text_cells import decoded
+from bayes_inertia.tables.aem import AemSegment, joined_segments, segment_table
+from bayes_inertia.tables.raw_table import RawTable
+from bayes_inertia.tables.text_cells import decoded
 
 _PAIR = re.compile(r"\s*([A-Za-z][A-Za-z0-9_]*)\s*=\s*(.*?)\s*")
 _UNIT = re.compile(r"\s*\[[^\]]*\]\s*$")
@@ -40,36 +40,12 @@ _OTHER_MESSAGES = MappingProxyType(
 
 
 def is_aem(head: bytes) -> bool:
-    """Whether a file is an AEM.
-
-    Parameters
-    ----------
-    head : bytes
-        Its first bytes.
-
-    Returns
-    -------
-    bool
-        True for KVN and XML.
-    """
+    """Whether a file with these first bytes is an AEM, KVN or XML."""
     return b"CCSDS_AEM_VERS" in head.replace(b"\0", b"")
 
 
 def refuse_other_messages(head: bytes, path: Path) -> None:
-    """Raise an error for a message of CCSDS that is no AEM, and for a file of STK.
-
-    Parameters
-    ----------
-    head : bytes
-        Its first bytes.
-    path : Path
-        The file.
-
-    Raises
-    ------
-    CampaignError
-        If it is one; the error names it and what to export instead.
-    """
+    """Raise an error for a message of CCSDS that is no AEM, and for a file of STK."""
     plain = head.replace(b"\0", b"").removeprefix(codecs.BOM_UTF8).lstrip()
     if plain.lower().startswith(b"stk.v."):
         begin = re.search(rb"\bBEGIN\s+(\w+)", plain, re.IGNORECASE)
@@ -84,25 +60,7 @@ def refuse_other_messages(head: bytes, path: Path) -> None:
 
 
 def read_aem(path: Path, table: str = "") -> RawTable:
-    """The attitudes of a message.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    table : str, optional
-        "segment 1" and so on; "" for all segments together.
-
-    Returns
-    -------
-    RawTable
-        With the conventions that the file states.
-
-    Raises
-    ------
-    CampaignError
-        If the file is damaged, or its conventions are incomplete or of no use here.
-    """
+    """The attitudes of a message; `table` is "segment 1" and so on, or "" for all together."""
     segments = _segments(path)
     names = _names(len(segments))
     if table and table not in names:
@@ -118,18 +76,7 @@ def read_aem(path: Path, table: str = "") -> RawTable:
 
 
 def aem_segments(path: Path) -> list[str]:
-    """Names of the segments of a message.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    list of str
-        One empty name where there is one segment.
-    """
+    """Names of the segments of a message; one empty name where there is one segment."""
     count = len(_segments(path))
     return [""] if count == 1 else _names(count)
 

@@ -16,8 +16,8 @@ from types import MappingProxyType
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.importing.leap_seconds import SECOND
-from bayes_inertia.importing.raw_table import RawTable
+from bayes_inertia.tables.leap_seconds import SECOND
+from bayes_inertia.tables.raw_table import RawTable
 
 UNIT_WORDS: Mapping[str, str] = MappingProxyType(
     {

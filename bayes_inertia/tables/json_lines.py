@@ -17,9 +17,9 @@ import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes
-from bayes_inertia.importing.column_families import time_names
-from bayes_inertia.importing.raw_table import RawColumn, RawTable
-from bayes_inertia.importing.text_cells import whole_lines
+from bayes_inertia.tables.raw_table import RawColumn, RawTable
+from bayes_inertia.tables.text_cells import whole_lines
+from bayes_inertia.tables.time_columns import time_names
 
 _MAX_DEPTH = 12  # Of objects and lists inside each other.
 _MAX_COLUMNS = 2000
@@ -28,23 +28,7 @@ _FEW = 3  # Objects; of fewer none tells that the last one breaks off.
 
 
 def read_json_lines(path: Path) -> RawTable:
-    """The columns of a file of JSON objects.
-
-    Parameters
-    ----------
-    path : Path
-        One object a line, or one list of objects.
-
-    Returns
-    -------
-    RawTable
-        Its columns; a key that a line lacks is an empty cell.
-
-    Raises
-    ------
-    CampaignError
-        If a line is no JSON object; the error names it.
-    """
+    """The columns of a file of JSON objects; a key that one lacks is an empty cell."""
     text, notes = whole_lines(read_bytes(path), str(path))
     table = parse_json_lines(text, str(path))
     return replace(table, notes=(*notes, *table.notes))
@@ -52,23 +36,6 @@ def read_json_lines(path: Path) -> RawTable:
 
 def parse_json_lines(text: str, label: str) -> RawTable:
     """The columns of text of JSON objects.
-
-    Parameters
-    ----------
-    text : str
-        The file's content.
-    label : str
-        The file, as messages name it.
-
-    Returns
-    -------
-    RawTable
-        Its columns.
-
-    Raises
-    ------
-    CampaignError
-        If a line is no JSON object.
 
     Examples
     --------
@@ -105,23 +72,9 @@ def _columns(records: Sequence[Any], lines: Sequence[int], label: str) -> dict[s
 
 
 def json_arrays(path: Path) -> dict[str, np.ndarray] | None:
-    """The arrays of a JSON document that holds arrays, or lists of objects, by name.
+    """The arrays of a JSON document that holds arrays, or lists of objects, by path ("/" between).
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    dict of str to array, or None
-        By path, with "/" between nested keys as `array_tables` takes them; None for objects in
-        lines or in one list.
-
-    Raises
-    ------
-    CampaignError
-        If the file is no text, or the rows of an array differ in length.
+    None for objects in lines or in one list.
     """
     label = str(path)
     text, _ = whole_lines(read_bytes(path), label)

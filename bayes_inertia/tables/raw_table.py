@@ -3,8 +3,8 @@
 A column of a raw log has no meaning yet: a mapping gives it one. So a column keeps its numbers or
 texts as they lie in the file, with the unit that the file states (a row of units, an attribute of
 netCDF or HDF5) and, where a format defines them, the conventions of its attitudes (CCSDS AEM).
-`raw_files.read_raw` makes such tables, `time_stamps.times_to_seconds` and `unit_factors.to_si_with`
-take the columns on from here.
+`raw_files.read_raw` makes such tables; `time_stamps.times_to_seconds` takes the columns of the time
+on from here, `importing` the others.
 """
 
 from __future__ import annotations
@@ -18,13 +18,14 @@ from typing import Literal
 
 import numpy as np
 
-from bayes_inertia.campaign.table import listed_names
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths.values import array_dataclass
 
 EMPTY_CELLS = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "--", "#n/a"})
 """Cells of a text file, in small letters, that hold no reading."""
 
+# Names of columns that a message lists, and the characters of one.
+_MOST_NAMES, _LONGEST_NAME = 60, 60
 # Names as CCSDS (SANA registry), ground systems and 42 write them, in capitals.
 _INERTIAL = re.compile(
     r"N|(EME|J)2000|B1950|ECI.*|(ICRF|GCRF|GCRS|CIRS|TEME|MEME).*|(TOD|MOD)([_ /].*)?|.*INERTIAL.*"
@@ -94,17 +95,7 @@ class StatedAttitude:
 
 
 def is_inertial(frame: str) -> bool:
-    """Whether the name of a frame is that of an inertial one.
-
-    Parameters
-    ----------
-    frame : str
-        As CCSDS or 42 name it.
-
-    Returns
-    -------
-    bool
-        False for body, sensor and rotating frames, and names that nobody knows.
+    """Whether a name is that of an inertial frame, as CCSDS or 42 names it.
 
     Examples
     --------
@@ -156,69 +147,17 @@ class RawTable:
         return max((column.values.size for column in self.columns.values()), default=0)
 
     def place(self, row: int, name: str) -> str:
-        """Where a cell is, for a message.
-
-        Parameters
-        ----------
-        row : int
-            The row, counted from 0.
-        name : str
-            The column.
-
-        Returns
-        -------
-        str
-            File, line (or row from 1) and column.
-        """
-        line = f"row {row + 1}" if self.lines is None else f"line {int(self.lines[row])}"
-        return f"{self.label}, {line}, column {name}"
+        """File, line (or row from 1) and column of a cell, for a message."""
+        return f"{self.label}, {row_name(self.lines, row)}, column {name}"
 
     def column(self, name: str) -> RawColumn:
-        """A column by name, or an error that names the nearest.
-
-        Parameters
-        ----------
-        name : str
-            The column.
-
-        Returns
-        -------
-        RawColumn
-            As it lies in the file.
-
-        Raises
-        ------
-        CampaignError
-            If there is none of this name.
-        """
-        if name in self.columns:
-            return self.columns[name]
-        near = difflib.get_close_matches(name, self.columns, 1)
-        raise CampaignError(
-            f"no column {name!r}",
-            where=self.label,
-            advice=(f"did you mean {near[0]!r}? " if near else "")
-            + f"The table has: {listed_names(list(self.columns))}",
-        )
+        """A column by name, or an error that names the nearest."""
+        if name not in self.columns:
+            raise no_column(name, list(self.columns), self.label)
+        return self.columns[name]
 
     def numbers(self, name: str) -> np.ndarray:
-        """A column as floats; a cell without a reading is NaN.
-
-        Parameters
-        ----------
-        name : str
-            The column.
-
-        Returns
-        -------
-        (rows,) array
-            In the file's own unit.
-
-        Raises
-        ------
-        CampaignError
-            If the column is absent, or a cell is no finite number; the error names the line.
-        """
+        """(rows,) array of a column in the file's own unit; a cell without a reading is NaN."""
         column = self.column(name)
         if column.is_text:
             row, cell = _first_text(column.values)
@@ -239,18 +178,7 @@ class RawTable:
         return values
 
     def stack(self, names: Sequence[str]) -> np.ndarray:
-        """Columns of numbers side by side.
-
-        Parameters
-        ----------
-        names : sequence of str
-            The columns.
-
-        Returns
-        -------
-        (rows, len(names)) array
-            In the file's own units.
-        """
+        """(rows, len(names)) array of columns of numbers, in the file's own units."""
         return np.stack([self.numbers(name) for name in names], axis=1)
 
 
@@ -258,24 +186,46 @@ def _first_text(values: np.ndarray) -> tuple[int, str]:
     """Row and text of the first cell that is no number."""
     for row, cell in enumerate(values.tolist()):
         if math.isnan(number_of(cell)) and cell.strip().lower() not in EMPTY_CELLS:
-            return row, cell if len(cell) <= 40 else cell[:37] + "..."
+            return row, shortened(cell)
     return 0, str(values[0])
 
 
+def row_name(lines: np.ndarray | None, row: int) -> str:
+    """A row (from 0) as people count: "line 12" of a text, or "row 11"."""
+    return f"row {row + 1}" if lines is None else f"line {int(lines[row])}"
+
+
+def shortened(cell: str) -> str:
+    """At most forty characters of a cell, for a message."""
+    return cell if len(cell) <= 40 else cell[:37] + "..."
+
+
+def no_column(name: str, available: Sequence[str], where: str, why: str = "") -> CampaignError:
+    """The refusal of a column that a table has not, with the nearest that it has.
+
+    Examples
+    --------
+    >>> str(no_column("wx", ["t", "w_x"], "a.csv, line 1"))
+    "a.csv, line 1: no column 'wx'; did you mean 'w_x'? The table has: t, w_x"
+    """
+    near = difflib.get_close_matches(name, available, 1)
+    hint = f"did you mean {near[0]!r}? " if near else ""
+    return CampaignError(
+        f"no column {name!r}{why}",
+        where=where,
+        advice=f"{hint}The table has: {_listed(available)}",
+    )
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Names of columns on one line, whatever a damaged header holds."""
+    plain = [name if name.isprintable() else ascii(name)[1:-1] for name in names[:_MOST_NAMES]]
+    short = [name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}..." for name in plain]
+    return ", ".join([*short, *["..."] * (len(names) > _MOST_NAMES)]) or "no column"
+
+
 def number_of(cell: str, decimal: str = ".") -> float:
-    """The number in a cell of text; NaN where it is none.
-
-    Parameters
-    ----------
-    cell : str
-        The text.
-    decimal : {".", ","}, optional
-        The decimal sign.
-
-    Returns
-    -------
-    float
-        The number.
+    """The number in a cell of text with the decimal sign "." or ","; NaN where it is none.
 
     Examples
     --------

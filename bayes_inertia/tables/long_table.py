@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayes_inertia.importing.column_families import time_names
-from bayes_inertia.importing.raw_table import EMPTY_CELLS, RawColumn, RawTable
-from bayes_inertia.importing.text_table import text_column
+from bayes_inertia.tables.raw_table import EMPTY_CELLS, RawColumn, RawTable
+from bayes_inertia.tables.text_table import text_column
+from bayes_inertia.tables.time_columns import time_names
 
 # Names in small letters, without signs at their ends.
 _PARAMETER = re.compile(
@@ -26,16 +26,6 @@ _MOST_NAMES = 2000  # More parameters than these are texts of another kind.
 
 def one_row_a_time(table: RawTable) -> RawTable:
     """A table whose rows each hold one parameter, with a column a parameter; others as they are.
-
-    Parameters
-    ----------
-    table : RawTable
-        Any table.
-
-    Returns
-    -------
-    RawTable
-        With one row for each time at which a parameter was read, and a note that says so.
 
     Examples
     --------

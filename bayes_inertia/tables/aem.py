@@ -16,8 +16,8 @@ from types import MappingProxyType
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.importing.raw_table import RawColumn, RawTable, StatedAttitude
-from bayes_inertia.importing.text_table import text_column
+from bayes_inertia.tables.raw_table import RawColumn, RawTable, StatedAttitude
+from bayes_inertia.tables.text_table import text_column
 
 _QUATERNION = ("Q1", "Q2", "Q3", "QC")
 _RATES = ("ANGVEL_X", "ANGVEL_Y", "ANGVEL_Z")
@@ -68,25 +68,7 @@ class AemSegment:
 
 
 def segment_table(segment: AemSegment, label: str) -> RawTable:
-    """The table of a segment, with what the segment says of its numbers.
-
-    Parameters
-    ----------
-    segment : AemSegment
-        The segment.
-    label : str
-        The file, as messages name it.
-
-    Returns
-    -------
-    RawTable
-        With `time_names`, `time_kind` and `attitude`.
-
-    Raises
-    ------
-    CampaignError
-        If its conventions are incomplete, contradictory or not of use here.
-    """
+    """The table of a segment, with what the segment says of its numbers."""
     _check_keywords(segment, label)
     names = segment.names or _names_of_type(segment, label)
     if not segment.rows:
@@ -118,23 +100,7 @@ def segment_table(segment: AemSegment, label: str) -> RawTable:
 
 
 def joined_segments(tables: Sequence[RawTable]) -> RawTable:
-    """Segments with the same conventions as one table.
-
-    Parameters
-    ----------
-    tables : sequence of RawTable
-        One for each segment.
-
-    Returns
-    -------
-    RawTable
-        All their rows.
-
-    Raises
-    ------
-    CampaignError
-        If their conventions differ.
-    """
+    """Segments with the same conventions as one table."""
     first = tables[0]
     for number, table in enumerate(tables[1:], start=2):
         same = (table.attitude, table.time_kind, list(table.columns)) == (

@@ -12,17 +12,18 @@ import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes
-from bayes_inertia.importing.raw_table import EMPTY_CELLS, RawColumn, RawTable, number_of
-from bayes_inertia.importing.text_cells import (
+from bayes_inertia.tables.raw_table import EMPTY_CELLS, RawColumn, RawTable, number_of
+from bayes_inertia.tables.text_cells import (
+    COMMENTS,
     CellRow,
     TextForm,
+    TextOptions,
     content_lines,
     is_reading,
     split_rows,
     told_form,
     whole_lines,
 )
-from bayes_inertia.importing.text_options import TextOptions
 
 _FEW = 4  # Rows; of fewer none tells how long the others should be.
 _JUDGED = 200  # Rows by which columns of numbers are told.
@@ -38,25 +39,7 @@ _LOSSY_SIZE = 1e6  # Smaller numbers keep 1e-10 whatever their digits.
 
 
 def read_text_table(path: Path, options: TextOptions) -> RawTable:
-    """The columns of a text file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    options : TextOptions
-        What the mapping states; the rest is told from the file.
-
-    Returns
-    -------
-    RawTable
-        Its columns, with the units that a row of units or the names state.
-
-    Raises
-    ------
-    CampaignError
-        If the file is no table; the error names the line.
-    """
+    """The columns of a text file, with the units that a row of units or the names state."""
     label = str(path)
     text, notes = whole_lines(read_bytes(path), label, options.encoding)
     table = parse_text(text, label, options)
@@ -64,26 +47,7 @@ def read_text_table(path: Path, options: TextOptions) -> RawTable:
 
 
 def parse_text(text: str, label: str, options: TextOptions) -> RawTable:
-    """The columns of a text table.
-
-    Parameters
-    ----------
-    text : str
-        The file's content.
-    label : str
-        The file, as messages name it.
-    options : TextOptions
-        What the mapping states.
-
-    Returns
-    -------
-    RawTable
-        Its columns.
-
-    Raises
-    ------
-    CampaignError
-        If it is no table; the error names the line.
+    """The columns of a text table; what the options leave open is told from the text.
 
     Examples
     --------
@@ -91,7 +55,7 @@ def parse_text(text: str, label: str, options: TextOptions) -> RawTable:
     >>> table.numbers("w").tolist(), table.columns["w"].unit
     ([1.5, nan], 'deg/s')
     """
-    lines, comments = content_lines(text, options.comment)
+    lines, comments = content_lines(text, (options.comment,) if options.comment else COMMENTS)
     if lines and lines[0][1].strip().lower().startswith("sep="):
         lines = lines[1:]  # A hint that Excel writes and reads.
     if not lines:
@@ -349,19 +313,7 @@ def _is_text(cell: str, decimal: str) -> bool:
 def text_column(cells: Sequence[str], decimal: str, unit: str = "") -> RawColumn:
     """A column of text cells: numbers where every cell is one or empty, else texts.
 
-    Parameters
-    ----------
-    cells : sequence of str
-        The cells.
-    decimal : str
-        The decimal sign.
-    unit : str, optional
-        The unit that the file states.
-
-    Returns
-    -------
-    RawColumn
-        Floats with the texts beside them where a float would round, or texts.
+    The texts stand beside numbers that a float would round.
 
     Examples
     --------

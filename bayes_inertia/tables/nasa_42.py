@@ -17,10 +17,9 @@ import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes
-from bayes_inertia.importing.raw_table import RawColumn, RawTable, StatedAttitude
-from bayes_inertia.importing.text_cells import decoded
-from bayes_inertia.importing.text_options import TextOptions
-from bayes_inertia.importing.text_table import read_text_table
+from bayes_inertia.tables.raw_table import RawColumn, RawTable, StatedAttitude
+from bayes_inertia.tables.text_cells import TextOptions, decoded
+from bayes_inertia.tables.text_table import read_text_table
 
 _UNITS: Mapping[str, tuple[int, str]] = MappingProxyType(
     {  # Number of columns (0: any), unit.
@@ -54,22 +53,9 @@ _LEAST_DIGITS = 6  # Significant digits below which a note says so.
 
 
 def read_42(path: Path) -> RawTable:
-    """The columns of an output of 42, with the stamps of the time.42 beside it.
+    """The columns of an output of 42, such as qbn[0], with the stamps of the time.42 beside it.
 
-    Parameters
-    ----------
-    path : Path
-        A file such as qbn.42.
-
-    Returns
-    -------
-    RawTable
-        Columns such as qbn[0] to qbn[3], c1, c2, ... for a file that is not known, and `time`.
-
-    Raises
-    ------
-    CampaignError
-        If it is no table, or has other rows than time.42.
+    Columns of a file that is not known are c1, c2, ...
     """
     stem = path.stem
     if stem == "UTC":

@@ -8,23 +8,22 @@ from pathlib import Path
 from typing import Literal
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.importing.aem_file import (
+from bayes_inertia.tables.aem_file import (
     aem_segments,
     is_aem,
     read_aem,
     refuse_other_messages,
 )
-from bayes_inertia.importing.array_tables import table_of, tables_of
-from bayes_inertia.importing.json_lines import json_arrays, read_json_lines
-from bayes_inertia.importing.long_table import one_row_a_time
-from bayes_inertia.importing.nasa_42 import read_42
-from bayes_inertia.importing.numpy_file import numpy_arrays
-from bayes_inertia.importing.parquet_file import read_parquet_file
-from bayes_inertia.importing.raw_table import RawTable
-from bayes_inertia.importing.text_options import TextOptions
-from bayes_inertia.importing.text_table import read_text_table
 from bayes_inertia.tables.array_files import FileArrays
+from bayes_inertia.tables.array_tables import array_column, table_of, tables_of
 from bayes_inertia.tables.isolated import ArrayKind, read_arrays
+from bayes_inertia.tables.json_lines import json_arrays, read_json_lines
+from bayes_inertia.tables.long_table import one_row_a_time
+from bayes_inertia.tables.nasa_42 import read_42
+from bayes_inertia.tables.plain_arrays import numpy_arrays, parquet_arrays
+from bayes_inertia.tables.raw_table import RawTable
+from bayes_inertia.tables.text_cells import TextOptions
+from bayes_inertia.tables.text_table import read_text_table
 
 _WORKBOOKS = (".xlsx", ".xlsm", ".xlsb")
 _HEAD = 1024  # Bytes by which a format is told.
@@ -33,23 +32,7 @@ FileFormat = Literal["text", "aem", "json", "42", "parquet", "numpy", "hdf5", "n
 
 
 def file_format(path: Path) -> FileFormat:
-    """The format of a file, by its first bytes and else its suffix.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    {"text", "aem", "json", "42", "parquet", "numpy", "hdf5", "netcdf", "mat"}
-        The format.
-
-    Raises
-    ------
-    CampaignError
-        If there is no such file, or its format is one that nobody reads here.
-    """
+    """The format of a file, by its first bytes and else its suffix."""
     head = _head(path)
     suffix = path.suffix.lower()
     if head.startswith(b"MATLAB ") or suffix == ".mat":
@@ -127,40 +110,17 @@ def read_raw(
     columns: Sequence[str] = (),
     options: TextOptions | None = None,
 ) -> RawTable:
-    """One table of a raw log.
+    """One table of a raw log; `table` is a name of `tables_in`, or "" for the whole file.
 
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-    table : str, optional
-        The group, struct or segment, as `tables_in` names it; "" for the whole file, whose nested
-        columns are then named with dots.
-    columns : sequence of str, optional
-        The columns that are wanted; () for all. Needed where those of one table differ in length.
-    options : TextOptions, optional
-        How a text file is written, where it cannot be told from its content.
-
-    Returns
-    -------
-    RawTable
-        Its columns.
-
-    Raises
-    ------
-    CampaignError
-        If the file cannot be read, or its columns differ in length.
-    """
+    The wanted columns choose where those of one table differ in length; () are all. Options say how
+    a text file is written, where its content cannot tell."""
     file = Path(path)
     form = file_format(file)
     if form == "aem":
         return read_aem(file, table)
     held = _arrays(file, form)
     if held is not None:
-        found = table_of(
-            held.arrays, held.units, str(file), table=table, columns=columns, closed=held.closed
-        )
-        return one_row_a_time(found)
+        return one_row_a_time(table_of(held, str(file), table=table, columns=columns))
     if table:
         raise CampaignError(
             f"no table {table!r}", where=str(file), advice="the file is one table: name none"
@@ -170,28 +130,12 @@ def read_raw(
     if form == "json":
         return one_row_a_time(read_json_lines(file))
     if form == "parquet":
-        return one_row_a_time(read_parquet_file(file))
+        return one_row_a_time(_parquet_table(file))
     return one_row_a_time(read_text_table(file, options or TextOptions()))
 
 
 def tables_in(path: str | Path) -> list[str]:
-    """The tables that a raw log holds.
-
-    Parameters
-    ----------
-    path : str or Path
-        The file.
-
-    Returns
-    -------
-    list of str
-        Names for `read_raw`; one empty name where the file is one table.
-
-    Raises
-    ------
-    CampaignError
-        If the file cannot be read.
-    """
+    """Names of the tables of a raw log; one empty name where the file is one table."""
     file = Path(path)
     form = file_format(file)
     if form == "aem":
@@ -200,12 +144,21 @@ def tables_in(path: str | Path) -> list[str]:
     return [""] if held is None else tables_of(held.arrays)
 
 
+def _parquet_table(file: Path) -> RawTable:
+    held = parquet_arrays(file)
+    columns = {name: array_column(a, held.units[name]) for name, a in held.arrays.items()}
+    table = RawTable(str(file), columns)
+    if not table.rows:
+        raise CampaignError("holds no rows of numbers", where=table.label, advice="export it again")
+    return table
+
+
 def _arrays(file: Path, form: str) -> FileArrays | None:
     """What a file of arrays holds; None for a file of another form."""
     if form == "json":
         arrays = json_arrays(file)
-        return None if arrays is None else FileArrays(arrays, {}, {})
+        return None if arrays is None else FileArrays(arrays)
     if form == "numpy":
-        return FileArrays(numpy_arrays(file), {}, {})
+        return numpy_arrays(file)
     kinds: dict[str, ArrayKind] = {"hdf5": "hdf5", "netcdf": "netcdf", "mat": "mat"}
     return read_arrays(file, kinds[form]) if form in kinds else None

@@ -18,22 +18,22 @@ from types import MappingProxyType
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.importing.leap_seconds import SECOND, tai_to_utc, utc_to_tai
-from bayes_inertia.importing.raw_table import RawTable
-from bayes_inertia.importing.stamp_parts import (
+from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.tables.leap_seconds import SECOND, tai_to_utc, utc_to_tai
+from bayes_inertia.tables.raw_table import RawTable
+from bayes_inertia.tables.stamp_parts import (
     added_parts,
     exact_ns,
     sizes_of,
     unit_in_name,
     weeks_ns,
 )
-from bayes_inertia.importing.time_texts import (
+from bayes_inertia.tables.time_texts import (
     form_of_format,
     plain_dates,
     text_to_ns,
     written_dates,
 )
-from bayes_inertia.maths.values import array_dataclass
 
 _DAY = 86400 * SECOND  # [ns]
 # Zero of each clock, in TAI nanoseconds since 1958-01-01T00:00:00 TAI.
@@ -193,7 +193,7 @@ def times_to_seconds(
 
     Examples
     --------
-    >>> from bayes_inertia.importing.raw_table import RawColumn
+    >>> from bayes_inertia.tables.raw_table import RawColumn
     >>> week = RawTable("w.csv", {"w": RawColumn(np.array([2086])), "s": RawColumn(np.array([18]))})
     >>> text = RawTable("t.csv", {"t": RawColumn(np.array(["2019-12-29T00:00:00Z"]))})
     >>> gps = times_to_seconds(week, ["w", "s"], "gps_week")

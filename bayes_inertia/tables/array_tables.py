@@ -14,9 +14,10 @@ from math import prod
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
-from bayes_inertia.importing.leap_seconds import SECOND
-from bayes_inertia.importing.raw_table import RawColumn, RawTable
-from bayes_inertia.importing.time_texts import text_to_ns
+from bayes_inertia.tables.array_files import FileArrays
+from bayes_inertia.tables.leap_seconds import SECOND
+from bayes_inertia.tables.raw_table import RawColumn, RawTable
+from bayes_inertia.tables.time_texts import text_to_ns
 
 _MAX_WIDTH = 64  # Columns that one array may become; a picture is no telemetry.
 _WITH_ROWS = re.compile(r"(.*?)\s*\[(\d+) rows\]")
@@ -36,17 +37,7 @@ _OLD_OBJECT = (
 
 
 def tables_of(arrays: Mapping[str, np.ndarray]) -> list[str]:
-    """Names of the tables that the arrays of a file make.
-
-    Parameters
-    ----------
-    arrays : dict of str to array
-        By path, with "/" between groups.
-
-    Returns
-    -------
-    list of str
-        Groups that hold arrays themselves, with dots; where lengths differ, with their rows.
+    """Names of the tables in a file of arrays: its groups with dots, and rows where lengths differ.
 
     Examples
     --------
@@ -68,59 +59,27 @@ def tables_of(arrays: Mapping[str, np.ndarray]) -> list[str]:
 
 
 def table_of(
-    arrays: Mapping[str, np.ndarray],
-    units: Mapping[str, str],
-    label: str,
-    *,
-    table: str = "",
-    columns: Sequence[str] = (),
-    closed: Mapping[str, str] | None = None,
+    held: FileArrays, label: str, *, table: str = "", columns: Sequence[str] = ()
 ) -> RawTable:
-    """One table of a file of arrays.
-
-    Parameters
-    ----------
-    arrays : dict of str to array
-        By path, with "/" between groups.
-    units : dict of str to str
-        Units by path.
-    label : str
-        The file, as messages name it.
-    table : str, optional
-        The group; "" for the whole file.
-    columns : sequence of str, optional
-        The columns that are wanted.
-    closed : dict of str to str, optional
-        What the file holds but cannot be read, and what it is.
-
-    Returns
-    -------
-    RawTable
-        Its columns.
-
-    Raises
-    ------
-    CampaignError
-        If there is no such table, or its columns differ in length.
-    """
+    """The columns of one group of a file of arrays; the group "" is the whole file."""
     match = _WITH_ROWS.fullmatch(table)
     group, rows = (match[1], int(match[2])) if match else (table, 0)
     prefix = group.replace("/", ".").strip(".")
     below = {
         path: array
-        for path, array in arrays.items()
+        for path, array in held.arrays.items()
         if not prefix or path.replace("/", ".").startswith(prefix + ".")
     }
     counts = _row_counts(below)
-    _check_any(counts, arrays, table, label, closed or {})
+    _check_any(counts, held, table, label)
     named = {path: path.replace("/", ".")[len(prefix) + 1 if prefix else 0 :] for path in counts}
     wanted = {path for path, name in named.items() if _is_wanted(name, columns)}
     chosen = [path for path in counts if path in wanted and rows in (0, counts[path])]
     _check_one_length(chosen, counts, named, table, tables_of(below), label)
     made: dict[str, RawColumn] = {}
     for path in chosen:
-        _add_columns(made, named[path], below[path], counts[path], units.get(path, ""))
-    notes = tuple(f"{path} is {what} and was not read" for path, what in (closed or {}).items())
+        _add_columns(made, named[path], below[path], counts[path], held.units.get(path, ""))
+    notes = tuple(f"{path} is {what} and was not read" for path, what in held.closed.items())
     where = f"{label}, {table}" if table else label
     return RawTable(where, made, notes=notes)
 
@@ -129,20 +88,14 @@ def _is_wanted(name: str, columns: Sequence[str]) -> bool:
     return not columns or name in columns or any(c.startswith(name + "[") for c in columns)
 
 
-def _check_any(
-    counts: Mapping[str, int],
-    arrays: Mapping[str, np.ndarray],
-    table: str,
-    label: str,
-    closed: Mapping[str, str],
-) -> None:
+def _check_any(counts: Mapping[str, int], held: FileArrays, table: str, label: str) -> None:
     if counts:
         return
     what = f"no table {table!r}" if table else "no array of numbers"
-    names = ", ".join(name or "(the file itself)" for name in tables_of(arrays)[:30])
+    names = ", ".join(name or "(the file itself)" for name in tables_of(held.arrays)[:30])
     advice = f"the file has {names}" if names else "store each column as a vector of numbers"
-    if closed and not names:
-        path, kind = next(iter(closed.items()))
+    if held.closed and not names:
+        path, kind = next(iter(held.closed.items()))
         what, advice = f"{path} is {kind} and was not read", _OLD_OBJECT
     raise CampaignError(what, where=label, advice=advice)
 
@@ -219,19 +172,9 @@ def _add_columns(
 
 
 def array_column(values: np.ndarray, unit: str = "") -> RawColumn:
-    """A vector of a file as a raw column.
+    """A vector of a file as a raw column; integers stay integers, so that ns keep their digits.
 
-    Parameters
-    ----------
-    values : (rows,) array
-        Numbers, truth values or texts.
-    unit : str, optional
-        The unit that the file states; "seconds since 2024-01-01" makes dates of numbers.
-
-    Returns
-    -------
-    RawColumn
-        Integers stay integers, so that nanoseconds keep their digits.
+    The unit "seconds since 2024-01-01" makes dates of numbers.
 
     Examples
     --------
