@@ -26,7 +26,7 @@ from bayes_inertia.importing.stream_readings import readings_of
 from bayes_inertia.tables.leap_seconds import SECOND, tai_to_utc
 from bayes_inertia.tables.raw_files import file_format, read_raw
 from bayes_inertia.tables.raw_table import RawColumn, RawTable
-from bayes_inertia.tables.text_cells import TextOptions
+from bayes_inertia.tables.text_form import TextOptions
 from bayes_inertia.tables.time_stamps import FREE_CLOCKS, TimeStamps, times_to_seconds
 
 _FEWEST_RATES = 10  # Fewer tell neither rest nor slew.

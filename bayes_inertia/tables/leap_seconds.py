@@ -12,15 +12,7 @@ _MJD_1958 = 36204
 
 @cache
 def leap_table() -> tuple[np.ndarray, np.ndarray]:
-    """When TAI - UTC changed, from the file that comes with astropy: no network is asked.
-
-    Returns
-    -------
-    start_ns : (changes,) array of int
-        UTC nanoseconds since 1958, a day counted as 86400 s, from which the offset holds.
-    offset_ns : (changes,) array of int
-        TAI - UTC [ns].
-    """
+    """UTC [ns since 1958] at each change of TAI - UTC [ns], and that, (changes,), of astropy."""
     import warnings
 
     from astropy.utils import iers
@@ -34,17 +26,7 @@ def leap_table() -> tuple[np.ndarray, np.ndarray]:
 
 
 def utc_to_tai(utc_ns: np.ndarray) -> np.ndarray:
-    """UTC on the scale of TAI.
-
-    Parameters
-    ----------
-    utc_ns : (rows,) array of int
-        Nanoseconds since 1958 of UTC, a day counted as 86400 s, from 1972 on.
-
-    Returns
-    -------
-    (rows,) array of int
-        Nanoseconds of TAI since 1958-01-01T00:00:00 TAI.
+    """TAI of UTC from 1972 on, (rows,) array of ns since 1958 each; a day of UTC has 86400 s.
 
     Examples
     --------
@@ -58,17 +40,7 @@ def utc_to_tai(utc_ns: np.ndarray) -> np.ndarray:
 
 
 def tai_to_utc(tai_ns: int) -> int:
-    """A moment of TAI on the scale of UTC.
-
-    Parameters
-    ----------
-    tai_ns : int
-        Nanoseconds of TAI since 1958-01-01T00:00:00 TAI.
-
-    Returns
-    -------
-    int
-        Nanoseconds since 1958 of UTC, a day counted as 86400 s.
+    """UTC of TAI [ns since 1958]; a day of UTC has 86400 s.
 
     Examples
     --------
@@ -82,17 +54,6 @@ def tai_to_utc(tai_ns: int) -> int:
 
 
 def has_leap_second(day_end_ns: int) -> bool:
-    """Whether a UTC day ends with a second 23:59:60.
-
-    Parameters
-    ----------
-    day_end_ns : int
-        The midnight after it, UTC nanoseconds since 1958.
-
-    Returns
-    -------
-    bool
-        True on days such as 2016-12-31.
-    """
+    """Whether the UTC day before this midnight [ns since 1958] ends with a second 23:59:60."""
     start, _ = leap_table()
     return bool(np.isin(day_end_ns, start[1:]))

@@ -22,7 +22,7 @@ from bayes_inertia.tables.long_table import one_row_a_time
 from bayes_inertia.tables.nasa_42 import read_42
 from bayes_inertia.tables.plain_arrays import numpy_arrays, parquet_arrays
 from bayes_inertia.tables.raw_table import RawTable
-from bayes_inertia.tables.text_cells import TextOptions
+from bayes_inertia.tables.text_form import TextOptions
 from bayes_inertia.tables.text_table import read_text_table
 
 _WORKBOOKS = (".xlsx", ".xlsm", ".xlsb")

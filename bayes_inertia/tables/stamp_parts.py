@@ -52,17 +52,7 @@ _WORDS = re.compile(r"[A-Z]?[a-zµμ]+|[A-Z]+(?![a-z])")
 
 
 def words_of(name: str) -> list[str]:
-    """The words of a column's name, in small letters.
-
-    Parameters
-    ----------
-    name : str
-        Such as "unixMs", "gps_time [s]".
-
-    Returns
-    -------
-    list of str
-        In their order.
+    """The words of a column's name in their order, in small letters.
 
     Examples
     --------
@@ -73,17 +63,7 @@ def words_of(name: str) -> list[str]:
 
 
 def unit_in_name(name: str) -> str:
-    """The unit of time that the name of a column says; "" where it says none.
-
-    Parameters
-    ----------
-    name : str
-        The column.
-
-    Returns
-    -------
-    str
-        Of several the first: "ms_of_day" counts ms.
+    """The first unit of time that the name of a column says; "" where it says none.
 
     Examples
     --------
@@ -99,17 +79,7 @@ def unit_in_name(name: str) -> str:
 
 
 def unit_size(text: str) -> Fraction | None:
-    """The nanoseconds of a unit of time.
-
-    Parameters
-    ----------
-    text : str
-        Such as "ms", "10 us", "s/65536" or "1/2^16" (of a second).
-
-    Returns
-    -------
-    Fraction or None
-        None where it is no unit.
+    """The nanoseconds of a unit of time such as "10 us" or "s/65536"; None where it is none.
 
     Examples
     --------
@@ -129,29 +99,7 @@ def unit_size(text: str) -> Fraction | None:
 def sizes_of(
     table: RawTable, names: Sequence[str], units: Sequence[str], first: str
 ) -> list[Fraction]:
-    """The nanoseconds that one of each column counts.
-
-    Parameters
-    ----------
-    table : RawTable
-        The table.
-    names : sequence of str
-        The columns of the stamp, whole units first.
-    units : sequence of str
-        What the mapping says that they count; empty: their names say it.
-    first : str
-        What the kind of the stamp says that the first counts.
-
-    Returns
-    -------
-    list of Fraction
-        One a column.
-
-    Raises
-    ------
-    CampaignError
-        If neither mapping nor name says the unit of a column.
-    """
+    """The nanoseconds of one of each column, as mapping, name or kind of stamp (`first`) says."""
     sizes = []
     for k, name in enumerate(names):
         unit = units[k] if units else (unit_in_name(name) if k else first)
@@ -174,30 +122,8 @@ def added_parts(
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """What the columns after the first add to a stamp.
 
-    Parameters
-    ----------
-    table : RawTable
-        The table.
-    names : sequence of str
-        The columns, whole units first.
-    sizes : sequence of Fraction
-        What one of each counts [ns].
-    of_date : bool, optional
-        Whether the first column holds dates, no count.
-
-    Returns
-    -------
-    ns : (rows,) array of int
-        Nanoseconds.
-    missing : (rows,) array of bool
-        Rows where one of these cells is empty.
-    resolution : float
-        The step in which the last column can be written [s].
-
-    Raises
-    ------
-    CampaignError
-        If a column but the last has fractions, or one has more than the unit before it holds.
+    Returns (rows,) ns, (rows,) whether a cell is empty, and the step of the last column [s]. Sizes
+    are the ns that one of each column counts; with `of_date` the first column holds dates.
     """
     ns = np.zeros(table.rows, dtype=np.int64)
     missing = np.zeros(table.rows, dtype=bool)
@@ -225,32 +151,9 @@ def added_parts(
 def exact_ns(
     table: RawTable, name: str, unit: Fraction, zero: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """A column of numbers in whole nanoseconds.
+    """A column of numbers in whole nanoseconds, `zero` of its units (of `unit` ns) becoming 0.
 
-    Parameters
-    ----------
-    table : RawTable
-        The table.
-    name : str
-        The column.
-    unit : Fraction
-        What one counts [ns].
-    zero : float, optional
-        The number that becomes zero.
-
-    Returns
-    -------
-    ns : (rows,) array of int
-        Nanoseconds; any number where the cell is empty.
-    missing : (rows,) array of bool
-        Rows with an empty cell.
-    resolution : float
-        The step in which the file can write a stamp [s].
-
-    Raises
-    ------
-    CampaignError
-        If a cell is no number, or none of such a time.
+    Returns (rows,) ns, (rows,) whether the cell is empty, and the step of the file [s].
     """
     column = table.column(name)
     values = table.numbers(name)
@@ -316,28 +219,9 @@ def _wrong_part(
 
 
 def weeks_ns(table: RawTable, name: str, rollovers: int | None) -> tuple[np.ndarray, np.ndarray]:
-    """Starts of GPS weeks; weeks of ten bits began anew in 1999 and 2019.
+    """Starts of GPS weeks [ns since week 0], (rows,), and (rows,) whether the cell is empty.
 
-    Parameters
-    ----------
-    table : RawTable
-        The table.
-    name : str
-        The column of the weeks.
-    rollovers : int or None
-        How often weeks of ten bits began anew; None where it is not stated.
-
-    Returns
-    -------
-    ns : (rows,) array of int
-        Nanoseconds since the start of week 0.
-    missing : (rows,) array of bool
-        Rows without a week.
-
-    Raises
-    ------
-    CampaignError
-        If a week is none, or seems to be cut to ten bits.
+    Weeks of ten bits began anew in 1999 and 2019; `rollovers` says how often, None if unstated.
     """
     numbers = table.numbers(name)
     missing = np.isnan(numbers)

@@ -16,14 +16,11 @@ from bayes_inertia.tables.raw_table import EMPTY_CELLS, RawColumn, RawTable, num
 from bayes_inertia.tables.text_cells import (
     COMMENTS,
     CellRow,
-    TextForm,
-    TextOptions,
     content_lines,
-    is_reading,
     split_rows,
-    told_form,
     whole_lines,
 )
+from bayes_inertia.tables.text_form import TextForm, TextOptions, is_reading, told_form
 
 _FEW = 4  # Rows; of fewer none tells how long the others should be.
 _JUDGED = 200  # Rows by which columns of numbers are told.

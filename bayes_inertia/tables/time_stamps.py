@@ -133,18 +133,7 @@ class TimeStamps:
         return int(present.min()) if present.size else 0
 
     def seconds_since(self, epoch_ns: int) -> np.ndarray:
-        """Seconds since an epoch on the same scale.
-
-        Parameters
-        ----------
-        epoch_ns : int
-            The epoch [ns].
-
-        Returns
-        -------
-        (rows,) array
-            Seconds; NaN where a stamp is missing.
-        """
+        """(rows,) array of seconds since an epoch [ns] on the same scale; NaN for no stamp."""
         return np.where(self.missing, math.nan, (self.ns - epoch_ns) / SECOND)
 
 
@@ -214,19 +203,7 @@ def times_to_seconds(
 
 
 def dates_of(number: float, kind: str) -> np.datetime64 | None:
-    """The date of a count.
-
-    Parameters
-    ----------
-    number : float
-        The count.
-    kind : str
-        One of `COUNTED_CLOCKS`.
-
-    Returns
-    -------
-    datetime64 or None
-        In UTC; None outside the years that are read.
+    """The date in UTC of a count of one of `COUNTED_CLOCKS`; None outside the years that are read.
 
     Examples
     --------

@@ -73,24 +73,7 @@ _ADVICE = (
 
 
 def form_of_format(text: str, where: str) -> re.Pattern[str]:
-    """The pattern of dates that a `format` describes.
-
-    Parameters
-    ----------
-    text : str
-        Directives of `strptime`, such as "%d.%m.%Y %H:%M:%S.%f"; a fraction may have any digits.
-    where : str
-        The key that holds it, for messages.
-
-    Returns
-    -------
-    re.Pattern
-        As `text_to_ns` takes it.
-
-    Raises
-    ------
-    CampaignError
-        If a directive is unknown or doubled, or the format gives no day.
+    """The pattern of dates that a `format` of directives of `strptime` describes, for `text_to_ns`.
 
     Examples
     --------
@@ -131,29 +114,10 @@ def form_of_format(text: str, where: str) -> re.Pattern[str]:
 def text_to_ns(
     cell: str, *, utc: bool, place: Callable[[], str], form: re.Pattern[str] | None = None
 ) -> tuple[int, bool] | None:
-    """Nanoseconds since 1958 of a date, a day counted as 86400 s.
+    """Nanoseconds since 1958 of a date, and whether it is a leap second; None for an empty cell.
 
-    Parameters
-    ----------
-    cell : str
-        The text.
-    utc : bool
-        Whether the clock is UTC: only there are zones and leap seconds.
-    place : callable
-        Gives where the cell is, for messages.
-    form : re.Pattern, optional
-        How the date is written, of `form_of_format`.
-
-    Returns
-    -------
-    tuple of int and bool, or None
-        Nanoseconds, and whether the second is a leap second, 23:59:60, which is then given as
-        23:59:59; None for an empty cell.
-
-    Raises
-    ------
-    CampaignError
-        If the cell is no time.
+    A day has 86400 s, and 23:59:60 is given as 23:59:59. Only a clock in UTC has zones and leap
+    seconds.
 
     Examples
     --------
@@ -194,17 +158,7 @@ def text_to_ns(
 
 
 def is_date(cell: str) -> bool:
-    """Whether a cell holds a date, with or without a time of the day.
-
-    Parameters
-    ----------
-    cell : str
-        The cell.
-
-    Returns
-    -------
-    bool
-        False for dates that only a `format` can tell.
+    """Whether a cell holds a date, with or without time of day, that needs no `format`.
 
     Examples
     --------
@@ -216,18 +170,10 @@ def is_date(cell: str) -> bool:
 
 
 def plain_dates(cells: Sequence[str]) -> np.ndarray | None:
-    """Nanoseconds since 1958 of dates that are all written alike, at once.
+    """(rows,) array of ns since 1958 of dates that are all written alike, at once.
 
-    Parameters
-    ----------
-    cells : sequence of str
-        The texts.
-
-    Returns
-    -------
-    (rows,) array of int, or None
-        None where one is empty, by day of year, a leap second, with an offset, or damaged:
-        `text_to_ns` then reads each by itself.
+    None where one is empty, by day of year, a leap second, with an offset, or damaged: `text_to_ns`
+    then reads each by itself.
 
     Examples
     --------
@@ -309,26 +255,7 @@ def _is_leap(seconds: int) -> bool:
 def written_dates(
     table: RawTable, names: Sequence[str], units: Sequence[str], form: str = ""
 ) -> tuple[list[str], list[str]]:
-    """The dates that several columns hold together, and the columns that are to be added.
-
-    Parameters
-    ----------
-    table : RawTable
-        The table.
-    names : sequence of str
-        The columns: texts, and numbers of year, month, day, day of year, or parts of the day.
-    units : sequence of str
-        What the mapping says that they count; empty: their names say it.
-    form : str, optional
-        The `format` of all of them together, with a space between.
-
-    Returns
-    -------
-    cells : list of str
-        One date a row.
-    counted : list of str
-        Columns of hours, minutes, seconds or parts of them.
-    """
+    """The date that columns hold together, one a row, and columns of hours and less to add."""
     columns = [table.column(name) for name in names]
     if form:
         pieces = form.split() if len(form.split()) == len(names) else [""] * len(names)

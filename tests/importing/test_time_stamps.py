@@ -12,7 +12,7 @@ from astropy.utils import iers
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.tables.leap_seconds import SECOND
 from bayes_inertia.tables.raw_table import RawColumn, RawTable
-from bayes_inertia.tables.text_cells import TextOptions
+from bayes_inertia.tables.text_form import TextOptions
 from bayes_inertia.tables.text_table import parse_text
 from bayes_inertia.tables.time_stamps import TIME_KINDS, times_to_seconds
 
