@@ -113,7 +113,8 @@ def read_raw(
     """One table of a raw log; `table` is a name of `tables_in`, or "" for the whole file.
 
     The wanted columns choose where those of one table differ in length; () are all. Options say how
-    a text file is written, where its content cannot tell."""
+    a text file is written, where its content cannot tell.
+    """
     file = Path(path)
     form = file_format(file)
     if form == "aem":
