@@ -150,6 +150,8 @@ def _dask(scheduler: str | None, jobs: int) -> Iterator[Workers]:
             quiet = {"dashboard_address": "127.0.0.1:0", "silence_logs": logging.CRITICAL}
             cluster = LocalCluster(n_workers=jobs, threads_per_worker=1, **quiet)
             closing.callback(_close, cluster)
+            # A worker that is killed while it starts is given up otherwise.
+            cluster.adapt(minimum=jobs, maximum=jobs)
             address = cluster.scheduler_address
         try:
             client = Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
@@ -164,10 +166,10 @@ def _dask(scheduler: str | None, jobs: int) -> Iterator[Workers]:
             advice = "start workers with `dask worker ADDRESS`"
             raise StudyError(what, where=address, advice=advice) from error
         executor = client.get_executor(pure=False)
-        yield Workers(executor.submit, lambda: _room(client), (KilledWorker,))
+        yield Workers(executor.submit, lambda: _room(client, address), (KilledWorker,))
 
 
-def _room(client: distributed.Client) -> int:
+def _room(client: distributed.Client, address: str) -> int:
     """Calls for all threads of the workers that are there now."""
     try:
         if client.status != "running" or client.scheduler is None:
@@ -176,7 +178,7 @@ def _room(client: distributed.Client) -> int:
     except OSError as error:
         raise StudyError(
             "the dask scheduler is gone",
-            where="scheduler",
+            where=address,
             advice="the same command goes on with what was finished",
         ) from error
     return max(1, _CALLS_A_WORKER * sum(threads.values()))

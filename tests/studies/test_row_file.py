@@ -93,7 +93,7 @@ def test_no_flipped_bit_changes_a_row(tmp_path):
     data = (tmp_path / NAME).read_bytes()
     rng = np.random.default_rng(1)
     told = 0
-    for place in rng.choice(8 * len(data), 400, replace=False):
+    for place in rng.choice(8 * len(data), 100, replace=False):
         flipped = bytearray(data)
         flipped[place // 8] ^= 1 << (place % 8)
         (tmp_path / NAME).write_bytes(flipped)
@@ -102,7 +102,7 @@ def test_no_flipped_bit_changes_a_row(tmp_path):
         read = rows.settle(work_of(4).ids)
         assert set(exact(read)) <= set(exact(whole))
     # A space for another one, or "e" for "E" in a number, changes nothing.
-    assert told > 350
+    assert told > 85
 
 
 def test_a_line_is_json_that_says_what_it_holds(tmp_path):
