@@ -127,7 +127,7 @@ def main() -> None:
     for case in (case for case in cases() if options.only in (None, case.name)):
         ids = tuple(str(i) for i in range(options.campaigns))
         told = {"case": repr(case)}
-        work = Work("campaigns", DistanceOfTruth(case), ids, SEED, told, shard_size=100)
+        work = Work("campaigns", DistanceOfTruth(case), ids, SEED, told)
         execution = Execution(
             jobs=options.jobs, progress=lambda *told: print(*told, flush=True), notice=print
         )

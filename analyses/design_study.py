@@ -68,7 +68,7 @@ from bayes_inertia.studies.work import Work
 
 PARTS = ("gains", "flown", "achieved", "separate", "times")
 RANDOM_PLANS = 10_000
-SHARD = 25  # campaigns a file
+SHARD = 25  # campaigns whose seeds belong together
 
 
 def gains() -> dict:
@@ -161,7 +161,7 @@ def achieved(campaigns: int, jobs: int) -> dict[str, AchievedErrors]:
     ids = tuple(str(i) for i in range(SHARD * math.ceil(campaigns / SHARD)))
     results = {}
     for name, plan in plans().items():
-        work = Work("campaigns", Refit(plan), ids, options={"plan": repr(plan)}, shard_size=SHARD)
+        work = Work("campaigns", Refit(plan), ids, options={"plan": repr(plan)})
         folder = ROOT / "run_design" / name.replace(" ", "_")
         execution = Execution(jobs=jobs, progress=_show, notice=_tell)
         results[name] = achieved_errors(execution.run(work, folder))

@@ -74,7 +74,7 @@ def run_calibration(
     options = {"seed": seed, "pipeline": pipeline}
     owner = ResultFolder(folder, "calibration", "calibration_of.json", FORMAT, "", options)
     owner.claim()
-    result = (execution or Execution()).run(work, folder / "shards")
+    result = (execution or Execution()).run(work, folder)
     calibration = calibration_of(chosen, result)
     write_png(calibration_picture(calibration), folder / "calibration.png")
     content = {"format": FORMAT, **options, **calibration_json(calibration)}

@@ -23,8 +23,8 @@ from bayes_inertia.maths.values import json_ready
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.studies.engine import Execution, Notice, Progress
-from bayes_inertia.studies.pools import Engine
 from bayes_inertia.studies.work import Row, TaskFailure, Work, WorkResult
+from bayes_inertia.studies.workers import Engine
 
 FORMAT = "bayes-inertia-fit-many/1"
 # What a row says of each parameter, beside its mean.
@@ -174,7 +174,7 @@ def fit_many(
     owner = ResultFolder(out, "fit of many", "fits_of.json", FORMAT, "", options)
     owner.claim()
     execution = Execution(engine, jobs, scheduler, progress, notice)
-    result = execution.run(work, out / "shards")
+    result = execution.run(work, out)
     if result.rows:
         _write_table(result, out / "fits.parquet")
     write_json(out / "fit_many.json", fits_json(result))

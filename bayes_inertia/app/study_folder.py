@@ -3,7 +3,7 @@
 The plan is flown again and again with noise, each time with another J, K and bias from the
 campaign's prior. Each campaign is fitted as real data would be. If the stated sds are right,
 errors over sds are standard normal, and intervals hold the truth as often as they say. Rows are
-kept in shards: a killed study goes on where it was.
+kept: a killed study goes on where it was.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def run_study(
     campaign : Path
         Folder of the campaign whose hardware and prior are taken.
     folder : Path
-        Where to write. Rows that are there already, in `shards`, are kept.
+        Where to write. Rows that are there already are kept.
     plan : str
         File of the plan, or `paper`.
     campaigns : int
@@ -141,7 +141,7 @@ def run_study(
     work = simulated_fits(
         chosen, mission, campaigns, seed, options={**options, "campaign_sha256": digest}
     )
-    result = (execution or Execution()).run(work, folder / "shards")
+    result = (execution or Execution()).run(work, folder)
     study = Study(chosen, achieved_errors(result, least=2), result.failures)
     write_png(draw_coverage(BASE_NAMES, study.achieved, study.z), folder / "study.png")
     content = {"format": FORMAT, "campaign_sha256": digest, **options, **_content(study)}

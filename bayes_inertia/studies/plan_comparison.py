@@ -16,8 +16,8 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.studies.engine import Notice, Progress
-from bayes_inertia.studies.pools import Engine, Pool, open_pool
 from bayes_inertia.studies.simulated_fits import fit_simulated_campaigns, simulated_fits
+from bayes_inertia.studies.workers import Engine, Workers, open_workers
 
 
 def compare_plans(
@@ -95,11 +95,11 @@ def compare_plans(
         return tuple(
             assess_plan(name, plan, mean, limits, seed=seed) for name, plan in named.items()
         )
-    with open_pool(engine, jobs, scheduler) as pool:
+    with open_workers(engine, jobs, scheduler) as workers:
         callbacks = {"progress": progress, "notice": notice}
         fits = _Fits(mean, joblib.hash(mean), simulated, seed, folder, callbacks)
         return tuple(
-            assess_plan(name, plan, mean, limits, seed=seed, achieved=fits.of_plan(plan, pool))
+            assess_plan(name, plan, mean, limits, seed=seed, achieved=fits.of_plan(plan, workers))
             for name, plan in named.items()
         )
 
@@ -115,10 +115,10 @@ class _Fits:
     folder: Path | None
     callbacks: dict[str, Any]
 
-    def of_plan(self, plan: Plan, pool: Pool) -> AchievedErrors:
+    def of_plan(self, plan: Plan, workers: Workers) -> AchievedErrors:
         """What fits to simulated campaigns of one plan achieved."""
         digest = joblib.hash(plan)
         options = {"plan": digest, "mission": self.mission_digest}
         work = simulated_fits(plan, self.mission, self.simulated, self.seed, options=options)
         folder = None if self.folder is None else self.folder / digest
-        return fit_simulated_campaigns(work, pool, folder, **self.callbacks)
+        return fit_simulated_campaigns(work, workers, folder, **self.callbacks)

@@ -14,8 +14,8 @@ from bayes_inertia.errors import StudyError
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.studies.engine import Notice, Progress, run_work
-from bayes_inertia.studies.pools import InProcess, Pool
 from bayes_inertia.studies.work import Row, Work, WorkResult
+from bayes_inertia.studies.workers import IN_PROCESS, Workers
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def achieved_errors(result: WorkResult, least: int = 1) -> AchievedErrors:
 
 def fit_simulated_campaigns(
     work: Work,
-    pool: Pool | None = None,
+    workers: Workers = IN_PROCESS,
     folder: Path | None = None,
     *,
     progress: Progress | None = None,
@@ -115,8 +115,8 @@ def fit_simulated_campaigns(
     ----------
     work : Work
         From `simulated_fits`.
-    pool, folder, progress, notice
-        As of `run_work`; without a pool in this process.
+    workers, folder, progress, notice
+        As of `run_work`.
 
     Returns
     -------
@@ -128,7 +128,7 @@ def fit_simulated_campaigns(
     StudyError
         If a campaign could not be fitted.
     """
-    result = run_work(work, pool or InProcess(), folder, progress=progress, notice=notice)
+    result = run_work(work, workers, folder, progress=progress, notice=notice)
     if result.failures:
         first, task = result.failures[0], work.task
         plan = f"{task.plan.name}, " if isinstance(task, SimulatedFit) else ""

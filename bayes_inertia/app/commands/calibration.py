@@ -13,7 +13,7 @@ from bayes_inertia.app.terminal import plain_console, print_json_file, progress_
 
 if TYPE_CHECKING:
     from bayes_inertia.studies.calibration_result import Calibration
-    from bayes_inertia.studies.pools import Engine
+    from bayes_inertia.studies.workers import Engine
 
 
 def calibrate(
