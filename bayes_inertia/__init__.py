@@ -118,7 +118,7 @@ _PUBLIC = {
     "NamelessShape": "diagnosis.result",
     "QuotedParameters": "diagnosis.quoted_parameters",
     "Rules": "diagnosis.rules",
-    "Spectrum": "diagnosis.spectrum",
+    "Spectrum": "diagnosis.unexplained",
     "Step": "diagnosis.result",
     "Undetected": "diagnosis.blind_spots",
     "UnexplainedSignal": "diagnosis.unexplained",

@@ -4,6 +4,11 @@ Outliers are local, and rounding is seen in the readings: both are treated at on
 noise comes from fast differences. Correlated noise can look like a slow missing effect, and the
 other way round: the two compete. Where one effect explains the residuals better than any noise that
 is alike everywhere, physics goes first, and what it leaves is looked at again.
+
+Compile the model with all candidate effects while the plain model is fitted.
+
+The first evaluation of the large model compiles for some seconds. The compiler needs no interpreter
+lock, so that it can work beside the optimizer.
 """
 
 from __future__ import annotations
@@ -12,15 +17,17 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.diagnosis.candidates import score_candidates
-from bayes_inertia.diagnosis.precompilation import precompile
 from bayes_inertia.diagnosis.stochastic_candidates import (
     SOURCES,
     StochasticCandidate,
     stochastic_candidates,
 )
+from bayes_inertia.diagnosis.torque_response import tangents
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import (
     CleanFit,
@@ -32,9 +39,11 @@ from bayes_inertia.inference.cleaning import (
     without_outliers,
 )
 from bayes_inertia.inference.laplace import Estimate, plain_series
+from bayes_inertia.inference.likelihood import padded_sensitivities, residuals
 from bayes_inertia.inference.noise_colour import Colour, ColourOfAxis, colour_of
 from bayes_inertia.inference.noise_level import noise_factors
-from bayes_inertia.inference.noise_model import log_normalisation
+from bayes_inertia.inference.noise_model import log_normalisation, whitening
+from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.inference.rounding import level_of_rounded, rounding_steps
 from bayes_inertia.inference.treatment import DirtTreatment, treated
 from bayes_inertia.physics.forward_model import Model
@@ -359,3 +368,25 @@ def _with_level(start: CleanStart, final: Estimate) -> CleanStart | None:
     if noise == start.noise:
         return None
     return replace(start, estimate=optimizer.with_noise(final, noise), noise=noise)
+
+
+def precompile(model: Model) -> None:
+    """Evaluate a model once, all its effects at their null, so that later calls find compiled code.
+
+    Wait for it before the model is used: two threads that call the same new function compile it
+    twice.
+
+    Parameters
+    ----------
+    model : Model
+        The model with all candidate effects.
+    """
+    theta, local = model.space.nulls, jnp.zeros((model.n_slews, model.structure.n_local))
+    point, white = Point(theta, jnp.zeros(N_BIAS), local), whitening(model, theta)
+    jax.block_until_ready(
+        (
+            padded_sensitivities(model, point, white, np.arange(9)),
+            tangents(model.structure, jnp.asarray(theta), local, model.data),
+            residuals(model.structure, point, model.data, white),
+        )
+    )

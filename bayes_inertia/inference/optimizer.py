@@ -7,6 +7,8 @@ basin of attraction, and the best of them with full weight.
 Where the residuals show that the model is not complete (`residual_tests`), the likelihood of
 every slew is discounted by the dispersion of its own residuals, and the estimate is repeated: a
 model that is wrong by many sigmas would otherwise overrule all prior knowledge with its errors.
+
+Which ends of the optimizer's gentle descents are worth following.
 """
 
 from __future__ import annotations
@@ -19,16 +21,8 @@ from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.compiled_programs import forget_surplus
 from bayes_inertia.inference.descent import descend, roughly
-from bayes_inertia.inference.distinct_optima import distinct_optima
-from bayes_inertia.inference.gentle_descents import (
-    GENTLE_STOP,
-    GENTLE_WEIGHT,
-    gentle_descents,
-)
-from bayes_inertia.inference.hyperparameters import (
-    information_with_learnt,
-    without_hyperparameters,
-)
+from bayes_inertia.inference.gentle_descents import GENTLE_STOP, GENTLE_WEIGHT, gentle_descents
+from bayes_inertia.inference.hyperparameters import information_with_learnt, without_hyperparameters
 from bayes_inertia.inference.laplace import Estimate, Starts
 from bayes_inertia.inference.noise_estimate import with_noise_model
 from bayes_inertia.inference.noise_model import (
@@ -368,3 +362,46 @@ def _estimate_of(
     blocks = information_with_learnt(model, point, white, free)
     hessian, _ = normal_equations(model, point, blocks)
     return Estimate(model, point, stated, white, factors, blocks, hessian, objective, starts)
+
+
+# Ends of gentle descents nearer than this [prior sd] are one.
+_SAME_PLACE_SD = 0.1
+# Ends whose (gentle) objective is this much above the best are not followed.
+_MAX_OBJECTIVE_EXCESS = 1.0
+
+
+def distinct_optima(model: Model, descents: list[tuple[float, Point]]) -> list[tuple[Point, int]]:
+    """The ends of gentle descents that are worth following, without repetition.
+
+    While the data count weakly an objective hardly tells two optima apart; places do.
+
+    Parameters
+    ----------
+    model : Model
+    descents : list of (float, Point)
+        Objective and end of each descent.
+
+    Returns
+    -------
+    list of (Point, int)
+        Ends not far worse than the best, best first, and how often each was reached.
+    """
+    descents = sorted(descents, key=lambda descent: descent[0])
+    groups: list[list[Point]] = []
+    for objective, point in descents:
+        place = _unknowns_in_prior_sd(model, point)
+        same = [
+            g
+            for g in groups
+            if np.max(np.abs(_unknowns_in_prior_sd(model, g[0]) - place)) < _SAME_PLACE_SD
+        ]
+        if same:
+            same[0].append(point)
+        elif objective <= descents[0][0] + _MAX_OBJECTIVE_EXCESS:
+            groups.append([point])
+    return [(group[0], len(group)) for group in groups]
+
+
+def _unknowns_in_prior_sd(model: Model, point: Point) -> np.ndarray:
+    """All unknowns in prior sd."""
+    return np.concatenate([point.theta / model.space.sd, point.bias, point.local.ravel()])

@@ -1,4 +1,7 @@
-"""Building a posterior: the groups of its tree, from an estimate and its samples."""
+"""Building a posterior: the groups of its tree, from an estimate and its samples.
+
+Effects without a fixed shape over time, as the posterior draws them.
+"""
 
 from __future__ import annotations
 
@@ -20,17 +23,22 @@ from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.posterior import FORMAT, Posterior
 from bayes_inertia.inference.predicted_telemetry import predicted_telemetry
 from bayes_inertia.inference.sampler import Chains
-from bayes_inertia.inference.stochastic_signals import (
-    drawable,
-    signal_times,
-    stochastic_signals,
-)
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.parameters import log_prior
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
 if TYPE_CHECKING:
     import xarray as xr
+
+from functools import partial
+
+import jax.numpy as jnp
+from jax import Array
+
+from bayes_inertia.inference.predicted_telemetry import drawn_nuisances, thinned_draws
+from bayes_inertia.physics.prediction import Structure
+from bayes_inertia.physics.random_inputs import with_coefficients
+from bayes_inertia.physics.slew_context import SlewContext
 
 Groups = dict[str, dict[str, np.ndarray]]
 
@@ -248,3 +256,96 @@ def _attributes(estimate: Estimate, chains: Chains, context: FitContext) -> dict
         "wheels": model.structure.wheels,
         "versions": {name: metadata.version(name) for name in _LIBRARIES},
     }
+
+
+# Instants of each slew at which a signal is kept.
+_INSTANTS = 101
+
+
+def drawable(estimate: Estimate) -> tuple[StochasticEffect, ...]:
+    """Effects of a fit whose signal over time can be drawn.
+
+    Parameters
+    ----------
+    estimate : Estimate
+
+    Returns
+    -------
+    tuple of StochasticEffect
+        In the model's order.
+    """
+    effects = estimate.model.effects
+    return tuple(e for e in effects if isinstance(e, StochasticEffect) and e.signal_components)
+
+
+def signal_times(estimate: Estimate) -> np.ndarray:
+    """Instants at which signals are kept.
+
+    Parameters
+    ----------
+    estimate : Estimate
+
+    Returns
+    -------
+    (slews, instants) array
+        From each slew's own zero [s].
+    """
+    slews = estimate.model.campaign.slews
+    return np.stack([np.linspace(s.time[0], s.time[-1], _INSTANTS) for s in slews])
+
+
+def stochastic_signals(
+    estimate: Estimate, chains: Chains, rng: np.random.Generator
+) -> dict[str, np.ndarray]:
+    """Draws of each signal over time, from thinned draws with their nuisances.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    chains : Chains
+        Samples around it.
+    rng : numpy.random.Generator
+        Source of draws and nuisances.
+
+    Returns
+    -------
+    dict of (ensembles, draws, slews, instants, components) arrays
+        By effect, in its `signal_unit`; empty without such effects.
+    """
+    effects = drawable(estimate)
+    if not effects:
+        return {}
+    model, point_of = estimate.model, drawn_nuisances(estimate)
+    thetas = thinned_draws(chains, rng)
+    numbers = estimate.point.bias.size + estimate.point.local.size
+    contexts, times = model.data.arrays.slews.context, jnp.asarray(signal_times(estimate))
+    names = tuple(effect.name for effect in effects)
+    drawn = []
+    for theta in thetas:
+        local = point_of(theta, rng.standard_normal(numbers)).local
+        at = jnp.asarray(theta), jnp.asarray(local)
+        drawn.append(_signals(model.structure, names, *at, contexts, times))
+    shape = (len(chains.samples), -1)
+    return {
+        name: np.stack([signals[k] for signals in drawn]).reshape(*shape, *drawn[0][k].shape)
+        for k, name in enumerate(names)
+    }
+
+
+@partial(jax.jit, static_argnums=(0, 1))
+def _signals(
+    structure: Structure,
+    names: tuple[str, ...],
+    theta: Array,
+    local: Array,
+    contexts: SlewContext,
+    times: Array,
+) -> tuple[Array, ...]:
+    """Signals (slews, instants, components) of these effects at one draw."""
+    active = structure.active_effects(theta)
+
+    def of_slew(slew: SlewContext, local: Array, t: Array) -> tuple[Array, ...]:
+        acting = with_coefficients(active, structure.nuisances(local).coefficients, slew)
+        return tuple(e.signal(p, slew, t) for e, p in acting if e.name in names)  # type: ignore[attr-defined]
+
+    return jax.vmap(of_slew)(contexts, local, times)

@@ -1,4 +1,7 @@
-"""What a posterior predicts: telemetry with noise, and how likely each measurement is."""
+"""What a posterior predicts: telemetry with noise, and how likely each measurement is.
+
+Numbers of the noise that a model was asked for: their draws, and how likely measurements are.
+"""
 
 from __future__ import annotations
 
@@ -13,13 +16,13 @@ from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.marginal_posterior import conditional_point
-from bayes_inertia.inference.noise_draws import losses, unit_noise
 from bayes_inertia.inference.noise_marginal import conditional_point_with_noise, noise_marginal
 from bayes_inertia.inference.noise_memory import correlated_noise
 from bayes_inertia.inference.noise_model import rate_noise_covariance
-from bayes_inertia.inference.noise_parameters import channel_rules
+from bayes_inertia.inference.noise_parameters import NoiseRules, channel_rules, noise_values
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.sampler import Chains
+from bayes_inertia.inference.student_t import log_norm, tail_of
 from bayes_inertia.maths import quaternion
 
 # Draws of each ensemble kept for telemetry-sized groups.
@@ -249,3 +252,64 @@ def with_measurement_noise(
         values = predicted["momentum"] + noise.astype(np.float32)
         noisy["momentum"] = np.where(telemetry.momentum_valid, values, np.float32(np.nan))
     return noisy
+
+
+def unit_noise(
+    rules: NoiseRules,
+    thetas: np.ndarray,
+    channel: str,
+    shape: tuple[int, ...],
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """Noise of one channel in stated sigmas.
+
+    Parameters
+    ----------
+    rules : tuple of ChannelRule
+    thetas : (n, d) array
+        Draws whose scale and degrees of freedom count, in the order of the first axes.
+    channel : {"rate", "attitude", "momentum"}
+    shape : tuple of int
+        (ensembles, draws, ...) of the noise, ensembles times draws being n.
+    rng : numpy.random.Generator
+
+    Returns
+    -------
+    array
+        Of this shape.
+    """
+    c = CHANNELS.index(channel)
+    rows = [noise_values(rules, theta) for theta in thetas]
+    width = (*shape[:2], *(1 for _ in shape[2:]))
+    scale = np.array([scales[c] for scales, _ in rows], float).reshape(width)
+    degrees = np.array([nu[c] for _, nu in rows], float).reshape(width)
+    if rules[c].heavy:
+        return scale * rng.standard_t(np.broadcast_to(degrees, shape))
+    return scale * rng.standard_normal(shape)
+
+
+def losses(
+    rules: NoiseRules, theta: np.ndarray, channel: str, z: np.ndarray, valid: np.ndarray
+) -> np.ndarray:
+    """Minus the log densities of one channel's measurements, less those of its stated sigmas.
+
+    Parameters
+    ----------
+    rules : tuple of ChannelRule
+    theta : (d,) array
+    channel : {"rate", "attitude", "momentum"}
+    z : (slews, rows, components) array
+        Residuals in stated sigmas.
+    valid : (slews, rows, components) array of bool
+        What was measured.
+
+    Returns
+    -------
+    (slews, rows) array
+        Summed over the components of each row, without log(2 pi)/2 and log sigma.
+    """
+    c = CHANNELS.index(channel)
+    scales, degrees = noise_values(rules, theta)
+    loss = np.asarray(tail_of(rules[c].heavy, z / scales[c], degrees[c]).loss)
+    loss = loss + np.log(scales[c]) + (log_norm(degrees[c]) if rules[c].heavy else 0.0)
+    return np.where(valid, loss, 0.0).sum(-1)

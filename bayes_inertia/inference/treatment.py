@@ -1,4 +1,7 @@
-"""What is done to a campaign because of dirt: readings left out, noise given its measured shape."""
+"""What is done to a campaign because of dirt: readings left out, noise given its measured shape.
+
+A campaign whose stated noise is replaced by what a diagnosis measured.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,6 @@ from bayes_inertia.campaign.channel_names import FIELD_OF_CHANNEL
 from bayes_inertia.campaign.dirt import Dirt, DirtKind
 from bayes_inertia.campaign.hardware import CorrelatedNoise, RateSensor
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.inference.measured_noise import with_measured_noise
 from bayes_inertia.inference.noise_colour import Colour, ColourOfAxis
 from bayes_inertia.physics.slew_input import Drive
 
@@ -197,3 +199,42 @@ def _colour_in_words(colour: Colour) -> str:
         f"{100.0 * share:.0f} % of its variance over {longest:.2g} s; "
         f"its sd is {sd:.2f} times what is stated"
     )
+
+
+def with_measured_noise(
+    campaign: Campaign, factors: Mapping[str, float], drive: Drive = "commanded"
+) -> Campaign:
+    """The campaign with each sensor's sigma multiplied by what a diagnosis measured of it.
+
+    In the measured drive tachometers have no channel of their own: their noise is in that of the
+    rate sensor, and grows with it.
+
+    Parameters
+    ----------
+    campaign : Campaign
+        With the noise as stated.
+    factors : dict
+        {"rate", "attitude", "momentum": factor on the channel's sigma}.
+    drive : {"commanded", "measured"}
+        What drove the model when the factors were measured.
+
+    Returns
+    -------
+    Campaign
+        The same telemetry with the sigmas of its sensors multiplied.
+    """
+    factors = factors if drive == "commanded" else {**factors, "momentum": factors["rate"]}
+    sensor, tracker = campaign.rate_sensor, campaign.star_tracker
+    x, y, z = (factors["rate"] * sigma for sigma in sensor.sigma)
+    louder_sensor = replace(sensor, sigma=(x, y, z))
+    louder_wheels = tuple(
+        replace(w, momentum_sigma=w.momentum_sigma and factors["momentum"] * w.momentum_sigma)
+        for w in campaign.wheels
+    )
+    if tracker is not None:
+        tracker = replace(
+            tracker,
+            sigma_cross=factors["attitude"] * tracker.sigma_cross,
+            sigma_roll=factors["attitude"] * tracker.sigma_roll,
+        )
+    return replace(campaign, rate_sensor=louder_sensor, wheels=louder_wheels, star_tracker=tracker)

@@ -13,7 +13,7 @@ from bayes_inertia.diagnosis.nameless import nameless_rival, nameless_shapes
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.diagnosis.search import diagnose
 from bayes_inertia.diagnosis.unexplained import unexplained_signal
-from bayes_inertia.inference.measured_noise import with_measured_noise
+from bayes_inertia.inference.treatment import with_measured_noise
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict, headline
 

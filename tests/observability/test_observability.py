@@ -19,15 +19,11 @@ from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.objective import normal_equations
 from bayes_inertia.maths import inertia_tensor
-from bayes_inertia.observability.against_posterior import (
-    compare_with_posterior,
-    comparison_json,
-)
-from bayes_inertia.observability.analysis import observe
+from bayes_inertia.observability.against_posterior import compare_with_posterior, comparison_json
+from bayes_inertia.observability.analysis import inflation_by_group, observe
 from bayes_inertia.observability.degeneracy import data_information, stated_degeneracies
 from bayes_inertia.observability.result import commands_worth, in_windows
 from bayes_inertia.observability.sentences import sentence
-from bayes_inertia.observability.variance_inflation import inflation_by_group
 from bayes_inertia.physics.effects import by_name
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.simulator import simulate_slew
