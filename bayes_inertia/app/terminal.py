@@ -11,27 +11,24 @@ import io
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from datetime import timedelta
 from pathlib import Path
+from time import monotonic
 from typing import Any, TextIO
 
 import typer
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.padding import Padding
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    SpinnerColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
+from rich.progress import Progress as Live
+from rich.progress import ProgressColumn, SpinnerColumn, Task
 from rich.table import Table
 from rich.text import Text
+
+from bayes_inertia.progress import Progress, silent
 
 # Whether the command at hand prints nothing but errors and what was asked for as JSON.
 _QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
@@ -39,6 +36,8 @@ _QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
 _NARROW = 100
 # What writing fails with where the reader went away: a pipe, one on Windows, a terminal.
 _NOBODY_READS = (errno.EPIPE, errno.EINVAL, errno.EIO)
+# Time [s] over which the speed of a stage is averaged: one fit of many may last minutes.
+_SPEED_PERIOD = 3600.0
 # Characters of a message, and how many of them are its end, which says what to do.
 _LONGEST, _END = 4000, 1000
 
@@ -275,38 +274,58 @@ def say(sentence: str) -> None:
     sentence : str
         What should be known.
     """
-    plain_console(stderr=True).print(sentence, soft_wrap=True)
+    if not _QUIET.get():
+        # By way of sys.stderr, which Rich redirects: so it stands above a progress bar.
+        print(sentence, file=sys.stderr, flush=True)
+
+
+class _Stage(ProgressColumn):
+    """The time since the command began, the stage, how far it is, and what is left of it."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._began = monotonic()
+
+    def render(self, task: Task) -> Text:
+        """`0:01:40  sampling, steps 10/128, 0:00:09 left`."""
+        text = f"{_duration(monotonic() - self._began)}  {task.description}"
+        if task.total:
+            text += f" {task.completed:.0f}/{task.total:.0f}"
+        if task.total and task.time_remaining is not None:
+            text += f", {_duration(task.time_remaining)} left"
+        return Text(text, overflow="ellipsis")
+
+
+def _duration(seconds: float) -> str:
+    """Hours, minutes and seconds."""
+    return str(timedelta(seconds=int(seconds)))
 
 
 @contextmanager
-def progress_bar() -> Iterator[Callable[[str, int, int], None] | None]:
-    """A callback that draws progress on stderr while the context lasts.
+def progress_bar() -> Iterator[Progress]:
+    """A callback that shows the stage of a command on stderr while the context lasts.
 
     Yields
     ------
-    callable or None
-        To be called with (what, done, of). None if stderr is not a terminal, or in quiet.
+    callable
+        To be called with (stage, done, of). Nothing is shown where stderr is no terminal, or in
+        quiet.
     """
     console = plain_console(stderr=True)
     if not console.is_terminal or console.quiet:
-        yield None
+        yield silent
         return
-    columns = (
-        SpinnerColumn(),
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
+    spinner = SpinnerColumn("line" if console.options.ascii_only else "dots")
+    live = Live(
+        spinner, _Stage(), console=console, transient=True, speed_estimate_period=_SPEED_PERIOD
     )
-    with Progress(*columns, console=console, transient=True) as progress:
-        task = progress.add_task("starting", total=None)
+    with live:
+        task = live.add_task("starting", total=None)
 
-        def update(what: str, done: int, of: int) -> None:
-            if what != progress.tasks[0].description:
-                # The time that is left counts from the beginning of this step.
-                progress.reset(task, description=what, total=of)
-            progress.update(task, completed=done, total=of)
+        def update(stage: str, done: int, of: int) -> None:
+            if stage != live.tasks[0].description:
+                # The time that is left counts from the beginning of this stage.
+                live.reset(task, description=stage, total=of or None)
+            live.update(task, completed=done, total=of or None)
 
         yield update

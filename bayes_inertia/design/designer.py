@@ -28,6 +28,7 @@ from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
 from bayes_inertia.inference.laplace import Estimate
+from bayes_inertia.progress import Progress, silent
 
 # A limit that a plan comes this close to, of what its reserve leaves, is active.
 _ACTIVE_SLACK = 0.01
@@ -116,6 +117,7 @@ def design_plan(
     draws: int = 3,
     after: Estimate | None = None,
     effects: Sequence[str] = (),
+    progress: Progress | None = None,
 ) -> Design:
     """Design a campaign.
 
@@ -145,6 +147,8 @@ def design_plan(
         from it.
     effects : sequence of str, optional
         Names of effects that are fitted along, see `effects_named`; at their null in the forecast.
+    progress : callable or None, optional
+        Called with (stage, done, of); `of` is 0 where a stage is not counted.
 
     Returns
     -------
@@ -169,6 +173,8 @@ def design_plan(
     began, parsed_goal = time.perf_counter(), parse_goal(goal)
     limits = limits or Limits(rate=math.radians(1.0) / (1.0 - Limits().rate_reserve))
     base = base or paper_like_plan()
+    say = progress or silent
+    say("preparing the forecast", 0, 0)
     base = replace(base, start_attitude=limits.start_attitude or base.start_attitude)
     setup = set_up_design(
         mission,
@@ -181,11 +187,14 @@ def design_plan(
         after=after,
         effects=effects,
     )
+    say(f"scoring {candidates} random plans", 0, 0)
     x, log_values, least_slacks = random_plans(setup.problem, n_slews, candidates, seed)
-    improved, history = improved_plans(setup.problem, x, log_values, least_slacks, starts)
+    improved, history = improved_plans(setup.problem, x, log_values, least_slacks, starts, say)
     base = replace(base, name=f"{n_slews} slew{'s' if n_slews > 1 else ''} for {parsed_goal}")
     craft = setup.missions[0].spacecraft
+    say("checking the limits of the best plan", 0, 0)
     plan = best_plan(setup.problem, improved, base, craft, setup.limits)
+    say("flying the plan in closed loop", 0, 0)
     design = _judged(plan, setup, seed, log_values[least_slacks >= 0.0], history)
     return replace(design, seconds=time.perf_counter() - began)
 

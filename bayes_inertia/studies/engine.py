@@ -13,16 +13,15 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from itertools import batched
 from pathlib import Path
-from time import monotonic
 
 from bayes_inertia.errors import StudyError
 from bayes_inertia.folder_lock import working_in
+from bayes_inertia.progress import Progress
 from bayes_inertia.studies.pools import Engine, Pool, open_pool
 from bayes_inertia.studies.store import Store
 from bayes_inertia.studies.work import TaskFailure, Work, WorkResult
 from bayes_inertia.studies.worker import Outcome, do_tasks
 
-Progress = Callable[[str, int, int], None]
 Notice = Callable[[str], None]
 
 # How long the driver waits for a result before it looks whether the pool is still there [s].
@@ -44,7 +43,7 @@ class Execution:
     scheduler : str or None
         Address of a dask scheduler.
     progress : callable or None
-        Called with (what, done, of); `what` says how much time is left.
+        Called with (tasks in the plural, done, of).
     notice : callable or None
         Called with a sentence about each damaged file and each failed task.
     """
@@ -93,7 +92,7 @@ def run_work(
     folder : Path or None
         Of the shards; made if absent. None keeps everything in memory.
     progress : callable or None
-        Called with (what, done, of); `what` says how much time is left.
+        Called with (tasks in the plural, done, of).
     notice : callable or None
         Called with a sentence about each damaged file and each failed task.
 
@@ -115,7 +114,7 @@ def run_work(
         for damage in store.damages:
             say(damage)
         left = store.open_tasks()
-        clock = _Clock(work.name, len(work.ids) - len(left), len(work.ids))
+        done = len(work.ids) - len(left)
         try:
             for outcomes in _outcomes(work, left, pool):
                 for outcome in outcomes:
@@ -123,8 +122,9 @@ def run_work(
                     if isinstance(outcome, TaskFailure):
                         say(f"{work.name}: {outcome.task} failed: {outcome.reason}")
                 store.save_due()
+                done += len(outcomes)
                 if progress is not None:
-                    progress(*clock.after(len(outcomes)))
+                    progress(work.name, done, len(work.ids))
         finally:
             store.save()
         return store.result()
@@ -201,30 +201,3 @@ def _result(future: Future, batch: _Batch, pool: Pool, queue: deque) -> list[Out
         return []
     reason = f"its worker died {deaths} times; was there enough memory?"
     return [TaskFailure(task, "WorkerDied", reason, final=False) for task in batch.ids]
-
-
-class _Clock:
-    """Counts tasks and says how long the rest will take."""
-
-    def __init__(self, name: str, done: int, of: int) -> None:
-        self._name, self._done, self._of = name, done, of
-        self._began, self._done_here = monotonic(), 0
-
-    def after(self, tasks: int) -> tuple[str, int, int]:
-        """What progress is told after some tasks more."""
-        self._done += tasks
-        self._done_here += tasks
-        rest = self._of - self._done
-        seconds = (monotonic() - self._began) / max(self._done_here, 1) * rest
-        return f"{self._name}, {_duration(seconds)} left", self._done, self._of
-
-
-def _duration(seconds: float) -> str:
-    """A duration in one unit.
-
-    >>> [_duration(s) for s in (8.0, 200.0, 9000.0)]
-    ['8 s', '3 min', '2.5 h']
-    """
-    if seconds < 90.0:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60.0:.0f} min" if seconds < 5400.0 else f"{seconds / 3600.0:.1f} h"
