@@ -16,6 +16,7 @@ from bayes_inertia.diagnosis.undetected_averaging import all_alternatives, undet
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import clean_fit
 from bayes_inertia.inference.fit_context import FitContext
+from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.modelled_outliers import with_modelled_outliers
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.inference.posterior_groups import build_posterior
@@ -105,10 +106,7 @@ def fit(
     estimate = restarted_with_mode(optimizer.estimate(model, seed=settings.seed))
     if not as_stated:
         say("looking for outliers, measuring the noise", 0, 0)
-        clean = clean_fit(estimate, seed=settings.seed)
-        if clean.estimate is not estimate:
-            estimate = restarted_with_mode(clean.estimate)
-            context = _with_noise_of(context or FitContext(), clean.treatment)
+        estimate, context = _cleaned(estimate, context, settings.seed)
     if not model.noise.is_stated:
         estimate = with_modelled_outliers(estimate)
     samples = sample(estimate, settings, folder=chains, progress=progress)
@@ -120,6 +118,18 @@ def fit(
         alternatives = all_alternatives(alternatives, undetected_alternatives(estimate))
     posterior = averaged_posterior(posterior, alternatives, settings.seed)
     return _with_seconds(posterior, perf_counter() - began)
+
+
+def _cleaned(
+    estimate: Estimate, context: FitContext | None, seed: int
+) -> tuple[Estimate, FitContext | None]:
+    """The fit without outliers, and the context with the noise that was measured."""
+    clean = clean_fit(estimate, seed=seed)
+    if clean.estimate is estimate:
+        return estimate, context
+    return restarted_with_mode(clean.estimate), _with_noise_of(
+        context or FitContext(), clean.treatment
+    )
 
 
 def _with_noise_of(context: FitContext, treatment: DirtTreatment) -> FitContext:

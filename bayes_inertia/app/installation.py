@@ -12,6 +12,7 @@ from rich.table import Table
 
 from bayes_inertia.app.compiled_code import size_of
 from bayes_inertia.app.terminal import plain_console
+from bayes_inertia.progress import Progress, silent
 
 FORMAT = "bayes-inertia-installation/1"
 _PACKAGES = ("bayes-inertia", "numpy", "scipy", "jax", "emcee", "arviz", "xarray", "matplotlib")
@@ -19,19 +20,26 @@ _PACKAGES = ("bayes-inertia", "numpy", "scipy", "jax", "emcee", "arviz", "xarray
 _ENERGY_DRIFT_ALLOWED = 1e-9
 
 
-def installation_json() -> dict[str, Any]:
+def installation_json(progress: Progress = silent) -> dict[str, Any]:
     """Versions, the device that computes, a self-test, and the library of effects.
+
+    Parameters
+    ----------
+    progress : callable
+        Called with (stage, done, of).
 
     Returns
     -------
     dict
         What `doctor --json` prints.
     """
+    progress("loading JAX", 0, 0)
     import jax
     import jax.numpy as jnp
 
     from bayes_inertia.physics.effects import LIBRARY, STOCHASTIC
 
+    progress("self-test: a free tumble", 0, 0)
     drift = _energy_drift()
     return {
         "format": FORMAT,

@@ -11,6 +11,7 @@ import io
 import json
 import os
 import sys
+import webbrowser
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
@@ -277,6 +278,21 @@ def say(sentence: str) -> None:
     if not _QUIET.get():
         # By way of sys.stderr, which Rich redirects: so it stands above a progress bar.
         print(sentence, file=sys.stderr, flush=True)
+
+
+def open_in_browser(page: Path) -> None:
+    """Open a page in the user's browser; where there is none, nothing happens.
+
+    Parameters
+    ----------
+    page : Path
+        An HTML file.
+    """
+    with suppress(webbrowser.Error, OSError):
+        browser = webbrowser.get()
+        # One without windows would take the terminal, unless the user chose it.
+        if type(browser) is not webbrowser.GenericBrowser or "BROWSER" in os.environ:
+            browser.open(page.resolve().as_uri())
 
 
 class _Stage(ProgressColumn):

@@ -191,9 +191,7 @@ def design_plan(
     x, log_values, least_slacks = random_plans(setup.problem, n_slews, candidates, seed)
     improved, history = improved_plans(setup.problem, x, log_values, least_slacks, starts, say)
     base = replace(base, name=f"{n_slews} slew{'s' if n_slews > 1 else ''} for {parsed_goal}")
-    craft = setup.missions[0].spacecraft
-    say("checking the limits of the best plan", 0, 0)
-    plan = best_plan(setup.problem, improved, base, craft, setup.limits)
+    plan = best_plan(setup.problem, improved, base, setup.missions[0].spacecraft, setup.limits)
     say("flying the plan in closed loop", 0, 0)
     design = _judged(plan, setup, seed, log_values[least_slacks >= 0.0], history)
     return replace(design, seconds=time.perf_counter() - began)

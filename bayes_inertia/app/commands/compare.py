@@ -43,10 +43,10 @@ def compare_command(
 
     Writes compare.json and compare.png. A comparison that was killed goes on with the same command.
     """
-    from bayes_inertia.app.compare_folder import run_compare
-    from bayes_inertia.studies.engine import Execution
-
     with progress_bar() as progress:
+        from bayes_inertia.app.compare_folder import run_compare
+        from bayes_inertia.studies.engine import Execution
+
         contenders = run_compare(
             campaign,
             plans,

@@ -19,7 +19,13 @@ from bayes_inertia.app.commands.options import (
     Seed,
     names_in,
 )
-from bayes_inertia.app.terminal import headed, narrow_table, plain_console, print_json_file
+from bayes_inertia.app.terminal import (
+    headed,
+    narrow_table,
+    plain_console,
+    print_json_file,
+    progress_bar,
+)
 
 if TYPE_CHECKING:
     from bayes_inertia.design.designer import Design
@@ -92,7 +98,6 @@ def design_command(
 
     Writes design.json, design.png, and plan.toml, which `simulate` flies.
     """
-    from bayes_inertia.app.design_folder import run_design
     from bayes_inertia.app.design_request import DesignRequest
 
     request = DesignRequest(
@@ -108,7 +113,10 @@ def design_command(
         seed=seed,
         effects=tuple(names_in(effects)),
     )
-    design = run_design(campaign, out, request)
+    with progress_bar() as progress:
+        from bayes_inertia.app.design_folder import run_design
+
+        design = run_design(campaign, out, request, progress)
     if as_json:
         print_json_file(out / "design.json")
     else:

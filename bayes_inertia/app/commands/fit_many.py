@@ -47,9 +47,9 @@ def fit_many_command(
     what was added or changed, with the same command. Exit code 3 if a campaign failed or its result
     must not be used.
     """
-    from bayes_inertia.app.fit_many_folder import fit_many, fits_json
-
     with progress_bar() as progress:
+        from bayes_inertia.app.fit_many_folder import fit_many, fits_json
+
         result = fit_many(
             folder,
             out,

@@ -11,7 +11,13 @@ import typer
 from rich.table import Table
 
 from bayes_inertia.app.commands.options import AsJson
-from bayes_inertia.app.terminal import headed, plain_console, print_json, print_json_file
+from bayes_inertia.app.terminal import (
+    headed,
+    plain_console,
+    print_json,
+    print_json_file,
+    progress_bar,
+)
 from bayes_inertia.errors import CampaignError, SettingsError
 
 if TYPE_CHECKING:
@@ -61,10 +67,11 @@ def import_command(
             raise SettingsError(
                 "no folder for the campaign", where="import", advice="add -o CAMPAIGN"
             )
-        from bayes_inertia.importing.import_logs import import_logs
-        from bayes_inertia.importing.mapped_lines import RECORD_FILE
+        with progress_bar() as progress:
+            from bayes_inertia.importing.import_logs import import_logs
+            from bayes_inertia.importing.mapped_lines import RECORD_FILE
 
-        imported = import_logs(raw, using, out)
+            imported = import_logs(raw, using, out, progress=progress)
         if as_json:
             print_json_file(imported.folder / RECORD_FILE)
         else:
@@ -72,9 +79,11 @@ def import_command(
 
 
 def _start(raw: list[Path], start: Path, as_json: bool) -> None:
-    from bayes_inertia.importing.starting_mapping import write_starting_mapping
+    with progress_bar() as progress:
+        progress("reading the columns of the logs", 0, 0)
+        from bayes_inertia.importing.starting_mapping import write_starting_mapping
 
-    started = write_starting_mapping(raw, start)
+        started = write_starting_mapping(raw, start)
     left_over = "; ".join(_shortened(names) for names in started.left_over)
     if not started.streams:
         raise CampaignError(

@@ -18,7 +18,13 @@ from bayes_inertia.app.commands.options import (
     Seed,
     names_in,
 )
-from bayes_inertia.app.terminal import headed, narrow_table, plain_console, print_json_file
+from bayes_inertia.app.terminal import (
+    headed,
+    narrow_table,
+    plain_console,
+    print_json_file,
+    progress_bar,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -48,11 +54,18 @@ def observe_command(
 
     Writes observability.json and observability.png.
     """
-    from bayes_inertia.app.observe_folder import FILE, run_observe
+    with progress_bar() as progress:
+        from bayes_inertia.app.observe_folder import FILE, run_observe
 
-    observed = run_observe(
-        campaign, out, effects=names_in(effects), drive=drive, seed=seed, both_drives=both_drives
-    )
+        observed = run_observe(
+            campaign,
+            out,
+            effects=names_in(effects),
+            drive=drive,
+            seed=seed,
+            both_drives=both_drives,
+            progress=progress,
+        )
     if as_json:
         print_json_file(out / FILE)
     else:

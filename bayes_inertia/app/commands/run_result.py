@@ -1,9 +1,9 @@
-"""What `fit`, `diagnose`, `resume` and `demo` end with: the run finished, its result printed."""
+"""What `fit`, `diagnose`, `resume` and `demo` end with: the result of a run, printed."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 from rich.box import SIMPLE
@@ -11,8 +11,17 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from bayes_inertia.app.terminal import headed, narrow_table, plain_console, print_json, progress_bar
+from bayes_inertia.app.terminal import (
+    headed,
+    narrow_table,
+    open_in_browser,
+    plain_console,
+    print_json,
+)
 from bayes_inertia.sealing import SEAL_KEY
+
+if TYPE_CHECKING:
+    from bayes_inertia.inference.posterior import Posterior
 
 FORMAT = "bayes-inertia-run-result/1"
 _COLUMNS = ("estimate", "± sd", "unit", "prior sd", "contraction", "determined")
@@ -21,29 +30,37 @@ _COLORS = {"good": "green", "caution": "yellow", "bad": "red"}
 _CANDIDATES_SHOWN = 6
 
 
-def finish_and_show(folder: Path, report: bool, as_json: bool = False) -> None:
-    """Bring a run to its end, print its result, and exit with 3 where it must not be trusted.
+def show_run(
+    posterior: Posterior,
+    folder: Path,
+    report: bool,
+    *,
+    as_json: bool = False,
+    open_page: bool = False,
+) -> None:
+    """Print the result of a finished run, and exit with 3 where it must not be trusted.
 
     Parameters
     ----------
+    posterior : Posterior
+        Of the run.
     folder : Path
         The run.
     report : bool
-        Whether to write report.html.
+        Whether report.html was written.
     as_json : bool
         Whether to print one JSON document instead of tables.
+    open_page : bool
+        Whether to open report.html in the browser.
 
     Raises
     ------
     typer.Exit
         With code 3, if a gate failed or the diagnosis found no name for what is missing.
     """
-    from bayes_inertia.app import run_folder
     from bayes_inertia.app.run_report import run_summary
     from bayes_inertia.app.stored_diagnosis import blaming_diagnosis, read_diagnosis
 
-    with progress_bar() as progress:
-        posterior = run_folder.finish(folder, report=report, progress=progress)
     content, summary = read_diagnosis(folder), run_summary(posterior, folder)
     if as_json:
         print_json(run_result_json(folder, summary, content, posterior.trusted))
@@ -53,6 +70,8 @@ def finish_and_show(folder: Path, report: bool, as_json: bool = False) -> None:
             with blaming_diagnosis(folder, content):
                 show_diagnosis(content)
         show_summary(summary, folder, report)
+    if report and open_page:
+        open_in_browser(folder / "report.html")
     if not posterior.trusted:
         raise typer.Exit(3)
 
