@@ -82,6 +82,10 @@ def test_a_design_with_its_units_and_hostile_margins(printed):
         value=1e-3,
         reference_value=2e-3,
         gain=2.0,
+        sd={"Jxy": 1e-4, "K3": 2.3e-4},
+        reference_sd={"Jxy": 2e-4, "K3": 1e-4},
+        sd_before={"Jxy": 0.03, "K3": 0.03},
+        units={"Jxy": "kg m^2", "K3": ""},
         plan=paper_like_plan(),
         flown=(margin("keep-out [Sun]", True), margin("rate [/all]", False)),
         active=("keep-out [Sun]",),
@@ -90,6 +94,8 @@ def test_a_design_with_its_units_and_hostile_margins(printed):
     out = printed()
     for text in ("angle [deg]", "rate [deg/s]", "ramps [deg/s²]", "starts [s]", "lasts [s]"):
         assert text in out
+    assert "worse: K3 (2.3 times): larger sd than with slews like the paper's" in out
+    assert "Jxy 30 0.10 0.20 0.50 10⁻³ kg m²" in out
     for text in ("keep-out [Sun]: 0.9 of 1 [deg/s]", "BROKEN rate [/all]", str(FOLDER)):
         assert text in out
 

@@ -25,6 +25,8 @@ from bayes_inertia.app.terminal import (
     plain_console,
     print_json_file,
     progress_bar,
+    quantity,
+    unit_powers,
 )
 
 if TYPE_CHECKING:
@@ -40,6 +42,9 @@ _COLUMNS = (
     "starts [s]",
     "lasts [s]",
 )
+
+# Ratio of sds from which a parameter is said to get worse; and margins that are always shown.
+_WORSE, _MARGINS_SHOWN = 1.1, 3
 
 GoalOption = Annotated[
     str,
@@ -120,13 +125,13 @@ def design_command(
     if as_json:
         print_json_file(out / "design.json")
     else:
-        show_design(design, out)
+        show_design(design, out, after)
     if not design.kept:
         raise typer.Exit(3)
 
 
-def show_design(design: Design, folder: Path) -> None:
-    """Print a designed plan: what it is expected to give, its slews, what is left of the limits.
+def show_design(design: Design, folder: Path, after: bool = False) -> None:
+    """Print a designed plan: what each parameter gains or loses, its slews, its margins.
 
     Parameters
     ----------
@@ -134,24 +139,62 @@ def show_design(design: Design, folder: Path) -> None:
         The design.
     folder : Path
         Where its files are.
+    after : bool
+        Whether the campaign's telemetry counts.
     """
     from bayes_inertia.app.design_folder import WHEELS_AT_REST
 
     console, goal = plain_console(), design.goal
-    value, reference = (_with_unit(x, goal.unit) for x in (design.value, design.reference_value))
+    value, reference = (quantity(x, goal.unit) for x in (design.value, design.reference_value))
     gain = f", {design.gain:.3g} times smaller than with slews like the paper's ({reference})"
     console.print(headed(f"{goal.says}: {value}", gain))
+    console.print(_worse(design))
+    console.print(_sd_table(console, design))
+    before = "this campaign's fit" if after else "the prior; --after counts this campaign's fit"
+    console.print(f"before: {before}; paper's: slews like the paper's in the same time")
     console.print(_slew_table(console, design.plan))
-    console.print(headed("margins when flown in closed loop, tightest first:"))
-    for margin in sorted(design.flown, key=lambda m: m.left):
-        warning = "" if margin.kept else "BROKEN "
-        console.print(Text.assemble("  ", (warning, "red"), margin.says))
-    console.print(f"limits that hold the design back: {', '.join(design.active) or 'none'}")
+    _show_margins(console, design)
     if not design.plan.wheel_momentum:
         console.print(WHEELS_AT_REST)
     console.print(
         f"wrote design.json, design.png and plan.toml (for `simulate --plan`) in {folder}"
     )
+
+
+def _worse(design: Design) -> Text:
+    """Which parameters the plan leaves worse than slews like the paper's."""
+    from bayes_inertia.report.formatting import listed
+
+    ratios = {name: sd / design.reference_sd[name] for name, sd in design.sd.items()}
+    worse = [f"{name} ({r:.1f} times)" for name, r in ratios.items() if r > _WORSE]
+    if not worse:
+        return Text("no parameter gets worse than with slews like the paper's")
+    rest = ": larger sd than with slews like the paper's"
+    return headed(f"worse: {listed(worse)}", rest, style="bold yellow")
+
+
+def _sd_table(console: Console, design: Design) -> Table:
+    from bayes_inertia.report.formatting import number, plain, unit_text
+
+    powers = unit_powers((design.units[name], sd) for name, sd in design.sd.items())
+    table = narrow_table(console, "sd of", "before", "after", "paper's", "after / paper's", "unit")
+    for name, sd in design.sd.items():
+        power, paper = powers[design.units[name]], design.reference_sd[name]
+        sds = (number(x, x, power) for x in (design.sd_before[name], sd, paper))
+        ratio, unit = f"{sd / paper:.2f}", unit_text(design.units[name], power)
+        table.add_row(plain(name), *sds, ratio, unit, style="yellow" if sd > _WORSE * paper else "")
+    return table
+
+
+def _show_margins(console: Console, design: Design) -> None:
+    """The tightest margins, and all that are broken."""
+    margins = sorted(design.flown, key=lambda m: m.left)
+    shown = [m for i, m in enumerate(margins) if i < _MARGINS_SHOWN or not m.kept]
+    more = f" ({len(margins) - len(shown)} more are kept)" if len(shown) < len(margins) else ""
+    console.print(headed(f"tightest margins when flown in closed loop{more}:"))
+    for margin in shown:
+        console.print(Text.assemble("  ", ("" if margin.kept else "BROKEN ", "red"), margin.says))
+    console.print(f"limits that hold the design back: {', '.join(design.active) or 'none'}")
 
 
 def _slew_table(console: Console, plan: Plan) -> Table:
@@ -168,10 +211,3 @@ def _slew_table(console: Console, plan: Plan) -> Table:
             f"{duration:.0f}",
         )
     return table
-
-
-def _with_unit(value: float, unit: str) -> str:
-    """A value for people: angles in arc seconds."""
-    if unit == "rad":
-        return f"{3600.0 * np.degrees(value):.3g} arcsec"
-    return f"{value:.3g} {unit}".rstrip()
