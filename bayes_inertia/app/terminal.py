@@ -37,7 +37,9 @@ from bayes_inertia.progress import Progress, silent
 
 # Whether the command at hand prints nothing but errors and what was asked for as JSON.
 _QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
-# Up to so many columns, tables are made as narrow as they can be.
+# Ratio of sds of two plans from which a parameter is said to get worse.
+WORSE = 1.1
+# In fewer columns, tables are made as narrow as they can be.
 _NARROW = 100
 # What writing fails with where the reader went away: a pipe, one on Windows, a terminal.
 _NOBODY_READS = (errno.EPIPE, errno.EINVAL, errno.EIO)
@@ -203,14 +205,14 @@ def narrow_table(
     console: Console, first: str, *headings: str, wrapping: Sequence[str] = ()
 ) -> Table:
     """A table that fits 80 columns: the first column gives way, numbers never do."""
-    table = Table(box=SIMPLE, pad_edge=False, collapse_padding=True)
+    table = Table(box=SIMPLE, show_edge=False, pad_edge=False, collapse_padding=True)
     table.add_column(first, overflow="fold")
     for heading in headings:
         if heading in wrapping:
             longest = max(map(len, heading.split()))
             table.add_column(heading, overflow="fold", min_width=longest)
         else:
-            shown = heading.replace(" ", "\n", 1) if console.width <= _NARROW else heading
+            shown = heading.replace(" ", "\n", 1) if console.width < _NARROW else heading
             table.add_column(shown, no_wrap=True)
     return table
 

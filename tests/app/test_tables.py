@@ -95,7 +95,8 @@ def test_a_design_with_its_units_and_hostile_margins(printed):
     for text in ("angle [deg]", "rate [deg/s]", "ramps [deg/s²]", "starts [s]", "lasts [s]"):
         assert text in out
     assert "worse: K3 (2.3 times): larger sd than with slews like the paper's" in out
-    assert "Jxy 30 0.10 0.20 0.50 10⁻³ kg m²" in out
+    assert "Jxy 30 0.10 0.20 0.50" in out
+    assert "10⁻³ kg m²" in out
     for text in ("keep-out [Sun]: 0.9 of 1 [deg/s]", "BROKEN rate [/all]", str(FOLDER)):
         assert text in out
 

@@ -20,6 +20,7 @@ from bayes_inertia.app.commands.options import (
     names_in,
 )
 from bayes_inertia.app.terminal import (
+    WORSE,
     headed,
     narrow_table,
     plain_console,
@@ -43,8 +44,7 @@ _COLUMNS = (
     "lasts [s]",
 )
 
-# Ratio of sds from which a parameter is said to get worse; and margins that are always shown.
-_WORSE, _MARGINS_SHOWN = 1.1, 3
+_MARGINS_SHOWN = 3  # the tightest; broken ones are shown besides
 
 GoalOption = Annotated[
     str,
@@ -166,7 +166,7 @@ def _worse(design: Design) -> Text:
     from bayes_inertia.report.formatting import listed
 
     ratios = {name: sd / design.reference_sd[name] for name, sd in design.sd.items()}
-    worse = [f"{name} ({r:.1f} times)" for name, r in ratios.items() if r > _WORSE]
+    worse = [f"{name} ({r:.1f} times)" for name, r in ratios.items() if r > WORSE]
     if not worse:
         return Text("no parameter gets worse than with slews like the paper's")
     rest = ": larger sd than with slews like the paper's"
@@ -182,7 +182,7 @@ def _sd_table(console: Console, design: Design) -> Table:
         power, paper = powers[design.units[name]], design.reference_sd[name]
         sds = (number(x, x, power) for x in (design.sd_before[name], sd, paper))
         ratio, unit = f"{sd / paper:.2f}", unit_text(design.units[name], power)
-        table.add_row(plain(name), *sds, ratio, unit, style="yellow" if sd > _WORSE * paper else "")
+        table.add_row(plain(name), *sds, ratio, unit, style="yellow" if sd > WORSE * paper else "")
     return table
 
 

@@ -5,13 +5,20 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 import typer
 
 from bayes_inertia.app.commands.options import AsJson
-from bayes_inertia.app.terminal import headed, plain_console, print_json, progress_bar, say
+from bayes_inertia.app.terminal import (
+    headed,
+    indented,
+    plain_console,
+    print_json,
+    progress_bar,
+    say,
+)
 from bayes_inertia.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -120,27 +127,23 @@ def show_check(check: ConventionsCheck, mapping_lines: Sequence[str] = ()) -> No
         The lines of the mapping that the proposal is about.
     """
     from bayes_inertia.conventions.invisible import invisible_in_brief
+    from bayes_inertia.report.dirt_wording import dirt_sentences
+    from bayes_inertia.report.formatting import typeset
 
     console = plain_console()
     hidden = invisible_in_brief(check.cannot_show)
     style = "bold red" if check.verdict == "wrong" else "bold"
     console.print(headed(f"{check.campaign}: {_WORDS[check.verdict][0]}", style=style))
-    console.print(check.sentence)
+    console.print(typeset(check.sentence))
     for title, lines in (
         ("the folder was imported; look here and import again:", mapping_lines),
-        ("telemetry:", [_dirt_in_words(dirt) for dirt in check.dirt]),
+        ("telemetry:", dirt_sentences(check.dirt)),
         ("physical, no wrong convention:", check.remarks),
         ("this campaign cannot show (all of it with --json):", hidden),
     ):
         if lines:
             console.print(title)
             for line in lines:
-                console.print(f"  - {line}")
+                console.print(indented(f"- {typeset(line)}"))
     if check.verdict == "consistent":
         console.print("next: bayes-inertia fit CAMPAIGN -o RUN")
-
-
-def _dirt_in_words(dirt: dict[str, Any]) -> str:
-    """A record of dirt with its place and what is done, as `check` prints it."""
-    where = ", ".join(str(dirt[key]) for key in ("slew", "channel") if dirt.get(key))
-    return f"{dirt['kind']} ({where}): {dirt.get('note') or ''} [{dirt['treated']}]"
