@@ -62,8 +62,6 @@ def show_installation(content: Mapping[str, Any]) -> None:
     content : mapping
         Of `installation_json`.
     """
-    from bayes_inertia.report.formatting import plain
-
     console, passed = plain_console(), content["self_test_passed"]
     drift = f"energy of a free tumble constant to {content['energy_drift']:.1g}"
     says = "self-test passed" if passed else "self-test FAILED: do not use this installation"
@@ -73,8 +71,8 @@ def show_installation(content: Mapping[str, Any]) -> None:
         ("packages", ", ".join(f"{name} {of}" for name, of in content["versions"].items())),
         ("computing on", f"{', '.join(content['devices'])}, {bits}"),
         ("compiled code", content["compiled_code"]),
-        ("effects", ", ".join(map(plain, content["effects"]))),
-        ("effects without a fixed shape", ", ".join(map(plain, content[_STOCHASTIC]))),
+        ("effects", ", ".join(content["effects"])),
+        ("effects without a fixed shape", ", ".join(content[_STOCHASTIC])),
     ):
         console.print(f"{what}: {value}")
 

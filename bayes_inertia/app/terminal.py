@@ -39,6 +39,7 @@ from bayes_inertia.progress import Progress, silent
 _QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
 # Ratio of sds of two plans from which a parameter is said to get worse.
 WORSE = 1.1
+_SMALLEST_PLAIN = 1e-3  # smaller sizes are written with a power of ten
 # In fewer columns, tables are made as narrow as they can be.
 _NARROW = 100
 # What writing fails with where the reader went away: a pipe, one on Windows, a terminal.
@@ -222,16 +223,16 @@ def quantity(value: float, unit: str) -> str:
 
     Examples
     --------
-    >>> quantity(2.9e-4, "rad"), quantity(0.0312, "kg m^2"), quantity(0.0312, "")
-    ('60 arcsec', '0.031 kg m²', '0.031')
+    >>> quantity(2.9e-4, "rad"), quantity(0.0312, "kg m^2"), quantity(3.6e-5, "")
+    ('60 arcsec', '0.031 kg m²', '3.6 × 10⁻⁵')
     """
-    from bayes_inertia.report.formatting import arcsec_text, exponent, number, unit_text
+    from bayes_inertia.report.formatting import arcsec_text, number, unit_text
 
     if unit == "rad":
         return f"{arcsec_text(value)} arcsec"
-    power = exponent(value, 0.0)
-    shown = f" {unit_text(unit, power)}" if unit or power else ""
-    return f"{number(value, value, power)}{shown}"
+    power = math.floor(math.log10(value)) if 0.0 < value < _SMALLEST_PLAIN else 0
+    factor = f" × {unit_text('', power).removeprefix('× ')}" if power else ""
+    return f"{number(value, value, power)}{factor} {unit_text(unit) if unit else ''}".rstrip()
 
 
 def unit_powers(sds: Iterable[tuple[str, float]]) -> dict[str, int]:

@@ -125,9 +125,9 @@ def test_progress_shows_the_stage_what_it_counts_and_the_time_that_is_left(monke
     monkeypatch.setenv("COLUMNS", "120")
     with progress_bar() as progress:
         progress("refitting with wheel_friction", 0, 0)
-        progress("sampling, steps", 0, 100)
-        sleep(0.2)
-        progress("sampling, steps", 50, 100)
+        for done in (0, 25, 50):
+            progress("sampling, steps", done, 100)
+            sleep(0.1)
         say("warning: a slew is short")
     shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", capsys.readouterr().err)
     assert re.search(r"0:00:0\d  refitting with wheel_friction\s", shown)

@@ -107,7 +107,8 @@ def test_a_comparison_with_its_units_and_hostile_plans(printed):
     out = printed()
     for text in ("plan [b]", HOSTILE, "torque of [wheel x]", str(FOLDER)):
         assert text in out
-    for unit in ("[kg m²]", "[s]", "[N m s]", "[N m]"):
+    assert "plan [b]: products of inertia to 1.0 kg m² (1 sd, the worst)" in out
+    for unit in ("kg m²", " s ", "N m s", "N m "):
         assert unit in out
 
 
@@ -132,23 +133,29 @@ def test_observability_of_hostile_names(printed):
         signal=5.0,
         variance_inflation=4.0,
         verdict="determined",
-        without_commands=None,
-        sd_other_drive=None,
+        share=np.array([[0.6, 0.0, 0.1], [0.1, 0.1, 0.1]]),
+        sd_other_drive=0.2,
     )
     direction = SimpleNamespace(verdict_is_prior=True, exact=True, says="a [b] c", contraction=0.1)
     observability = SimpleNamespace(
         parameters=(parameter,),
-        names=(),
-        drive="measured",
+        slews=("slew [yaw 1]", "slew 2"),
+        drive="commanded",
         directions=(direction,),
         degeneracies=(SimpleNamespace(name="gain [/g]", says="J [kg m^2] and h"),),
     )
     row = SimpleNamespace(name="K1 [-]", warnings=("prior [deg] holds",))
     show_observability(SimpleNamespace(observability=observability, comparison=(row,)), FOLDER)
     out = printed()
-    for text in ("effect [x].gain", "N m [s]", "a [b] c", "gain [/g]: J [kg m^2]", "K1 [-]:"):
+    for text in ("effect [x]: gain", "N m [s]", "a [b] c", "gain [/g]: J [kg m²]", "K1 [-]:"):
         assert text in out
-    assert "prior [deg] holds" in out
+    for text in (
+        "prior [deg] holds",
+        "All 1 parameters are determined; slew [yaw 1] carries effect [x].gain.",
+        "slew [yaw 1], 70 %",
+        "sd without the recorded commands: effect [x].gain × 2",
+    ):
+        assert text in out
 
 
 def test_a_fit_with_hostile_names(printed):
@@ -162,7 +169,7 @@ def test_a_fit_with_hostile_names(printed):
     }
     show_summary(summary, FOLDER)
     out = printed()
-    for text in ("FAILED gate [a]: chi^2 [/b]", "pump [x]: gain", str(FOLDER)):
+    for text in ("FAILED gate [a]: χ² [/b]", "pump [x]: gain", str(FOLDER)):
         assert text in out
 
 

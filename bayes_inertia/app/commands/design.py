@@ -126,8 +126,7 @@ def design_command(
         print_json_file(out / "design.json")
     else:
         show_design(design, out, after)
-    if not design.kept:
-        raise typer.Exit(3)
+    raise typer.Exit(0 if design.kept else 3)
 
 
 def show_design(design: Design, folder: Path, after: bool = False) -> None:

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 _COLUMNS = ("name", "prior sd", "sd", "unit", "signal [σ]", "lost", "most from", "determined")
 _DETERMINED = {"determined": "yes", "weakly": "no: mostly prior", "prior": "no: prior"}
+_WEAK_SHOWN = 3  # parameters of which is said why they are not determined, the least known first
 # Ratio of sds from which the worth of the recorded commands is said.
 _WORTH = 1.2
 
@@ -97,9 +98,11 @@ def show_observability(observed: ObservedCampaign, folder: Path) -> None:
         "signal: response of all telemetry to one prior sd; lost: sd over its value if all else "
         "were known; most from: the slew that tells most, and its share"
     )
-    for p in observability.parameters:
-        if p.verdict != "determined":
-            console.print(indented(typeset(sentence(observability, p.name))))
+    weak = [p for p in observability.parameters if p.verdict != "determined"]
+    for p in sorted(weak, key=lambda p: p.contraction)[:_WEAK_SHOWN]:
+        console.print(indented(typeset(sentence(observability, p.name))))
+    if len(weak) > _WEAK_SHOWN:
+        console.print(f"... and {len(weak) - _WEAK_SHOWN} weak ones more, in observability.json")
     console.print(_commands_worth(observability))
     _show_directions(observability)
     for degeneracy in observability.degeneracies:
@@ -146,7 +149,7 @@ def _show_directions(observability: Observability) -> None:
     from bayes_inertia.report.formatting import typeset
 
     console = plain_console()
-    for direction in (d for d in observability.directions if d.verdict_is_prior):
+    for direction in [d for d in observability.directions if d.verdict_is_prior][:_WEAK_SHOWN]:
         shrinks = 100 * (1 - (1 - direction.contraction) ** 0.5)
         kind = "exactly degenerate" if direction.exact else f"prior sd shrinks by {shrinks:.4g} %"
         console.print(headed("least known together:", f" {typeset(direction.says)} ({kind})"))
