@@ -304,12 +304,13 @@ def progress_bar() -> Iterator[Progress]:
         spinner, _Stage(), console=console, transient=True, speed_estimate_period=_SPEED_PERIOD
     )
     with live:
-        task = live.add_task("starting", total=None)
+        live.add_task("starting", total=None)
 
         def update(stage: str, done: int, of: int) -> None:
             if stage != live.tasks[0].description:
-                # The time that is left counts from the beginning of this stage.
-                live.reset(task, description=stage, total=of or None)
-            live.update(task, completed=done, total=of or None)
+                # Anew, so that the time that is left counts from the beginning of this stage.
+                live.remove_task(live.tasks[0].id)
+                live.add_task(stage, total=of or None)
+            live.update(live.tasks[0].id, completed=done)
 
         yield update

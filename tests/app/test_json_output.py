@@ -127,11 +127,13 @@ def test_progress_shows_the_stage_what_it_counts_and_the_time_that_is_left(monke
         progress("refitting with wheel_friction", 0, 0)
         for done in (0, 25, 50):
             progress("sampling, steps", done, 100)
-            sleep(0.1)
+            sleep(0.4)  # Shown ten times a second.
         say("warning: a slew is short")
+        progress("writing the report", 0, 0)
     shown = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", capsys.readouterr().err)
     assert re.search(r"0:00:0\d  refitting with wheel_friction\s", shown)
     assert re.search(r"0:00:0\d  sampling, steps 50/100, 0:00:0\d left", shown)
+    assert re.search(r"0:00:0\d  writing the report\s", shown)
     assert re.search(r"(?m)^warning: a slew is short$", shown.replace("\r", "\n"))
 
 

@@ -148,9 +148,9 @@ def show_design(design: Design, folder: Path, after: bool = False) -> None:
     gain = f", {design.gain:.3g} times smaller than with slews like the paper's ({reference})"
     console.print(headed(f"{goal.says}: {value}", gain))
     console.print(_worse(design))
-    console.print(_sd_table(console, design))
-    before = "this campaign's fit" if after else "the prior; --after counts this campaign's fit"
-    console.print(f"before: {before}; paper's: slews like the paper's in the same time")
+    console.print(_sd_table(console, design, "now" if after else "prior"))
+    if not after:
+        console.print("with --after this campaign's telemetry counts too")
     console.print(_slew_table(console, design.plan))
     _show_margins(console, design)
     if not design.plan.wheel_momentum:
@@ -172,11 +172,13 @@ def _worse(design: Design) -> Text:
     return headed(f"worse: {listed(worse)}", rest, style="bold yellow")
 
 
-def _sd_table(console: Console, design: Design) -> Table:
+def _sd_table(console: Console, design: Design, before: str) -> Table:
     from bayes_inertia.report.formatting import number, plain, unit_text
 
     powers = unit_powers((design.units[name], sd) for name, sd in design.sd.items())
-    table = narrow_table(console, "sd of", "before", "after", "paper's", "after / paper's", "unit")
+    table = narrow_table(
+        console, "sd of", before, "with the plan", "paper's slews", "plan / paper's", "unit"
+    )
     for name, sd in design.sd.items():
         power, paper = powers[design.units[name]], design.reference_sd[name]
         sds = (number(x, x, power) for x in (design.sd_before[name], sd, paper))

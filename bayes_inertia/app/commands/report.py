@@ -78,9 +78,8 @@ def _report(run: Path, plan: Path | None, out: Path | None, as_json: bool) -> Pa
 
         posterior = finished_posterior(run)
         intact, summary = is_sealed(run / "posterior.nc", ""), run_summary(posterior, run)
-        progress("looking up what the plan promised", 0, 0)
-        promise = None if plan is None else promise_of_plan(run, plan, summary)
         progress("drawing the report", 0, 0)
+        promise = None if plan is None else promise_of_plan(run, plan, summary)
         if out is None:
             path = write_run_report(posterior, run, intact=intact, promise=promise)
         else:
