@@ -21,12 +21,13 @@ MAX_LINES = 400
 MAX_FUNCTION_LINES = 40
 
 # Which wings each wing may import. Inside a wing its files may use each other.
-OPEN_TO_ALL = ("errors", "files", "folder_lock", "sealing", "version")
+OPEN_TO_ALL = ("errors", "files", "folder_lock", "progress", "sealing", "version")
 BELOW_PHYSICS = ("campaign", "tables", "maths")
 BELOW_DESIGN = ("inference", "flight", "physics", *BELOW_PHYSICS)
 MIDDLE = ("observability", "diagnosis", "design")
 ARROWS = {
     "errors": (),
+    "progress": (),
     "version": (),
     "files": ("errors",),
     "folder_lock": ("errors", "files"),

@@ -23,6 +23,7 @@ from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.named_effects import pinned_names
+from bayes_inertia.progress import Progress, silent
 from bayes_inertia.report.pictures.design import draw_comparison
 from bayes_inertia.report.pictures.figure_file import write_png
 from bayes_inertia.studies.plan_comparison import compare_plans
@@ -35,7 +36,9 @@ WHEELS_AT_REST = (
 _MARGINS_SHOWN = 6
 
 
-def run_design(campaign: Path, folder: Path, request: DesignRequest) -> Design:
+def run_design(
+    campaign: Path, folder: Path, request: DesignRequest, progress: Progress = silent
+) -> Design:
     """Design a campaign that follows another one, and write design.json, plan.toml and design.png.
 
     It begins where the campaign ended, with its telemetry period and, unless one is given, its
@@ -50,6 +53,8 @@ def run_design(campaign: Path, folder: Path, request: DesignRequest) -> Design:
         Where to write.
     request : DesignRequest
         Goal, limits, seed.
+    progress : callable
+        Called with (stage, done, of).
 
     Returns
     -------
@@ -73,6 +78,8 @@ def run_design(campaign: Path, folder: Path, request: DesignRequest) -> Design:
     owner = ResultFolder(folder, "design", "design.json", FORMAT, digest, asdict(request), results)
     owner.holds_this_work()
     limits = request.limits(flown)
+    if request.after:
+        progress("fitting the campaign", 0, 0)
     after = _cleaned(flown, request.seed) if request.after else None
     mission = prior_mission(flown)
     design = design_plan(
@@ -84,8 +91,11 @@ def run_design(campaign: Path, folder: Path, request: DesignRequest) -> Design:
         seed=request.seed,
         after=after,
         effects=names,
+        progress=progress,
     )
-    contenders = compare_plans([design.plan, design.reference], mission, limits=design.limits)
+    contenders = compare_plans(
+        [design.plan, design.reference], mission, limits=design.limits, progress=progress
+    )
     start = {
         "after": request.after,
         "start_wheel_momentum_Nms": list(design.plan.wheel_momentum) or [0.0] * len(flown.wheels),

@@ -22,13 +22,13 @@ from bayes_inertia.diagnosis.result import Diagnosis
 from bayes_inertia.diagnosis.rules import Rules
 from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.inference.sampler import Progress
 from bayes_inertia.inference.settings import STOCHASTIC_SETTINGS, Settings
 from bayes_inertia.inference.treatment import DirtTreatment, treated
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, REMAINDERS
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
+from bayes_inertia.progress import Progress
 
 # Enough for limits of 95 %: samples of an effect with states of its own take minutes.
 DIAGNOSED_SETTINGS = Settings(walkers=32, target_ess=2_000.0)
@@ -119,7 +119,7 @@ def diagnose_and_fit(
     as_stated : bool
         Take the telemetry as it is: leave no outlier out, and take the noise for white.
     progress : callable or None
-        Called with (what, done, of).
+        Called with (stage, done, of); `of` is 0 where a stage is not counted.
 
     Returns
     -------
@@ -142,8 +142,6 @@ def diagnose_and_fit(
     settings = settings or DIAGNOSED_SETTINGS
     if seed is not None:
         settings = replace(settings, seed=seed)
-    if progress:
-        progress("diagnosing", 0, 1)
     investigation = investigate(
         campaign,
         drive=drive,
@@ -151,6 +149,7 @@ def diagnose_and_fit(
         library=library,
         rules=rules,
         as_stated=as_stated,
+        progress=progress,
     )
     posterior = fit_after_diagnosis(
         campaign,
@@ -243,7 +242,7 @@ def fit_after_diagnosis(
     as_stated : bool
         Take telemetry and noise as they are stated.
     progress : callable or None
-        Called with (what, done, of).
+        Called with (stage, done, of); `of` is 0 where a stage is not counted.
 
     Returns
     -------

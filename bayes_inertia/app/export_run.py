@@ -19,6 +19,7 @@ from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.physics.effects import InertiaChange
 from bayes_inertia.physics.parameters import N_BASE
+from bayes_inertia.progress import Progress, silent
 from bayes_inertia.report.criteria import criteria_of
 from bayes_inertia.report.export.content import (
     ExportedCorrection,
@@ -38,7 +39,9 @@ _CORRECTION_SAYS = (
 )
 
 
-def exported_result(run: Path, *, with_correction: bool) -> ExportedResult:
+def exported_result(
+    run: Path, *, with_correction: bool, progress: Progress = silent
+) -> ExportedResult:
     """Read a finished run.
 
     Parameters
@@ -47,6 +50,8 @@ def exported_result(run: Path, *, with_correction: bool) -> ExportedResult:
         Folder of the run.
     with_correction : bool
         Whether to forecast the correction slew, which takes seconds.
+    progress : callable
+        Called with (stage, done, of).
 
     Returns
     -------
@@ -64,6 +69,8 @@ def exported_result(run: Path, *, with_correction: bool) -> ExportedResult:
     with blaming(stored, intact=is_sealed(stored, _DAMAGED), advice=_DAMAGED):
         summary = posterior.summary()
         parameters = _parameters(posterior, summary)
+        if with_correction:
+            progress("forecasting a correction slew", 0, 0)
         correction = _correction(campaign, posterior, parameters) if with_correction else None
         locked = bool(summary.get("includes_wheel_spin", campaign.inertia.includes_wheel_spin))
         means = jnp.array([p.new for p in parameters[:6]])

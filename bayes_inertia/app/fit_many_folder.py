@@ -22,7 +22,8 @@ from bayes_inertia.inference.settings import Settings, usual_settings
 from bayes_inertia.maths.values import json_ready
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.slew_input import Drive
-from bayes_inertia.studies.engine import Execution, Notice, Progress
+from bayes_inertia.progress import Progress
+from bayes_inertia.studies.engine import Execution, Notice
 from bayes_inertia.studies.work import Row, TaskFailure, Work, WorkResult
 from bayes_inertia.studies.workers import Engine
 

@@ -24,6 +24,7 @@ from bayes_inertia.observability.result import Observability
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.slew_input import Drive
+from bayes_inertia.progress import Progress, silent
 from bayes_inertia.report.pictures.figure_file import write_png
 from bayes_inertia.report.pictures.observability import draw_observability
 from bayes_inertia.sealing import blaming, is_sealed
@@ -55,6 +56,7 @@ def run_observe(
     drive: Drive | None = None,
     seed: int = 0,
     both_drives: bool = True,
+    progress: Progress = silent,
 ) -> ObservedCampaign:
     """Estimate, ask what is observable, and write observability.json and observability.png.
 
@@ -73,6 +75,8 @@ def run_observe(
     both_drives : bool
         Whether to estimate in the other drive too, where the campaign allows it: what are the
         commands worth?
+    progress : callable
+        Called with (stage, done, of).
 
     Returns
     -------
@@ -94,14 +98,18 @@ def run_observe(
     owner.holds_this_work()
     if (folder / "run.json").exists():
         ResultFolder(folder, "run", "run.json", RUN_FORMAT, digest, flat=True).holds_this_work()
+    progress("fitting", 0, 0)
     estimate = optimizer.estimate(Model(flown, instances, drive), seed=seed)
     # As `fit` does: one outlier would make a slew count for little.
     estimate = clean_fit(estimate, seed=seed).estimate
+    progress("fitting in the other drive", 0, 0)
     other_drive = _in_other_drive(estimate, seed) if both_drives else None
+    progress("asking each slew what it tells", 0, 0)
     observability = observe(estimate, other_drive)
     comparison = _comparison(observability, folder, digest)
     rows = None if comparison is None else comparison_json(comparison)
     owner.claim(observability_json(observability) | {"seed": seed, "posterior": rows})
+    progress("drawing", 0, 0)
     write_png(draw_observability(observability), folder / PICTURE)
     return ObservedCampaign(observability, comparison)
 

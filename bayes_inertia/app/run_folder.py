@@ -28,7 +28,6 @@ from bayes_inertia.files import write_atomically
 from bayes_inertia.folder_lock import working_in
 from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.inference.sampler import Progress
 from bayes_inertia.inference.settings import Settings, usual_settings
 from bayes_inertia.physics.channel_noise import NoiseModel, noise_model_from_json
 from bayes_inertia.physics.effect import Effect
@@ -36,6 +35,7 @@ from bayes_inertia.physics.effects import LIBRARY
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.slew_input import Drive
+from bayes_inertia.progress import Progress, silent
 from bayes_inertia.sealing import read_sealed_json, sealed
 from bayes_inertia.version import __version__
 
@@ -233,7 +233,7 @@ def finish(folder: Path, *, report: bool = True, progress: Progress | None = Non
     report : bool
         Whether to write report.html.
     progress : callable or None
-        Called with (what, done, of).
+        Called with (stage, done, of); `of` is 0 where a stage is not counted.
 
     Returns
     -------
@@ -264,8 +264,7 @@ def _finish(folder: Path, run: Run, report: bool, progress: Progress | None) -> 
     posterior.save(folder / "posterior.nc")
     write_json(folder / "summary.json", run_summary(posterior, folder))
     if report:
-        if progress:
-            progress("writing the report", 0, 1)
+        (progress or silent)("writing the report", 0, 0)
         write_run_report(posterior, folder, intact=True)
     return posterior
 
@@ -308,14 +307,13 @@ def _diagnosed(
     stored = read_diagnosis(folder)
     if stored is not None:
         return stored
-    if progress:
-        progress("diagnosing", 0, 1)
     investigation = investigate(
         campaign,
         drive=run.drive,
         seed=run.settings.seed,
         library=_candidates(folder, run),
         as_stated=run.as_stated,
+        progress=progress,
     )
     content = sealed(to_json(investigation))
     text = json.dumps(content, indent=None, separators=(", ", ": "), allow_nan=False)

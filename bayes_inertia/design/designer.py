@@ -40,6 +40,7 @@ from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.named_effects import effects_named
 from bayes_inertia.physics.parameters import ParameterSpace
+from bayes_inertia.progress import Progress, silent
 
 # A limit that a plan comes this close to, of what its reserve leaves, is active.
 _ACTIVE_SLACK = 0.01
@@ -75,6 +76,10 @@ class Design:
         see `expected_sd`.
     reference_sd : dict of str to float
         The same for `reference`.
+    sd_before : dict of str to float
+        {parameter: sd} before the plan is flown: of the prior, or of the campaign that counts.
+    units : dict of str to str
+        {parameter: unit of its sds}.
     margins : tuple of Margin
         What the planned motion leaves of every limit.
     flown : tuple of Margin
@@ -98,6 +103,8 @@ class Design:
     random_plans: int
     sd: dict[str, float]
     reference_sd: dict[str, float]
+    sd_before: dict[str, float]
+    units: dict[str, str]
     margins: tuple[Margin, ...]
     flown: tuple[Margin, ...]
     active: tuple[str, ...]
@@ -128,6 +135,7 @@ def design_plan(
     draws: int = 3,
     after: Estimate | None = None,
     effects: Sequence[str] = (),
+    progress: Progress | None = None,
 ) -> Design:
     """Design a campaign.
 
@@ -157,6 +165,8 @@ def design_plan(
         from it.
     effects : sequence of str, optional
         Names of effects that are fitted along, see `effects_named`; at their null in the forecast.
+    progress : callable or None, optional
+        Called with (stage, done, of); `of` is 0 where a stage is not counted.
 
     Returns
     -------
@@ -181,6 +191,8 @@ def design_plan(
     began, parsed_goal = time.perf_counter(), parse_goal(goal)
     limits = limits or Limits(rate=math.radians(1.0) / (1.0 - Limits().rate_reserve))
     base = base or paper_like_plan()
+    say = progress or silent
+    say("preparing the forecast", 0, 0)
     base = replace(base, start_attitude=limits.start_attitude or base.start_attitude)
     setup = set_up_design(
         mission,
@@ -193,11 +205,12 @@ def design_plan(
         after=after,
         effects=effects,
     )
+    say(f"scoring {candidates} random plans", 0, 0)
     x, log_values, least_slacks = random_plans(setup.problem, n_slews, candidates, seed)
-    improved, history = improved_plans(setup.problem, x, log_values, least_slacks, starts)
+    improved, history = improved_plans(setup.problem, x, log_values, least_slacks, starts, say)
     base = replace(base, name=f"{n_slews} slew{'s' if n_slews > 1 else ''} for {parsed_goal}")
-    craft = setup.missions[0].spacecraft
-    plan = best_plan(setup.problem, improved, base, craft, setup.limits)
+    plan = best_plan(setup.problem, improved, base, setup.missions[0].spacecraft, setup.limits)
+    say("flying the plan in closed loop", 0, 0)
     design = _judged(plan, setup, seed, log_values[least_slacks >= 0.0], history)
     return replace(design, seconds=time.perf_counter() - began)
 
@@ -274,7 +287,7 @@ def _judged(
     problem, limits = setup.problem, setup.limits
     flights = [fly(plan, mission, seed + i) for i, mission in enumerate(setup.missions)]
     x, x_reference = (problem.variables(slew_arrays(p)) for p in (plan, setup.reference))
-    slacks = problem.least_slacks(x)
+    slacks, layout = problem.least_slacks(x), problem.forecast.layout
     return Design(
         plan=plan,
         goal=problem.goal,
@@ -287,6 +300,8 @@ def _judged(
         random_plans=len(feasible),
         sd=problem.parameter_sd(x),
         reference_sd=problem.parameter_sd(x_reference),
+        sd_before=problem.sd_before(),
+        units=dict(zip(layout.names, layout.units, strict=True)),
         margins=planned_margins(plan, setup.missions[0].spacecraft, limits),
         flown=_tightest([flown_margins(flight, limits) for flight in flights]),
         active=tuple(name for name, slack in slacks.items() if slack < _ACTIVE_SLACK),

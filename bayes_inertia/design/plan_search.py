@@ -14,6 +14,7 @@ from bayes_inertia.design.feasible_region import (
     draw_variables,
 )
 from bayes_inertia.design.plan_problem import PlanProblem
+from bayes_inertia.progress import Progress, silent
 
 # Limits are kept this far away [fraction] in the search, so that rounding does not cross them.
 _LIMIT_CLEARANCE = 1e-3
@@ -112,6 +113,7 @@ def improved_plans(
     log_values: np.ndarray,
     least_slacks: np.ndarray,
     starts: int,
+    say: Progress = silent,
 ) -> tuple[list[np.ndarray], tuple[tuple[float, ...], ...]]:
     """Plans improved from the best of random ones.
 
@@ -127,6 +129,8 @@ def improved_plans(
         The least that each leaves of any limit.
     starts : int
         How many of the best are improved.
+    say : callable
+        Called with (stage, done, of).
 
     Returns
     -------
@@ -136,7 +140,11 @@ def improved_plans(
         The smooth goal's number during each descent.
     """
     order = np.lexsort((log_values, -np.minimum(least_slacks, 0.0)))[:starts]  # feasible ones first
-    descents = [improved_plan(problem, x[k], _DESCENT_STEPS, 1) for k in order]
+    descents = []
+    for k in order:
+        say("improving the best, plans", len(descents), len(order) + 1)
+        descents.append(improved_plan(problem, x[k], _DESCENT_STEPS, 1))
+    say("improving the best, plans", len(order), len(order) + 1)
     best = [descents[k][0] for k in _ranked(problem, [plan for plan, _ in descents])]
     final = improved_plan(problem, best[0], _DESCENT_STEPS, len(problem.thetas))
     return [final[0], *best], (*(history for _, history in descents), final[1])

@@ -39,6 +39,7 @@ from bayes_inertia.diagnosis.hypotheses import search_levels
 from bayes_inertia.diagnosis.refitting import ScoredRound, best_step
 from bayes_inertia.diagnosis.result import AlternativeEffect, Diagnosis, Step
 from bayes_inertia.diagnosis.rules import Rules
+from bayes_inertia.diagnosis.score_test import unfitted
 from bayes_inertia.diagnosis.stochastic_candidates import (
     STOCHASTIC_CANDIDATES,
     p_values_decide,
@@ -56,6 +57,7 @@ from bayes_inertia.physics.effects import LIBRARY, FlexibleMode
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
+from bayes_inertia.progress import Progress, silent
 
 _MAX_NOISE_ROUNDS = 3
 # As how many tests all effects without a fixed shape count together: their p-values are of the
@@ -73,6 +75,7 @@ def diagnose(
     rules: Rules | None = None,
     seed: int = 0,
     as_stated: bool = False,
+    progress: Progress | None = None,
 ) -> Diagnosis:
     """Find where model and data disagree, and which effects explain it.
 
@@ -93,6 +96,8 @@ def diagnose(
     as_stated : bool
         Take the telemetry as it is: leave no outlier out, take no block means, and take the noise
         for white.
+    progress : callable or None
+        Called with (stage, done, of); `of` is 0 where a stage is not counted.
 
     Returns
     -------
@@ -116,6 +121,7 @@ def diagnose(
         diagnosis.verdict, diagnosis.named
         # ('named', ('wheel_command_lag',))
     """
+    say = progress or silent
     if not as_stated:
         campaign = without_surplus_rows(campaign)
     own = [e for e in library if isinstance(e, StochasticEffect)]
@@ -123,13 +129,15 @@ def diagnose(
     library = [e for e in library if e not in own]
     rules, effects = rules or Rules(), candidate_effects(campaign, library)
     model = Model(campaign, effects.linear, drive)
+    say("fitting J and K, measuring the noise", 0, 0)
     begin = clean_start(model, seed=seed, as_stated=as_stated, stochastic=stochastic)
-    diagnosis = _diagnosed(begin, effects, stochastic, rules, seed)
+    diagnosis = _diagnosed(begin, effects, stochastic, rules, seed, say)
     if diagnosis.verdict != "unknown" or diagnosis.treatment.colour is None:
         return diagnosis
     # What no effect explains beside correlated noise may be what looks like such noise.
+    say("fitting J and K again, with white noise", 0, 0)
     begin = clean_start(model, seed=seed, coloured=False)
-    return _diagnosed(begin, effects, stochastic, rules, seed)
+    return _diagnosed(begin, effects, stochastic, rules, seed, say)
 
 
 def _diagnosed(
@@ -138,6 +146,7 @@ def _diagnosed(
     stochastic: Sequence[StochasticEffect],
     rules: Rules,
     seed: int,
+    say: Progress,
 ) -> Diagnosis:
     """The verdict of a search from a clean start."""
     rng = np.random.default_rng([seed, 3])
@@ -146,17 +155,19 @@ def _diagnosed(
     for rounds_left in reversed(range(_MAX_NOISE_ROUNDS)):
         if begin.estimate is begin.base:
             rounds, steps = [], []
-        steps, scored, final = _forward_search(
-            begin.estimate, steps, _Candidates(effects.flexible_mode, stochastic), rules, rng
-        )
+        candidates = _Candidates(effects.flexible_mode, stochastic)
+        steps, scored, final = _forward_search(begin.estimate, steps, candidates, rules, rng, say)
         rounds += scored
+        say("measuring the noise again", 0, 0)
         # An effect's own jumps can look like noise: measure the noise again, without them.
         again = measured_again(begin, final, scored[-1].stochastic)
         # Steps and fit are of one noise: without time for another search its shape stays.
         if again is None or (again.estimate is again.base and not rounds_left):
             break
         begin, final = again, again.estimate
+    say(f"trying {len(stochastic)} effects without a fixed shape", 0, 0)
     settled = contest(steps, final, rounds, stochastic, rules)
+    say("weighing all answers", 0, 0)
     levels = search_levels(steps, final, rounds, settled.weighed)
     final = settled.final
     if settled.steps and settled.steps[-1].stochastic:
@@ -179,18 +190,29 @@ def _forward_search(
     candidates: _Candidates,
     rules: Rules,
     rng: np.random.Generator,
+    say: Progress,
 ) -> tuple[list[Step], list[ScoredRound], Estimate]:
     """Add effects until none is significant: the steps, all rounds, and the last fit."""
     rounds: list[ScoredRound] = []
     dropped: set[str] = set()
     while True:
+        say(_scoring(estimate, candidates), 0, 0)
         rounds.append(_score(estimate, candidates, rules, rng))
-        step = best_step(rounds[-1], dropped, rules) if len(steps) < rules.max_effects else None
+        full = len(steps) >= rules.max_effects
+        step = None if full else best_step(rounds[-1], dropped, rules, say)
         if step is None:
             return steps, rounds, estimate
+        say(f"testing what {step.added} makes needless", 0, 0)
         before = {s.added for s in steps}
         steps = drop_needless([*steps, step], candidates.flexible_mode, rules)
         estimate, dropped = steps[-1].after, dropped | (before - {s.added for s in steps})
+
+
+def _scoring(estimate: Estimate, candidates: _Candidates) -> str:
+    """The stage in which all candidates are scored."""
+    held, mode = [e.name for e in estimate.model.effects], candidates.flexible_mode
+    searched = mode is not None and mode.name not in held
+    return f"scoring {len(unfitted(estimate)) + searched + len(candidates.stochastic)} effects"
 
 
 def _score(

@@ -35,6 +35,7 @@ from bayes_inertia.importing.reduction import reduced_content
 from bayes_inertia.importing.rest_noise import RestNoise, rest_noise
 from bayes_inertia.importing.slew_cutting import SlewCut, cut_into_slews
 from bayes_inertia.importing.slew_tables import slew_tables
+from bayes_inertia.progress import Progress, silent
 
 _MEASURED = ("rate", "attitude", "wheel_momentum", "wheel_speed")
 
@@ -68,7 +69,11 @@ class ImportedCampaign:
 
 
 def import_logs(
-    files: Sequence[str | Path], mapping: str | Path, folder: str | Path
+    files: Sequence[str | Path],
+    mapping: str | Path,
+    folder: str | Path,
+    *,
+    progress: Progress | None = None,
 ) -> ImportedCampaign:
     """Write a campaign folder from raw logs.
 
@@ -80,6 +85,8 @@ def import_logs(
         The `mapping.toml` that says what they hold.
     folder : str or Path
         Where the campaign goes; made if absent. Nothing in it is overwritten.
+    progress : callable or None, optional
+        Called with (stage, done, of); `of` is 0 where a stage is not counted.
 
     Returns
     -------
@@ -101,15 +108,19 @@ def import_logs(
         imported = import_logs(["tm.csv"], "mapping.toml", "my_campaign")
         imported.campaign.name, len(imported.campaign.slews)
     """
+    say = progress or silent
     label, data = str(mapping), read_bytes(Path(mapping))
     parsed = parse_mapping(text_of(data, label), label)
-    written = read_logs(files, parsed, label)
+    written = read_logs(files, parsed, label, say)
+    say("cutting the log into slews", 0, 0)
     logs = replace(written, streams={key: _once(s) for key, s in written.streams.items()})
     cut = cut_into_slews(logs, parsed, label)
     for stream in written.streams.values():
         _refuse_outside(stream, cut, parsed, label)
+    say("measuring the noise at rest", 0, 0)
     noises = rest_noise(logs, cut.scan, parsed)
     _require_noises(parsed, noises, label)
+    say("writing the campaign, and reading it back", 0, 0)
     # Tables keep the rows of the logs: reading them back counts each reading once, and says so.
     slews = [slew_tables(window, written.streams) for window in cut.windows]
     paths = sorted({Path(file) for file in files})

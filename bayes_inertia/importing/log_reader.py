@@ -23,6 +23,7 @@ from bayes_inertia.importing.mapping_schema import (
 from bayes_inertia.importing.questions import question_at
 from bayes_inertia.importing.stated_facts import agreed
 from bayes_inertia.importing.stream_readings import readings_of
+from bayes_inertia.progress import Progress, silent
 from bayes_inertia.tables.leap_seconds import SECOND, tai_to_utc
 from bayes_inertia.tables.raw_files import file_format, read_raw
 from bayes_inertia.tables.raw_table import RawColumn, RawTable
@@ -64,7 +65,9 @@ def _wanted(stream: MappedStream) -> tuple[str, ...]:
     return (*stream.time.names, *stream.names, *flag) if named else ()
 
 
-def read_logs(files: Sequence[str | Path], mapping: MappingPart, label: str) -> Logs:
+def read_logs(
+    files: Sequence[str | Path], mapping: MappingPart, label: str, say: Progress = silent
+) -> Logs:
     """All streams of a mapping, read from raw files.
 
     Parameters
@@ -75,6 +78,8 @@ def read_logs(files: Sequence[str | Path], mapping: MappingPart, label: str) -> 
         What they hold.
     label : str
         The mapping, as messages name it.
+    say : callable
+        Called with (stage, done, of).
 
     Returns
     -------
@@ -102,6 +107,7 @@ def read_logs(files: Sequence[str | Path], mapping: MappingPart, label: str) -> 
         for path in matched:
             _refuse_second_use(stream, used.setdefault(path, []), path, where)
             used[path].append(stream)
+            say("reading the logs, files", len(used) - 1, len(paths))
             read.append(_read_part(stream, tables.table(path, stream), where))
         _refuse_no_reading(stream, read, where)
         if stream.holds == "rate":

@@ -20,6 +20,7 @@ from bayes_inertia.importing.mapping_schema import (
 )
 from bayes_inertia.importing.questions import refuse_open_questions
 from bayes_inertia.importing.stated_units import with_si_hardware
+from bayes_inertia.importing.time_stamps import FREE_CLOCKS
 
 # Smallest determinant of three axes that do not lie in one plane.
 _INDEPENDENT = 1e-3
@@ -62,7 +63,7 @@ def parse_mapping(text: str, label: str) -> MappingPart:
     refuse_open_questions(document, label)
     _refuse_few_axes(document, label)
     complete = with_si_hardware(with_alike_wheels(document, label), label)
-    mapping = checked_document(complete, label, MappingPart)
+    mapping = _with_epochs(checked_document(complete, label, MappingPart))
     _check_streams(mapping, label)
     for stream in mapping.streams:
         where = f"{label}, key streams.{stream.holds}"
@@ -75,6 +76,17 @@ def parse_mapping(text: str, label: str) -> MappingPart:
         if isinstance(stream, WheelStream):
             _check_wheels(stream, mapping, where)
     return mapping
+
+
+def _with_epochs(mapping: MappingPart) -> MappingPart:
+    """The mapping with its epoch at every stream that counts from a zero and states none."""
+    streams = []
+    for stream in mapping.streams:
+        time = stream.time
+        if not time.epoch and (time.kind in FREE_CLOCKS or time.rate_hz is not None):
+            time = time.model_copy(update={"epoch": mapping.epoch})
+        streams.append(stream.model_copy(update={"time": time}))
+    return mapping.model_copy(update={"streams": streams})
 
 
 def _refuse_few_axes(document: dict[str, Any], label: str) -> None:

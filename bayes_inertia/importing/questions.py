@@ -98,6 +98,10 @@ QUESTIONS: Mapping[str, str] = MappingProxyType(
         "wheels.spin_inertia": "Moment of inertia about the spin axis [kg m^2].",
         "rate_sensor.range": "Largest reading of an axis [rad/s].",
         "star_tracker.boresight": "The unit vector of the boresight in body axes.",
+        "epoch": (
+            'When was zero of the clocks that count? A UTC date; "campaign" if all streams share '
+            'one zero; "file" if each file starts its own. A stream may state its own in `time`.'
+        ),
         "name": "What the campaign is called.",
     }
 )

@@ -45,7 +45,7 @@ def _shared(texts: Sequence[str]) -> int:
     return next((k for k, letters in enumerate(columns) if len(set(letters)) > 1), len(columns))
 
 
-def hardware_text(name: str, wheels: Sequence[str], *, tracker: bool) -> str:
+def hardware_text(name: str, wheels: Sequence[str], *, tracker: bool, epoch: str = "") -> str:
     """Format, name and hardware of a mapping to be filled in.
 
     Parameters
@@ -56,6 +56,8 @@ def hardware_text(name: str, wheels: Sequence[str], *, tracker: bool) -> str:
         What tells the wheels apart, as `wheel_words` says it; none without wheels.
     tracker : bool
         Whether a stream holds attitudes.
+    epoch : str
+        Zero of the clocks that count; "?" asks, "" where no stream has one.
 
     Returns
     -------
@@ -67,6 +69,7 @@ def hardware_text(name: str, wheels: Sequence[str], *, tracker: bool) -> str:
         "# not apply. Suggestions come from the files and from names of columns: check them.",
         f'format = "{MAPPING_FORMAT}"',
         mapping_entry(("name",), name, "any text"),
+        *([mapping_entry(("epoch",), epoch)] if epoch else []),
         "",
         "[inertia]",
         *(

@@ -16,10 +16,11 @@ import tomlkit
 from bayes_inertia.errors import OutputError
 from bayes_inertia.files import write_atomically
 from bayes_inertia.importing.column_families import ColumnFamily, families
+from bayes_inertia.importing.file_share import SHARED_ZERO
 from bayes_inertia.importing.mapping_text import mapping_comment, mapping_value
-from bayes_inertia.importing.questions import open_questions
+from bayes_inertia.importing.questions import UNKNOWN, open_questions
 from bayes_inertia.importing.starting_hardware import hardware_text, wheel_words
-from bayes_inertia.importing.starting_streams import FileGroup, stream_text
+from bayes_inertia.importing.starting_streams import FileGroup, counts_from_zero, stream_text
 from bayes_inertia.tables.raw_files import read_raw, tables_in
 from bayes_inertia.tables.raw_table import RawTable
 from bayes_inertia.tables.time_columns import time_names
@@ -142,7 +143,7 @@ def starting_mapping(files: Sequence[Path]) -> StartingMapping:
     for group, family in streams:
         # A second candidate for what may stand once is left to the user.
         doubled = family.holds in held and family.holds not in _WHEEL_STREAMS
-        parts.append(stream_text(group, family, commented=doubled, one_clock=len(set(files)) == 1))
+        parts.append(stream_text(group, family, commented=doubled))
         held[family.holds] = None
     if not streams:
         names = mapping_value(sorted({path.name for path in files}))
@@ -161,7 +162,10 @@ def _hardware(streams: Sequence[tuple[FileGroup, ColumnFamily]], files: Sequence
     most = max(of_wheels, key=len, default=())
     name = files[0].resolve().parent.name if files else ""
     tracker = any(family.holds == "attitude" for _, family in streams)
-    return hardware_text(name or "campaign", wheel_words(most), tracker=tracker)
+    epoch = ""
+    if any(counts_from_zero(group) for group, _ in streams):
+        epoch = SHARED_ZERO if len(set(files)) == 1 else UNKNOWN
+    return hardware_text(name or "campaign", wheel_words(most), tracker=tracker, epoch=epoch)
 
 
 def _groups(files: Sequence[Path]) -> list[FileGroup]:

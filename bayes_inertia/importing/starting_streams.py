@@ -12,7 +12,6 @@ import numpy as np
 
 from bayes_inertia.importing.clock_guess import ClockGuess, guessed_clock
 from bayes_inertia.importing.column_families import ColumnFamily
-from bayes_inertia.importing.file_share import SHARED_ZERO
 from bayes_inertia.importing.known_notation import notation_of
 from bayes_inertia.importing.mapping_text import mapping_comment, mapping_entry, mapping_value
 from bayes_inertia.importing.questions import UNKNOWN, question_at
@@ -51,9 +50,7 @@ class FileGroup:
     packet: tuple[str, str | int] | None = None
 
 
-def stream_text(
-    group: FileGroup, family: ColumnFamily, *, commented: bool = False, one_clock: bool = False
-) -> str:
+def stream_text(group: FileGroup, family: ColumnFamily, *, commented: bool = False) -> str:
     """A stream of a mapping, with a question at everything that the files do not say.
 
     Parameters
@@ -64,8 +61,6 @@ def stream_text(
         The columns.
     commented : bool, optional
         Whether it is a second candidate, which the user must choose.
-    one_clock : bool, optional
-        Whether all streams have the stamps of one file, so that their zero is shared.
 
     Returns
     -------
@@ -79,7 +74,7 @@ def stream_text(
     lines.append(mapping_entry((*path, "files"), _pattern(group.files)))
     if group.table_name:
         lines.append(mapping_entry((*path, "table"), group.table_name))
-    lines += _time(group, path, one_clock)
+    lines += _time(group, path)
     lines.append("offset_s = 0.0  # true time minus stamp [s]: -0.125 if stamps are 0.125 s late")
     lines += _attitude(group, family) if family.holds == "attitude" else _readings(group, family)
     if group.packet is not None:
@@ -91,6 +86,25 @@ def stream_text(
     lines.append("# missing = -9999  # what marks that there is no reading")
     text = "\n".join(lines) + "\n"
     return "\n".join(f"# {line}" for line in text.splitlines()) + "\n" if commented else text
+
+
+def counts_from_zero(group: FileGroup) -> bool:
+    """Whether the stamps count from a zero of their own.
+
+    Parameters
+    ----------
+    group : FileGroup
+        The files.
+
+    Returns
+    -------
+    bool
+        False where the file or the stamps say the date.
+    """
+    table = group.table
+    if table.time_names and table.time_kind and table.time_kind not in FREE_CLOCKS:
+        return False
+    return _guessed_clock(group, time_names(table)).kind in FREE_CLOCKS
 
 
 def _pattern(files: Sequence[Path]) -> list[str]:
@@ -184,8 +198,8 @@ def _scalar_hint(table: RawTable, family: ColumnFamily, key: str) -> str:
     return f"{family.names[0]}: {first} {family.names[-1]}: {last}" if first and last else ""
 
 
-def _time(group: FileGroup, path: tuple[str, ...], one_clock: bool) -> list[str]:
-    """The stamps: columns, clock, zero."""
+def _time(group: FileGroup, path: tuple[str, ...]) -> list[str]:
+    """The stamps: columns and clock."""
     table = group.table
     if table.time_names and table.time_kind and table.time_kind not in FREE_CLOCKS:
         return [f"# the file states its time: {', '.join(table.time_names)} ({table.time_kind})"]
@@ -195,8 +209,6 @@ def _time(group: FileGroup, path: tuple[str, ...], one_clock: bool) -> list[str]
     units = stamp_units(table, names)
     if len(names) > 1 and set(units) != {"date"}:
         entry["units"] = [unit or UNKNOWN for unit in units]
-    if guess.kind in FREE_CLOCKS:
-        entry["epoch"] = SHARED_ZERO if one_clock else UNKNOWN
     hints = {"kind": guess.hint}
     questions = [
         mapping_comment(f"{key}: {question_at((*path[:1], 'time', key))} {hints.get(key, '')}")

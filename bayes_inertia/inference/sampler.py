@@ -8,7 +8,6 @@ goes on bit for bit.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from threading import Event
@@ -39,8 +38,7 @@ from bayes_inertia.inference.reading_compression import compressed
 from bayes_inertia.inference.settings import Settings
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.prediction import Data
-
-Progress = Callable[[str, int, int], None]
+from bayes_inertia.progress import Progress
 
 _LEAST_WARM_UP_STEPS = 8
 _LEAST_STEPS_BETWEEN_SAVES = 8
@@ -260,7 +258,7 @@ def _advance(
             if file is not None and (_is_saved_after(done[k]) or done[k] == steps or ends):
                 save_chain(sampler.backend, file)
             if progress:
-                progress("sampling", sum(done), target)
+                progress("sampling, steps", sum(done), target)
             if ends:
                 return
         sampler._previous_state = sampler.get_last_sample()

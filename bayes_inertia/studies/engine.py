@@ -19,11 +19,11 @@ from threadpoolctl import threadpool_limits
 
 from bayes_inertia.errors import BayesInertiaError, StudyError
 from bayes_inertia.folder_lock import working_in
+from bayes_inertia.progress import Progress
 from bayes_inertia.studies.row_file import Outcome, RowFile
 from bayes_inertia.studies.work import Task, TaskFailure, Work, WorkResult, task_seed
 from bayes_inertia.studies.workers import IN_PROCESS, Engine, Workers, open_workers
 
-Progress = Callable[[str, int, int], None]
 Notice = Callable[[str], None]
 
 # How often the driver looks whether workers came or went [s].

@@ -13,7 +13,8 @@ from bayes_inertia.design.simulated_fits import AchievedErrors, fit_simulated_ca
 from bayes_inertia.errors import StudyError
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
-from bayes_inertia.studies.engine import Notice, Progress, run_work
+from bayes_inertia.progress import Progress
+from bayes_inertia.studies.engine import Notice, run_work
 from bayes_inertia.studies.work import Row, Work, WorkResult
 from bayes_inertia.studies.workers import IN_PROCESS, Workers
 

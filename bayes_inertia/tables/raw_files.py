@@ -26,6 +26,10 @@ from bayes_inertia.tables.text_form import TextOptions
 from bayes_inertia.tables.text_table import read_text_table
 
 _WORKBOOKS = (".xlsx", ".xlsm", ".xlsb")
+_OF_ROS = (
+    "`pip install rosbags`; write the stamps and fields of each topic to a CSV, with its AnyReader"
+)
+_OF_ARDUPILOT = "`pip install pymavlink`, `mavlogdump.py --format csv --types IMU FILE.bin`"
 _HEAD = 1024  # Bytes by which a format is told.
 
 FileFormat = Literal["text", "aem", "json", "42", "parquet", "numpy", "hdf5", "netcdf", "mat"]
@@ -88,18 +92,26 @@ def _is_npz(path: Path) -> bool:
 
 
 def _refuse_packed(head: bytes, path: Path) -> None:
-    packed = {
-        b"PK": "an Excel workbook" if path.suffix.lower() in _WORKBOOKS else "a ZIP archive",
-        b"\x1f\x8b": "a gzip archive",
-        b"\xd0\xcf\x11\xe0": "an Excel workbook",
-        b"BZh": "a bzip2 archive",
-        b"\xfd7zXZ": "an xz archive",
-        b"SQLite format 3": "an SQLite database",
+    """Refuse a format that nobody reads here, and say what makes a table of it."""
+    sheets = "save each of its sheets as CSV"
+    unpack = "unpack it, or save its table as CSV"
+    suffix = path.suffix.lower()
+    marks = {
+        b"PK": ("an Excel workbook", sheets) if suffix in _WORKBOOKS else ("a ZIP archive", unpack),
+        b"\x1f\x8b": ("a gzip archive", unpack),
+        b"\xd0\xcf\x11\xe0": ("an Excel workbook", sheets),
+        b"BZh": ("a bzip2 archive", unpack),
+        b"\xfd7zXZ": ("an xz archive", unpack),
+        b"SQLite format 3": ("a ROS 2 bag", _OF_ROS)
+        if suffix == ".db3"
+        else ("an SQLite database", unpack),
+        b"ULog\x01\x12\x35": ("a ULog of PX4", "`pip install pyulog`, `ulog2csv FILE.ulg`"),
+        b"#ROSBAG V": ("a ROS bag", _OF_ROS),
+        b"\x89MCAP0\r\n": ("an MCAP file", _OF_ROS),
+        b"\xa3\x95\x80\x80": ("a log of ArduPilot", _OF_ARDUPILOT),
     }
-    for mark, what in packed.items():
-        if head.startswith(mark) and path.suffix.lower() != ".npz":
-            sheets = "save each of its sheets as CSV"
-            advice = sheets if "Excel" in what else "unpack it, or save its table as CSV"
+    for mark, (what, advice) in marks.items():
+        if head.startswith(mark) and suffix != ".npz":
             raise CampaignError(f"is {what}", where=str(path), advice=advice)
 
 

@@ -35,7 +35,7 @@ class CellRow(NamedTuple):  # A log has a million of them: a dataclass takes twi
 def decoded(data: bytes, label: str, encoding: str = "") -> str:
     """The text of a file without byte-order mark; an encoding "" is told from its content.
 
-    By its mark, as UTF-16 by its zero bytes, as UTF-8, else as Windows-1252.
+    By its mark, as UTF-16 by its NUL bytes, as UTF-8, else as Windows-1252.
 
     Examples
     --------
@@ -51,13 +51,13 @@ def decoded(data: bytes, label: str, encoding: str = "") -> str:
 def whole_lines(data: bytes, label: str, encoding: str = "") -> tuple[str, tuple[str, ...]]:
     """The text of a file without lines that a loss of power cut, and notes that say so.
 
-    A logger that loses power leaves zero bytes where its last lines were to stand. Lines with zero
+    A logger that loses power leaves NUL bytes where its last lines were to stand. Lines with zero
     bytes become empty, so that the others keep their numbers.
 
     Examples
     --------
     >>> whole_lines(b"t,w\\n0,1\\n1,2\\n2,\\0\\0", "a.csv")
-    ('t,w\\n0,1\\n1,2\\n', ('zero bytes in line 4 (a loss of power?): 1 line cut left out',))
+    ('t,w\\n0,1\\n1,2\\n', ('NUL bytes in line 4 (a loss of power?): 1 line cut left out',))
     """
     text = _text_of(data, label, encoding)
     if "\0" not in text:
@@ -72,28 +72,28 @@ def whole_lines(data: bytes, label: str, encoding: str = "") -> tuple[str, tuple
     where = f"line{'s' * (len(zeros) > 1)} {', '.join(map(str, zeros[:5]))}"
     gone = f"{len(cut)} line{'s' * (len(cut) > 1)} cut left out" if cut else "left out"
     more = f" and {len(zeros) - 5} more" if len(zeros) > 5 else ""
-    return "\n".join(kept), (f"zero bytes in {where}{more} (a loss of power?): {gone}",)
+    return "\n".join(kept), (f"NUL bytes in {where}{more} (a loss of power?): {gone}",)
 
 
 def _zero_bytes(lines: Sequence[str], label: str) -> CampaignError:
-    """The refusal of a file with zero bytes."""
+    """The refusal of a file with NUL bytes."""
     first = next(number for number, line in enumerate(lines, start=1) if "\0" in line)
     if not "".join(lines).strip("\0 \t"):
         return CampaignError(
-            "holds nothing but zero bytes",
+            "holds nothing but NUL bytes",
             where=label,
             advice="the logger lost power before it wrote: take another copy, or leave it out",
         )
     return CampaignError(
-        "zero bytes: no text, or a logger that lost power",
+        "NUL bytes: no text, or a logger that lost power",
         where=f"{label}, line {first}",
-        advice="a text: take the zero bytes and the lines that they cut out; another format: give "
+        advice="a text: take the NUL bytes and the lines that they cut out; another format: give "
         "the file its suffix, or export it as CSV",
     )
 
 
 def _text_of(data: bytes, label: str, encoding: str) -> str:
-    """The text of a file, with its zero bytes, without a byte-order mark."""
+    """The text of a file, with its NUL bytes, without a byte-order mark."""
     chosen = encoding or _encoding(data)
     try:
         return data.decode(chosen).removeprefix("\ufeff")
@@ -109,7 +109,7 @@ def _encoding(data: bytes) -> str:
     for mark, name in _MARKS:
         if data.startswith(mark):
             return name
-    # No text of UTF-16 holds four zero bytes in a row; a logger that lost power leaves them.
+    # No text of UTF-16 holds four NUL bytes in a row; a logger that lost power leaves them.
     head = re.sub(rb"\0{4,}", b"", data[:_SAMPLE_BYTES])[:4000]
     if len(head) >= 4 and len(head[1::2]) and head[1::2].count(0) > 0.4 * len(head[1::2]):
         return "utf-16-le"

@@ -139,7 +139,13 @@ def test_effects_that_only_imitate_another_are_not_named(
 ):
     rules = Rules(max_refits=3)
     campaign = flight((Leak(),), {"leak": {"size": np.array(7e-6)}})
-    found = diagnose(campaign, library=rigid_library, rules=rules)
+    stages = []
+    found = diagnose(
+        campaign, library=rigid_library, rules=rules, progress=lambda *a: stages.append(a[0])
+    )
+    assert stages[0] == "fitting J and K, measuring the noise"
+    assert sum(s.startswith("scoring ") for s in stages) > len(found.steps)
+    assert sum(s.startswith("refitting with ") for s in stages) >= len(found.steps)
     assert (found.verdict, found.named) == ("unknown", ())
     assert found.steps
     assert found.nameless_source.startswith("body torque")

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from bayes_inertia.app.cli import main
-from bayes_inertia.app.commands.run_result import finish_and_show
+from bayes_inertia.app.commands.run_result import show_run
 from bayes_inertia.report.verdict_sentence import verdict_sentence, with_verdict_sentence
 
 NUMBERS = (
@@ -121,15 +121,14 @@ def test_the_sentence_stands_before_the_numbers_of_a_summary():
     assert content["parameters"] == ROWS
 
 
-def test_terminal_page_and_machine_say_the_same(made, tmp_path, monkeypatch, capsys):
+def test_terminal_page_and_machine_say_the_same(made, tmp_path, capsys):
     posterior = made("one_slew")
     posterior.save(tmp_path / "posterior.nc")
     expected = verdict_sentence(posterior.summary())
     assert "not determined" in expected
-    monkeypatch.setattr("bayes_inertia.app.run_folder.finish", lambda *_, **__: posterior)
-    finish_and_show(tmp_path, report=True)
+    show_run(posterior, tmp_path, report=True)
     assert " ".join(capsys.readouterr().out.split()).startswith(expected)
-    finish_and_show(tmp_path, report=True, as_json=True)
+    show_run(posterior, tmp_path, report=True, as_json=True)
     assert json.loads(capsys.readouterr().out)["summary"]["verdict_sentence"] == expected
     with pytest.raises(SystemExit):
         main(["report", str(tmp_path)])

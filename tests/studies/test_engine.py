@@ -126,6 +126,12 @@ def test_each_task_is_told():
     assert told == [("numbers", 1, 3), ("numbers", 2, 3), ("numbers", 3, 3)]
 
 
+def test_progress_says_what_is_counted():
+    told = []
+    run_work(work_of(3), IN_PROCESS, progress=lambda *a: told.append(a))
+    assert told == [("numbers", 1, 3), ("numbers", 2, 3), ("numbers", 3, 3)]
+
+
 def test_requests_that_cannot_be_are_refused():
     with pytest.raises(SettingsError, match="no task"):
         Work("numbers", numbers, ())

@@ -141,7 +141,7 @@ def test_empty_cells_in_every_spelling():
         ("t,w\n0,1\n1,2,3\n2,3\n3,4\n", "line 3: 3 cells"),
         ("t,w\nabc,1\n1,2\n2,3\n", "line 2: 2 cells that do not fit"),
         ('t,w\n0,1\n1,"2\n2,3\n', "close every quote|cells"),
-        ("t\0w\n1\0 2\n" * 3, "zero bytes"),
+        ("t\0w\n1\0 2\n" * 3, "NUL bytes"),
     ],
 )
 def test_damaged_text_is_refused_with_the_line(text, message):

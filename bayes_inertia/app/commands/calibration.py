@@ -6,10 +6,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import typer
-from rich.box import SIMPLE
-from rich.table import Table
 
-from bayes_inertia.app.terminal import plain_console, print_json_file, progress_bar, say
+from bayes_inertia.app.terminal import (
+    headed,
+    narrow_table,
+    plain_console,
+    print_json_file,
+    progress_bar,
+    say,
+)
 
 if TYPE_CHECKING:
     from bayes_inertia.studies.calibration_result import Calibration
@@ -80,12 +85,14 @@ def show_calibration(calibration: Calibration, folder: Path) -> None:
     from bayes_inertia.studies.calibration import QUANTITIES
 
     console = plain_console()
+    names = ", ".join(f"{name} ({case})" for case, name in calibration.rejected)
+    verdict = f"Posteriors are WRONG in {names}." if names else "No quantity is rejected."
+    rule = f" {calibration.fits} fits, p below {calibration.limit:.1g} would reject."
+    console.print(headed(verdict, rule, style="bold red" if names else "bold green"))
     for case in calibration.cases:
         console.print(f"{case.name} ({case.says}): {len(case.ranks)} fits")
-        table = Table(box=SIMPLE, pad_edge=False, collapse_padding=True)
-        table.add_column("", no_wrap=True)
-        for heading in ("in 50 %", "in 90 %", "in 95 %", "mean z", "mean z²", "p of ranks"):
-            table.add_column(heading, justify="right", no_wrap=True)
+        headings = ("in 50 %", "in 90 %", "in 95 %", "mean z", "mean z²", "p of ranks")
+        table = narrow_table(console, "", *headings)
         for k, name in enumerate(QUANTITIES):
             shares = [f"{100.0 * coverage.share:.1f} %" for coverage in case.coverage(k)]
             z, p = case.z[:, k], case.p_values[k]
@@ -93,11 +100,6 @@ def show_calibration(calibration: Calibration, folder: Path) -> None:
             cells = [f"{z.mean():+.3f}", f"{(z**2).mean():.3f}", f"{p:.2g}{mark}"]
             table.add_row(name, *shares, *cells)
         console.print(table)
-    names = ", ".join(f"{name} ({case})" for case, name in calibration.rejected)
-    verdict = f"Posteriors are WRONG in {names}." if names else "No quantity is rejected."
-    console.print(
-        f"{calibration.fits} fits, p below {calibration.limit:.1g} would reject. {verdict}"
-    )
     if calibration.failures:
         first = calibration.failures[0]
         console.print(f"{len(calibration.failures)} more failed; {first.task}: {first.reason}")

@@ -30,6 +30,7 @@ DriveName = Annotated[
     typer.Option(help="Drive the model with torque commands or with tachometers."),
 ]
 WithReport = Annotated[bool, typer.Option(help="Also write report.html.")]
+OpenPage = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
 Anyway = Annotated[
     bool,
     typer.Option(
