@@ -20,7 +20,7 @@ from bayes_inertia.importing.mapping_schema import (
 )
 from bayes_inertia.importing.questions import refuse_open_questions
 from bayes_inertia.importing.stated_units import with_si_hardware
-from bayes_inertia.importing.time_stamps import FREE_CLOCKS
+from bayes_inertia.tables.time_stamps import FREE_CLOCKS
 
 # Smallest determinant of three axes that do not lie in one plane.
 _INDEPENDENT = 1e-3
