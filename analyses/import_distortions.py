@@ -192,6 +192,7 @@ def _lost(log: RawLog, folder: Path, clean: dict[str, float], said: str) -> dict
     lines = [line for line in said.splitlines() if line and line[0] not in "┏┃┡│└"]
     skipped = ("times count", "written", "next", "  rate_sensor.", "  wheels.", "  star_tracker.")
     notes = [line.strip() for line in lines if not line.startswith(skipped)]
+    notes = [note for note in notes if not note[0].isdigit()]
     return {"lost": lost, "notes": notes}
 
 

@@ -130,6 +130,11 @@ def wraps(log: RawLog, rng: np.random.Generator) -> Distorted:
     return replace(log, clock=clock), f"{name}, after {at:.0f} s"
 
 
+def dates_alone(time: np.ndarray) -> tuple[Columns, dict[str, Any]]:
+    """Dates that do not say of which clock they are."""
+    return {"date": utc_texts(time, FIRST)}, {"names": ["date"], "kind": "utc"}
+
+
 def second_session(log: RawLog, rng: np.random.Generator) -> Distorted:
     """A second session, from a slew on or in the middle of one, starts at zero again."""
     rate = log.streams["rate"].time
@@ -154,7 +159,7 @@ def wrong_clock(log: RawLog, rng: np.random.Generator) -> Distorted:
         return files, entries | {holds: {**entries[holds], "time": said}}
 
     if what != "ms for s":
-        log = replace(log, clock=utc_clock)
+        log = replace(log, clock=dates_alone)
     return replace(log, write=write), f"{holds}, {what}"
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,7 +16,12 @@ from bayes_inertia.files import write_atomically
 WRONG = 4.0
 # Share of a stream's readings that an import may leave out without a word.
 MOST_LOST = 0.05
-_LETTERS = 160  # Of a message.
+_LETTERS = 200  # Of a message.
+# What every verdict of `doctor` begins with, and says of its sds.
+_ALIKE = re.compile(
+    r"^(\w+: (wrong|doubtful) |error: )|The data are (impossible|doubtful) under the stated "
+    r"conventions[: ]*| \(in sds of [\w ,%]+make\)|, in sds of [\w ,%]+make(?=\))"
+)
 Row = dict
 Rows = Sequence[Row]
 
@@ -43,9 +49,9 @@ def silent(row: Row) -> bool:
 
 
 def _said(row: Row, holds: str) -> bool:
-    """Whether the import has a note on a stream, or on all of them, or `doctor` doubts."""
-    notes = [note for note in row["notes"] if note.startswith((f"{holds}:", "left out"))]
-    return bool(notes) or row["doctor"] in ("wrong", "doubtful")
+    """Whether the import has a note on a stream, or says what of the log is no slew."""
+    called = (f"{holds}:", f"{holds.replace('momentum', 'speed')}:", "left out,")
+    return any(note.startswith(called) for note in row["notes"])
 
 
 def outcome(row: Row) -> str:
@@ -83,6 +89,10 @@ def _introduction(seed: int) -> list[str]:
         "quoted sds from the truth. *Off* is the largest distance of nine in quoted sds; of the "
         "undistorted log it is 1.6. *Lost* is the largest share of a stream's readings that the "
         "campaign lacks.",
+        "",
+        "One factor common to the tachometers of all wheels is a factor of J. Within the prior "
+        "nothing can tell it but the commands, whose gain may be off as well; such cases are "
+        "counted by themselves.",
     ]
 
 
@@ -166,5 +176,5 @@ def _message(row: Row) -> str:
 
 
 def _short(text: str) -> str:
-    text = text.replace("|", "/").replace("*", "\\*")
+    text = _ALIKE.sub("", text).replace("|", "/").replace("*", "\\*")
     return text if len(text) <= _LETTERS else f"{text[:_LETTERS]} ..."
