@@ -60,9 +60,9 @@ def known_offset(
             break
         for seconds in (-size, size):
             moved = times + seconds
-            inside = sum(((moved >= start) & (moved <= end)).sum() for start, end in spans)
+            inside = sum(int(((moved >= a) & (moved <= b)).sum()) for a, b in spans)
             if inside > most:
-                best, most = (seconds, why, int(inside)), inside
+                best, most = (seconds, why, inside), inside
     return best
 
 

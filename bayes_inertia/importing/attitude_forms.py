@@ -171,7 +171,7 @@ def standing_mark(quaternions: np.ndarray, time: np.ndarray) -> np.ndarray:
     [False, True, False, True, False, True]
     """
     marks = np.zeros(len(time), dtype=bool)
-    rows = np.flatnonzero(np.isfinite(quaternions).all(axis=1))
+    rows = np.flatnonzero(np.isfinite(quaternions).all(axis=1) & np.isfinite(time))
     q, steps = quaternions[rows], np.diff(time[rows])
     usual = 1.5 * float(np.median(steps)) if len(steps) else 0.0
     _, first, counts = np.unique(q @ _KEY, return_index=True, return_counts=True)

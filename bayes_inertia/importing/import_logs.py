@@ -186,7 +186,9 @@ def _saying_beside(logs: Logs, cut: SlewCut) -> dict[str, LoggedStream]:
 def _beside(
     stream: LoggedStream, rate: LoggedStream, spans: Sequence[tuple[float, float]]
 ) -> tuple[str, ...]:
-    """A note if more than 5 % of a stream's readings lie where no rate was logged."""
+    """A note if a stream has hardly a reading, or 5 % of them where no rate was logged."""
+    if stream.holds in _MEASURED and len(stream.time) < 2 * len(spans):
+        return (f"readings in all slews: {len(stream.time)}; was it off, or the export cut?",)
     start, end = np.array(spans).T[..., None]
     inside = ((stream.time >= start) & (stream.time <= end)).any(axis=0)
     after = np.clip(np.searchsorted(rate.time, stream.time), 1, len(rate.time) - 1)

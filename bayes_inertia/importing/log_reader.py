@@ -192,9 +192,7 @@ def _read_part(part: MappedStream, table: RawTable, where: str) -> FileShare:
             where=f"{table.label}, column {', '.join(part.time.names or table.time_names)}",
             advice="export the times with the readings, or name the column that holds them",
         )
-    return FileShare(
-        part, table.label, stamps, values, read.rounding, tuple(notes), table.lines
-    )
+    return FileShare(part, table.label, stamps, values, read.rounding, tuple(notes), table.lines)
 
 
 def _refuse_no_reading(part: MappedStream, shares: Sequence[FileShare], where: str) -> None:

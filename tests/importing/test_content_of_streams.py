@@ -152,6 +152,12 @@ def test_tachometers_that_never_change_propose_no_noise(tmp_path, columns):
     assert "wheels.x.momentum_sigma" not in noises(campaign)
 
 
+def test_one_reading_of_a_tachometer_is_said(tmp_path, columns):
+    columns["speed"][1:] = np.nan
+    (*_, stream) = imported(tmp_path, columns, more=SPEEDS).logs.streams.values()
+    assert stream.notes == ("readings in all slews: 1; was it off, or the export cut?",)
+
+
 @pytest.mark.parametrize("step", [0.02, 0.1])  # [deg/s]; the first hides its noise, 0.006 deg/s
 def test_no_noise_below_the_rounding_of_rates_is_proposed(tmp_path, columns, step):
     for name in RATES:
