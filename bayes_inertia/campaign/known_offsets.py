@@ -53,13 +53,17 @@ def known_offset(
     >>> known_offset(np.array([3605.0, 3690.0]), [(0.0, 99.0)])
     (-3600.0, '1 h, as of a time zone', 2)
     """
+    best, most = None, _MOST * len(times)
     for size, why in likely_offsets():
+        # Several scales may do, of which the best is meant; zones come after them.
+        if best is not None and size not in KNOWN_OFFSETS:
+            break
         for seconds in (-size, size):
             moved = times + seconds
-            inside = sum(((moved >= start) & (moved <= end)).sum() for start, end in spans)
-            if inside > _MOST * len(times):
-                return seconds, why, int(inside)
-    return None
+            inside = sum(int(((moved >= a) & (moved <= b)).sum()) for a, b in spans)
+            if inside > most:
+                best, most = (seconds, why, inside), inside
+    return best
 
 
 def likely_offsets() -> Iterator[tuple[float, str]]:

@@ -24,7 +24,7 @@ from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE, LawData
 from bayes_inertia.conventions.linear_fit import fitted, worst
 from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.reading import Reading
-from bayes_inertia.conventions.sampled_slews import sampled
+from bayes_inertia.conventions.sampled_slews import SampledSlews, sampled
 from bayes_inertia.conventions.search import Remedy
 
 Columns = Mapping[str, Mapping[str, Any]]
@@ -43,6 +43,8 @@ _CHANNEL = {
 }
 # This share of the readings must lie beside the rates with an offset that is proposed.
 _MOST = 0.8
+# And this share of the motion must be left to be judged: streams overlap less once they are moved.
+_MOTION_LEFT = 0.5
 _EFFECT = {
     CLOSURE: "star_tracker_time_offset or rate_sensor_delay",
     CONSERVATION: "rate_sensor_delay",
@@ -153,6 +155,7 @@ def known_offsets(misfits: Misfits, reading: Reading, columns: Columns) -> tuple
     campaign, laws = misfits.campaign, misfits.of(reading)
     before = worst(laws)
     fixes = sum(min(int(slew.fixes.sum()), limits.FIXES_PER_SLEW) for slew in campaign.slews)
+    turned = _turned(misfits.slews)
     entries = [entry for entry in _CHANNEL if entry in columns]
     wheels = [entry for entry in entries if entry.startswith("wheel")]
     longest = max(slew.duration for slew in campaign.slews)
@@ -162,7 +165,10 @@ def known_offsets(misfits: Misfits, reading: Reading, columns: Columns) -> tuple
             for seconds in (-offset, offset) if offset < longest else ():
                 shifts = {_CHANNEL[entry][0]: seconds for entry in streams}
                 slews = sampled(campaign, shifts)
-                if slews is None or slews.fixes.sum() < _MOST * fixes:
+                least = _MOST * fixes if streams == ["attitude"] else 0.0
+                if slews is None or slews.fixes.sum() < least:
+                    continue
+                if _turned(slews) < _MOTION_LEFT * turned:
                     continue
                 fits = Misfits(campaign, slews).of(reading)
                 after = worst(fits)
@@ -173,6 +179,11 @@ def known_offsets(misfits: Misfits, reading: Reading, columns: Columns) -> tuple
                     found.append(Remedy(mistake, before, after))
     best = min((remedy.after for remedy in found), default=0.0)
     return tuple(r for r in found if r.after <= limits.EQUAL_FACTOR * best + limits.EQUAL_MISFIT)
+
+
+def _turned(slews: SampledSlews) -> float:
+    """What the rates of all slews add up to [rad]."""
+    return float(np.linalg.norm(slews.turn[:, -1], axis=-1).sum())
 
 
 def streams_apart(campaign: Campaign, columns: Columns) -> tuple[str, ...]:

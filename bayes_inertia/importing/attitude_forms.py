@@ -28,6 +28,10 @@ COLUMNS_OF_FORM = {"quaternion": 4, "euler": 3, "dcm": 9, "mrp": 3}
 _CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
 # Largest element of M M^T - 1 of a matrix that counts as a rotation.
 _NOT_ORTHOGONAL = 1e-3
+# A jump between two rows that no body makes, if it comes back to the very same attitude [rad].
+_JUMP = 0.1
+# So many of the attitudes that stand most often are looked at, told apart by such a sum of theirs.
+_MOST_COMMON, _KEY = 4, np.array([1.0, np.pi, np.e, np.sqrt(2.0)])
 # Rows looked at for what rounding does to an attitude.
 _ROWS_OF_ROUNDING = 50
 
@@ -140,6 +144,49 @@ def without_solution(
     }[convention.form]
     same = (values == values[:, :1]).all(axis=1)
     return marked.all(axis=1) | (same & impossible)
+
+
+def standing_mark(quaternions: np.ndarray, time: np.ndarray) -> np.ndarray:
+    """Rows whose attitude is a mark of "no solution", such as 0 0 0 1.
+
+    To one and the same attitude, to the last digit, the rows jump again and again and back.
+
+    Parameters
+    ----------
+    quaternions : (n, 4) array
+        Attitudes; NaN throughout a row without a fix.
+    time : (n,) array
+        Their times [s].
+
+    Returns
+    -------
+    (n,) array of bool
+        Which rows hold no fix.
+
+    Examples
+    --------
+    >>> rows = np.array([[0.6, 0.0, 0.0, 0.8], [0.0, 0.0, 0.0, 1.0]] * 3)
+    >>> rows[::2, 0] += 1e-6 * np.arange(3)
+    >>> standing_mark(rows, np.arange(6.0)).tolist()
+    [False, True, False, True, False, True]
+    """
+    marks = np.zeros(len(time), dtype=bool)
+    rows = np.flatnonzero(np.isfinite(quaternions).all(axis=1) & np.isfinite(time))
+    q, steps = quaternions[rows], np.diff(time[rows])
+    usual = 1.5 * float(np.median(steps)) if len(steps) else 0.0
+    _, first, counts = np.unique(q @ _KEY, return_index=True, return_counts=True)
+    for row in first[np.argsort(-counts)[:_MOST_COMMON]]:
+        same = (q == q[row]).all(axis=1)
+        # After a pause a body may be anywhere.
+        borders = np.flatnonzero((same[1:] != same[:-1]) & (steps < usual))
+        others = np.where(same[borders, None], q[borders + 1], q[borders])
+        jumps = np.abs(others @ q[row]) < np.cos(0.5 * _JUMP)
+        again = int((same[1:] & ~same[:-1]).sum() + same[0]) > 1
+        # Of two that stand still, the one beside several others is the mark.
+        if again and len(borders) > 1 and jumps.all() and np.any(others != others[0]):
+            marks[rows[same]] = True
+            break
+    return marks
 
 
 def rounding_of_attitudes(

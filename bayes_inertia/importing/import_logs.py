@@ -27,7 +27,7 @@ from bayes_inertia.importing.imported_folder import (
     zero_of_clock,
 )
 from bayes_inertia.importing.log_reader import read_logs
-from bayes_inertia.importing.logged_stream import LoggedStream
+from bayes_inertia.importing.logged_stream import MOST_LEFT_OUT, LoggedStream
 from bayes_inertia.importing.mapped_lines import RECORD_FILE
 from bayes_inertia.importing.mapping import parse_mapping, streams_that_hold
 from bayes_inertia.importing.mapping_schema import MappingPart
@@ -117,6 +117,7 @@ def import_logs(
     cut = cut_into_slews(logs, parsed, label)
     for stream in written.streams.values():
         _refuse_outside(stream, cut, parsed, label)
+    logs = replace(logs, streams=_saying_beside(logs, cut))
     say("measuring the noise at rest", 0, 0)
     noises = rest_noise(logs, cut.scan, parsed)
     _require_noises(parsed, noises, label)
@@ -180,6 +181,38 @@ def _refuse_outside(stream: LoggedStream, cut: SlewCut, mapping: MappingPart, la
         where=f"{label}, key streams.{stream.holds}.offset_s",
         advice=advice,
     )
+
+
+def _saying_beside(logs: Logs, cut: SlewCut) -> dict[str, LoggedStream]:
+    """Streams with a note where many of their readings lie beside all rates."""
+    spans = [(window.start, window.end) for window in cut.windows]
+    rate = logs.streams["rate"]
+    notes = {key: _beside(stream, rate, spans) for key, stream in logs.streams.items()}
+    return {
+        key: replace(stream, notes=(*stream.notes, *notes[key]))
+        for key, stream in logs.streams.items()
+    }
+
+
+def _beside(
+    stream: LoggedStream, rate: LoggedStream, spans: Sequence[tuple[float, float]]
+) -> tuple[str, ...]:
+    """A note if a stream has hardly a reading, or 5 % of them where no rate was logged."""
+    if stream.holds in _MEASURED and len(stream.time) < 2 * len(spans):
+        return (f"readings in all slews: {len(stream.time)}; was it off, or the export cut?",)
+    start, end = np.array(spans).T[..., None]
+    inside = ((stream.time >= start) & (stream.time <= end)).any(axis=0)
+    after = np.clip(np.searchsorted(rate.time, stream.time), 1, len(rate.time) - 1)
+    away = np.abs(stream.time - rate.time[[after - 1, after]]).min(axis=0)
+    count = len(stream.time)
+    beside = int((~inside & (away > 2.0 * (rate.step + stream.step))).sum())
+    if beside <= max(1.0, MOST_LEFT_OUT * count):
+        return ()
+    note = f"{beside} of {count} readings lie where no rate was logged and are left out"
+    known = known_offset(stream.time, spans)
+    if known is not None and known[2] > (1.0 - MOST_LEFT_OUT) * count:
+        note += f"; {known[2]} lie in a slew with {known[0]:+.9g} s in offset_s ({known[1]})"
+    return (note,)
 
 
 def _read_back(

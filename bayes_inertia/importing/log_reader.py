@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.importing.attitude_forms import standing_mark
 from bayes_inertia.importing.common_clock import Logs, on_one_clock
 from bayes_inertia.importing.file_share import SHARED_ZERO, ZERO_OF_FILE, FileShare
 from bayes_inertia.importing.mapping_schema import (
@@ -181,16 +182,23 @@ def _read_part(part: MappedStream, table: RawTable, where: str) -> FileShare:
     stamps = _stamps(table, part.time, where)
     notes = list(table.notes)
     read = readings_of(part, table, where)
+    values = read.values
     notes += [f"{table.label}: {note}" for note in read.notes]
+    if isinstance(part, AttitudeStream):
+        marks = standing_mark(values, stamps.seconds_since(stamps.first_ns))
+        values = np.where(marks[:, None], np.nan, values)
+        if marks.any():
+            notes.append(
+                f"{table.label}: {marks.sum()} rows, as row {np.argmax(marks) + 1}, hold one "
+                "attitude to which others jump and back: no fix"
+            )
     if stamps.missing.all() and len(stamps.missing):
         raise CampaignError(
             "every cell is empty",
             where=f"{table.label}, column {', '.join(part.time.names or table.time_names)}",
             advice="export the times with the readings, or name the column that holds them",
         )
-    return FileShare(
-        part, table.label, stamps, read.values, read.rounding, tuple(notes), table.lines
-    )
+    return FileShare(part, table.label, stamps, values, read.rounding, tuple(notes), table.lines)
 
 
 def _refuse_no_reading(part: MappedStream, shares: Sequence[FileShare], where: str) -> None:

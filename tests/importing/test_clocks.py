@@ -169,6 +169,27 @@ def test_a_stream_outside_every_slew_is_told_with_the_offset_that_explains_it(
     assert_teaches(error, ["streams.attitude.offset_s", said, f"offset_s = {-offset:g} ("])
 
 
+@pytest.mark.parametrize("offset", [37.0, -32.184])
+def test_readings_beside_all_rates_are_counted_and_the_offset_is_named(tmp_path, columns, offset):
+    commands = {**columns, "t_ms": columns["t_ms"] + 1e3 * offset}
+    files = [write_csv(tmp_path / "log_a.csv", columns), write_csv(tmp_path / "u.csv", commands)]
+    of_commands = ('_torque"\nfiles = ["log*.csv"]', '_torque"\nfiles = ["u.csv"]')
+    notes = imported(tmp_path, {}, of_commands, files=files).logs.streams["wheel_torque"].notes
+    assert "readings lie where no rate was logged and are left out" in notes[-1]
+    assert f"220 lie in a slew with {-offset:+g} s in offset_s" in notes[-1]
+
+
+def test_rates_that_end_early_are_said_of_the_other_streams(tmp_path, columns):
+    rates = {name: cells[:195] for name, cells in columns.items()}
+    files = [write_csv(tmp_path / "log_a.csv", columns), write_csv(tmp_path / "w.csv", rates)]
+    of_rates = ('"rate"\nfiles = ["log*.csv"]', '"rate"\nfiles = ["w.csv"]')
+    streams = imported(tmp_path, {}, of_rates, files=files).logs.streams
+    for holds in ("wheel_torque", "attitude"):
+        assert streams[holds].notes == (
+            "21 of 220 readings lie where no rate was logged and are left out",
+        )
+
+
 def test_offsets_of_time_scales_are_tried_by_name():
     for size, why in ((18.0, "GPS"), (69.184, "TT is ahead of UTC"), (3618.0, "GPS")):
         known = known_offset(np.array([0.1, 5.0, 9.9]) + size, [(0.0, 10.0)])
