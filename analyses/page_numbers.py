@@ -17,6 +17,7 @@ import pandas as pd
 from conventions_page import DIRTY
 from dirt_page import wrong as trusted_and_wrong
 from naming_page import in_a_set, nameless
+from observability_cases import CRAFT, RATES
 from quoted_sd_page import CANDIDATES, held
 from reliability import campaign_of, reliability
 from remainder_page import coverage_of
@@ -286,6 +287,35 @@ def machine() -> Iterator[tuple[str, str]]:
     yield "engine.killed_fits", f"{engine['kills']['fits']}"
 
 
+def flying() -> Iterator[tuple[str, str]]:
+    """Forecasts: the worst element of J against rate, gyro noise and fixes."""
+    shared, own = content("cross_terms"), content("before_you_fly")
+    curves = shared["curves"]["tachometers, misalignment known"]
+    by_rate = dict(zip(RATES.tolist(), np.array(curves["rate"])[:, :6].max(1), strict=True))
+    by_noise = dict(zip(own["gyro_sigma"], np.array(own["by_noise"])[:, :6].max(1), strict=True))
+    by_fixes = dict(zip(own["fixes"], np.array(own["by_fixes"])[:, :6].max(1), strict=True))
+    usual = CRAFT.rate_sensor.sigma[0]
+    yield "fly.rate_gain", f"{by_rate[0.1] / by_rate[0.5]:.0f}"
+    yield "fly.fast_gain", f"{by_rate[0.5] / by_rate[2.0]:.1f}"
+    yield "fly.quiet_gain", f"{by_noise[usual] / by_noise[min(by_noise)]:.0f}"
+    yield "fly.loud_loss", f"{by_noise[max(by_noise)] / by_noise[usual]:.0f}"
+    yield "fly.fixes_gain", f"{by_fixes[1] / by_fixes[12]:.1f}"
+    lost = [shared["lost"][key] for key in sorted(shared["lost"])]
+    yield "fly.start_low", f"{min(lost):.0f}"
+    yield "fly.start_high", f"{max(lost):.0f}"
+    without = np.array(shared["curves"]["no tachometers"]["rate"])[:, 3:6].max(1)
+    known = np.array(curves["rate"])[:, 3:6].max(1)
+    yield "fly.no_tachometers", f"{(without / known)[RATES == 1.0][0]:.0f}"
+
+
+def installation() -> Iterator[tuple[str, str]]:
+    """Disk space."""
+    sizes = content("install_size")
+    largest = sorted(sizes, key=sizes.__getitem__, reverse=True)[:3]
+    yield "install.gigabytes", f"{sum(sizes.values()) / 1e9:.1f}"
+    yield "install.largest", ", ".join(f"{name} {sizes[name] / 1e6:.0f} MB" for name in largest)
+
+
 def random_walk() -> Iterator[tuple[str, str]]:
     """A gyro whose bias walks."""
     found = rows("random_walk")
@@ -320,6 +350,8 @@ GROUPS: tuple[Callable[[], Iterator[tuple[str, str]]], ...] = (
     throws,
     machine,
     random_walk,
+    flying,
+    installation,
 )
 
 

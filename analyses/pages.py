@@ -3,7 +3,7 @@
     python analyses/pages.py [--check]
 
 A page marks a number with its name, `<!--=NAME-->TEXT<!--/-->`; the text between is written anew.
-Pages stay plain Markdown, here and where the code is hosted. `tests/docs/test_numbers.py` fails
+Pages stay plain Markdown, here and where the code is hosted. `tests/analyses/test_pages.py` fails
 where a page is stale.
 """
 
