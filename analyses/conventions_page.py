@@ -42,7 +42,7 @@ def page(rows: Sequence[Row]) -> str:
     timed = [row for row in rows if row["part"] == "time"]
     seconds = sum(row["seconds"] for row in rows if row["part"] == "cost")
     parts = [
-        "# Conventions: named where wrong, silent where right",
+        "# Wrong conventions",
         "`python analyses/conventions_study.py` measures and `analyses/conventions_page.py` writes "
         "this page. A wrong convention counts as "
         "named if the first change that `doctor` proposes mends it, key and value. Which campaigns "

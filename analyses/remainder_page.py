@@ -69,7 +69,7 @@ def _lines(rows: Sequence[dict]) -> list[str]:
     hidden = [row for row in rows if row["kind"] != "clean"]
     seconds = np.array([row["seconds"] for row in rows])
     return [
-        "# Do J and K stay right when something without a name is missing?",
+        "# J and K when something without a name is missing",
         "",
         "Made by `python analyses/remainder_study.py`. Five slews of another simulator with a",
         "disturbance from outside the library, fitted at the optimum (Laplace approximation).",

@@ -1,4 +1,4 @@
-"""Numbers of pages are those of committed results: marked, up to date, and none beside the marks."""
+"""Numbers of pages are those of committed results: marked, up to date, and no others."""
 
 from __future__ import annotations
 
