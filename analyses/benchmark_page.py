@@ -88,7 +88,7 @@ def history_page(rows: Sequence[Mapping[str, str]]) -> str:
     """The rows of the table that remembers."""
     lines = [
         "",
-        "# Remembered",
+        "## Earlier runs",
         "",
         "`benchmark_history.csv` gets a row of ratios with every run of `python "
         "analyses/benchmark.py`; here are the last.",

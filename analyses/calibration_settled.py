@@ -108,7 +108,7 @@ def page(results: dict[str, dict]) -> str:
         ]
         for name, of_plan in results.items()
     ]
-    lines = ["# Is there a fault of two per cent in the sds?", ""]
+    lines = ["# Are the sds wrong by two per cent?", ""]
     lines += [f"Version {__version__}; `python analyses/calibration_settled.py`.", ""]
     lines += [*(__doc__ or "").split("\n\n")[2].splitlines(), ""]
     lines += [*table_lines(head, rows), ""]

@@ -86,7 +86,7 @@ def page(
     """All that was measured; the fleet needs the costs of rows and of fits."""
     fleet = fits is not None and any(cost.size for cost in costs)
     lines = [
-        "# The engine of studies under fire, and what it costs",
+        "# Many fits: what they cost, and what a kill does to them",
         "",
         "Made by `python analyses/engine_study.py` on two cores shared with ten processes "
         "and more: processor times and ratios hold elsewhere, times on the clock do not.",
