@@ -112,8 +112,10 @@ def read_unmasked(path: str | Path, *, keep_commands: bool = False) -> Campaign:
             raise error.inside(str(description)) from None
         slews += parts
         dirt += located(records + unknown, parts)
+    mission = () if parsed.mission is None else parsed.mission.model_dump(exclude_none=True).items()
+    names = {"name": parsed.name, "mission": tuple(mission)}
     try:
-        return Campaign(name=parsed.name, slews=tuple(slews), dirt=tuple(dirt), **hardware)
+        return Campaign(slews=tuple(slews), dirt=tuple(dirt), **names, **hardware)
     except CampaignError as error:
         raise error.inside(str(description)) from None
 

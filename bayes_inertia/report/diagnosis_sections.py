@@ -100,7 +100,7 @@ def _disagreement_pictures(content: Mapping[str, Any]) -> list[Picture]:
         f"all places looked at counted.{which}"
     )
     figure = draw_disagreement(before, content["disagreement"], starts)
-    pictures = [Picture(figure, caption, "Map of residuals of the base model", dense=True)]
+    pictures = [Picture(figure, caption, "Map of residuals of the base model")]
     if after is not None:
         left = content["disagreement_after"]
         framed = (
@@ -111,7 +111,7 @@ def _disagreement_pictures(content: Mapping[str, Any]) -> list[Picture]:
         figure = draw_disagreement(after, left, starts)
         caption = f"The same {with_what(content)}. {framed}"
         alt = f"Map of residuals {with_what(content)}"
-        pictures.append(Picture(figure, caption, alt, dense=True))
+        pictures.append(Picture(figure, caption, alt))
     return pictures
 
 
@@ -266,7 +266,7 @@ def _unknown_section(content: Mapping[str, Any]) -> Section | None:
         "Fast wiggles inside the band mean nothing."
     )
     alt = "Equivalent torque over time, slew by slew"
-    pictures = [Picture(draw_signal(content["pictures"]["torque"]), caption, alt, dense=True)]
+    pictures = [Picture(draw_signal(content["pictures"]["torque"]), caption, alt)]
     other_source = content["pictures"]["other"]
     if other_source is not None:
         source = other_source["source"]
@@ -275,7 +275,7 @@ def _unknown_section(content: Mapping[str, Any]) -> Section | None:
             f"{source}, as an error over time with its band of two sd."
         )
         alt = f"Error of the {source} over time"
-        pictures.append(Picture(draw_signal(other_source), caption, alt, dense=True))
+        pictures.append(Picture(draw_signal(other_source), caption, alt))
     context = {"rows": _unknown_rows(unknown)}
     return Section("What nothing explains", packaged("settings.html"), context, tuple(pictures))
 

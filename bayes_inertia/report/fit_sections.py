@@ -156,7 +156,6 @@ def gates_section(posterior: Posterior) -> Section:
         "Middle: how each ensemble's draws rank among all draws; the grey band holds 99 % "
         "of the steps if all ensembles sample the same distribution. Right: log posterior.",
         "Traces and rank histograms of the ensembles",
-        dense=True,
     )
     return Section("Gates", packaged("gates.html"), context, (picture,))
 

@@ -56,7 +56,6 @@ def parameters_section(posterior: Posterior) -> Section:
         "and the grey strip above it shows the prior over ±3 sd "
         "with the posterior's place as a blue mark; elsewhere prior and posterior share the axis.",
         "Prior and posterior densities of every parameter",
-        dense=True,
     )
     derived = summary["derived"]
     moments = exponents_of(derived)
@@ -127,7 +126,6 @@ def determination_section(posterior: Posterior) -> Section:
         "Numbers: correlations, framed beyond ±0.9."
         f"{only_some if len(names) > _MOST_PARAMETERS_DRAWN else ''}",
         "Pair plot of the posterior with correlations",
-        dense=True,
     )
     context = {
         "groups": names_by_determination(rows, criteria_of(posterior.attributes)),

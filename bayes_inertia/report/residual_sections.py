@@ -120,7 +120,7 @@ def telemetry_section(posterior: Posterior) -> Section | None:
             f"Patterns in time mean that something is missing from the model.{which}"
         )
         alt = "Measured and simulated rates with residuals, slew by slew"
-        pictures.append(Picture(figure, caption, alt, dense=True))
+        pictures.append(Picture(figure, caption, alt))
     if (figure := draw_momentum(posterior, slews)) is not None:
         caption = (
             "Wheel momentum: measured minus simulated in stated sigmas of the tachometers, "
@@ -165,5 +165,5 @@ def star_tracker_section(posterior: Posterior) -> Section | None:
         "Below: the same in stated sigmas of the star tracker, with guides at ±1, 2 and 3."
     )
     alt = "Attitude misfit before and after each slew"
-    picture = Picture(figure, caption, alt, dense=True)
+    picture = Picture(figure, caption, alt)
     return Section(title, "", {}, (picture,))
