@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,24 @@ def write_json(path: Path, content: Mapping[str, Any]) -> Path:
         If it cannot be written.
     """
     return write_atomically(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
+def origin(campaign: Path) -> dict[str, str]:
+    """When a result is made, and of which folder: what its page says of its origin.
+
+    Parameters
+    ----------
+    campaign : Path
+        The campaign's folder, or its description.
+
+    Returns
+    -------
+    dict of str to str
+        `date` (UTC) and `data`.
+    """
+    place = campaign.resolve()
+    name = place.parent.name if place.is_file() else place.name
+    return {"date": datetime.now(UTC).date().isoformat(), "data": name}
 
 
 @dataclass(frozen=True)

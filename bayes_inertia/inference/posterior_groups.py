@@ -118,6 +118,8 @@ def build_posterior(
         tree["signal"][effect.name].attrs.update(_signal_words(effect))
     attributes = {"campaign": campaign.name, "seed": seed} | context.attributes()
     attributes |= _attributes(estimate, chains, context)
+    if campaign.mission:
+        attributes["mission"] = dict(campaign.mission)
     tree.attrs = {"format": FORMAT, "bayes_inertia": json.dumps(attributes)}
     return Posterior(tree)
 

@@ -128,7 +128,7 @@ def telemetry_section(posterior: Posterior) -> Section | None:
             f"gain, lag or friction would show here as a pattern.{which}"
         )
         alt = "Residuals of wheel momentum, slew by slew"
-        pictures.append(Picture(figure, caption, alt, dense=True, instead_of_script=True))
+        pictures.append(Picture(figure, caption, alt, instead_of_script=True))
     if not pictures:
         return None
     return Section(
