@@ -376,19 +376,19 @@ def alike_sentences(content: Mapping[str, Any], max_pairs: int = 8) -> list[str]
     Examples
     --------
     >>> alike_sentences({"alike": [{"effects": ["a_b", "c"], "correlation": 0.9}]})
-    ['A b and c can imitate each other (canonical correlation 0.90).']
+    ['A b and c look alike in this campaign (correlation 0.90).']
     """
     limit = rules_of(content)["imitation_correlation"]
     if not content["alike"]:
         return [
-            f"No two candidates can imitate each other beyond a canonical correlation of {limit:g}."
+            f"No two candidates look alike in this campaign beyond a correlation of {limit:g}."
         ]
     sentences = []
     for pair in content["alike"][:max_pairs]:
         first, second = (plain(name) for name in pair["effects"])
         sentences.append(
-            f"{first.capitalize()} and {second} can imitate each other "
-            f"(canonical correlation {pair['correlation']:.2f})."
+            f"{first.capitalize()} and {second} look alike in this campaign "
+            f"(correlation {pair['correlation']:.2f})."
         )
     if len(content["alike"]) > max_pairs:
         sentences.append(

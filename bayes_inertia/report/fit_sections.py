@@ -14,7 +14,6 @@ from bayes_inertia.report.pictures.chains import draw_chains
 from bayes_inertia.report.pictures.posterior_data import n_slews
 from bayes_inertia.report.residual_sections import (
     residuals_section,
-    star_tracker_section,
     telemetry_section,
 )
 from bayes_inertia.report.result_section import result_sections
@@ -55,7 +54,6 @@ def standard_sections(
         *(diagnosis_sections(diagnosis) if diagnosis else ()),
         residuals_section(posterior),
         telemetry_section(posterior),
-        star_tracker_section(posterior),
         signals_section(posterior),
         dirt_section(posterior),
         determination_section(posterior),

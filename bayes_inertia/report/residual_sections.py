@@ -97,7 +97,7 @@ def telemetry_section(posterior: Posterior) -> Section | None:
     Returns
     -------
     Section or None
-        One or two pictures; None where neither rates nor momenta were predicted.
+        None where nothing was predicted.
     """
     slews, total = worst_slews(posterior, _MOST_SLEWS_DRAWN), n_slews(posterior)
     which = ""
@@ -129,6 +129,7 @@ def telemetry_section(posterior: Posterior) -> Section | None:
         )
         alt = "Residuals of wheel momentum, slew by slew"
         pictures.append(Picture(figure, caption, alt, instead_of_script=True))
+    pictures += _star_tracker_picture(posterior)
     if not pictures:
         return None
     return Section(
@@ -139,24 +140,11 @@ def telemetry_section(posterior: Posterior) -> Section | None:
         packaged("residual_explorer.js"),
     )
 
-
-def star_tracker_section(posterior: Posterior) -> Section | None:
-    """Measured against predicted attitude.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    Section or None
-        One picture; None without star-tracker fixes.
-    """
+def _star_tracker_picture(posterior: Posterior) -> list[Picture]:
+    """Measured against predicted attitude; nothing without star-tracker fixes."""
     figure = draw_attitude(posterior)
     if figure is None:
-        return None
-    title = "Attitude before and after each slew"
+        return []
     caption = (
         "Measured minus predicted attitude as small rotations about the body axes: "
         "small marks are single fixes, "
@@ -164,6 +152,4 @@ def star_tracker_section(posterior: Posterior) -> Section | None:
         "Right: after the slew, where errors of J and K would have grown into angles. "
         "Below: the same in stated sigmas of the star tracker, with guides at ±1, 2 and 3."
     )
-    alt = "Attitude misfit before and after each slew"
-    picture = Picture(figure, caption, alt)
-    return Section(title, "", {}, (picture,))
+    return [Picture(figure, caption, "Attitude misfit before and after each slew", folded=True)]
