@@ -108,6 +108,7 @@ def design_json(
         "random_plans": design.random_plans,
         "expected_sd": design.sd,
         "reference_sd": design.reference_sd,
+        "sd_before": design.sd_before,
         "plan": contender_json(designed),
         "reference": contender_json(reference),
         "margins": [_margin_row(m) for m in design.margins],

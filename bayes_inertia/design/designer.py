@@ -63,6 +63,10 @@ class Design:
         see `expected_sd`.
     reference_sd : dict of str to float
         The same for `reference`.
+    sd_before : dict of str to float
+        {parameter: sd} before the plan is flown: of the prior, or of the campaign that counts.
+    units : dict of str to str
+        {parameter: unit of its sds}.
     margins : tuple of Margin
         What the planned motion leaves of every limit.
     flown : tuple of Margin
@@ -86,6 +90,8 @@ class Design:
     random_plans: int
     sd: dict[str, float]
     reference_sd: dict[str, float]
+    sd_before: dict[str, float]
+    units: dict[str, str]
     margins: tuple[Margin, ...]
     flown: tuple[Margin, ...]
     active: tuple[str, ...]
@@ -262,7 +268,7 @@ def _judged(
     problem, limits = setup.problem, setup.limits
     flights = [fly(plan, mission, seed + i) for i, mission in enumerate(setup.missions)]
     x, x_reference = (problem.variables(slew_arrays(p)) for p in (plan, setup.reference))
-    slacks = problem.least_slacks(x)
+    slacks, layout = problem.least_slacks(x), problem.forecast.layout
     return Design(
         plan=plan,
         goal=problem.goal,
@@ -275,6 +281,8 @@ def _judged(
         random_plans=len(feasible),
         sd=problem.parameter_sd(x),
         reference_sd=problem.parameter_sd(x_reference),
+        sd_before=problem.sd_before(),
+        units=dict(zip(layout.names, layout.units, strict=True)),
         margins=planned_margins(plan, setup.missions[0].spacecraft, limits),
         flown=_tightest([flown_margins(flight, limits) for flight in flights]),
         active=tuple(name for name, slack in slacks.items() if slack < _ACTIVE_SLACK),

@@ -62,14 +62,15 @@ class ForecastLayout:
     ----------
     structure : Structure
         Of the model that will be fitted.
-    names : tuple of str
-        Its d parameters.
+    names, units : tuple of str
+        Of its d parameters.
     times : PlanTimes
         The times that the slews share [s].
     """
 
     structure: Structure
     names: tuple[str, ...]
+    units: tuple[str, ...]
     times: PlanTimes
 
     def slice_of(self, effect: str) -> tuple[int, int]:
@@ -158,7 +159,8 @@ def prepare_forecast(plan: Plan, mission: Mission, effects: tuple[Effect, ...] =
     )
     sd = model.space.sd
     structure = replace(model.structure, refined=False)
-    layout = ForecastLayout(structure, model.space.names, plan_times(plan))
+    space = model.space
+    layout = ForecastLayout(structure, space.names, space.units, plan_times(plan))
     prior = np.diag(np.concatenate([sd**-2.0, np.ones(N_BIAS)]))
     start = plan_start(plan, len(campaign.wheels))
     return Forecast(layout, ForecastArrays(conditions, start, sd, prior))

@@ -30,6 +30,7 @@ from bayes_inertia.design.information_matrix import expected_covariance
 from bayes_inertia.design.plan_arrays import SlewArrays
 from bayes_inertia.design.planned_motion import motion_of_slews
 from bayes_inertia.maths import quaternion
+from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.maths.values import AnyArray, array_dataclass
 
 # Plans that one call of compiled code scores.
@@ -150,6 +151,18 @@ class PlanProblem:
         """
         sd = self.score(x[None])[2][0]
         return dict(zip(self.forecast.layout.names, sd.tolist(), strict=True))
+
+    def sd_before(self) -> dict[str, float]:
+        """Sds of all parameters before the plan is flown, in their units.
+
+        Returns
+        -------
+        dict of str to float
+            {parameter: sd}: of the prior, or of the fit of a campaign that counts.
+        """
+        names = self.forecast.layout.names
+        covariance = inverse(np.asarray(self.forecast.arrays.prior))
+        return dict(zip(names, np.sqrt(np.diag(covariance)).tolist(), strict=False))
 
     def score(
         self, x: np.ndarray, truth: int = 0

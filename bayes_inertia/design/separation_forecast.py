@@ -114,9 +114,8 @@ def forecast_separation(estimate: Estimate, a: Effect, b: Effect) -> SeparationF
     commanded = model
     if model.structure.drive != "commanded":
         commanded = Model(_with_commands(campaign), (*kept, a, b), "commanded")
-    layout = ForecastLayout(
-        replace(commanded.structure, refined=False), model.space.names, plan_times(plan)
-    )
+    structure, space = replace(commanded.structure, refined=False), model.space
+    layout = ForecastLayout(structure, space.names, space.units, plan_times(plan))
     arrays = ForecastArrays(
         conditions._replace(scale=commanded.data.scale),
         plan_start(plan, len(campaign.wheels)),

@@ -16,6 +16,41 @@ from bayes_inertia.observability.result import (
 _MENTIONED_SD_RATIO = 1.2  # ratio of sds from which the worth of the commands is mentioned
 _LOST_VARIANCE_INFLATION = 1.21  # variance inflation from which something is called lost
 _MOST_GROUPS = 3
+_CARRIED = 0.5  # share of what is known from which one slew is said to carry a parameter
+_VERDICTS = {
+    "determined": "determined",
+    "partly": "partly determined",
+    "weakly": "mostly the prior",
+    "prior": "the prior",
+}
+
+
+def answer(observability: Observability) -> str:
+    """Which parameters a campaign determines, and which slew alone carries which of them.
+
+    Parameters
+    ----------
+    observability : Observability
+        What `observe` returned.
+
+    Returns
+    -------
+    str
+        A sentence or two.
+    """
+    groups: dict[str, list[str]] = {words: [] for words in _VERDICTS.values()}
+    carried: dict[str, list[str]] = {slew: [] for slew in observability.slews}
+    for p in observability.parameters:
+        groups[_VERDICTS[p.verdict]].append(p.name)
+        by_slew = p.share.sum(1)
+        if len(by_slew) > 1 and by_slew.max() > _CARRIED:
+            carried[observability.slews[int(np.argmax(by_slew))]].append(p.name)
+    told = [f"{', '.join(names)} {words}" for words, names in groups.items() if names]
+    if len(groups[_VERDICTS["determined"]]) == len(observability.parameters):
+        told = [f"all {len(observability.parameters)} parameters are determined"]
+    carries = [f"{slew} carries {', '.join(names)}" for slew, names in carried.items() if names]
+    said = f"{'; '.join([*told, *carries])}."
+    return said[0].upper() + said[1:]
 
 
 def sentence(observability: Observability, name: str) -> str:

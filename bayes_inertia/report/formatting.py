@@ -319,4 +319,5 @@ def typeset(text: str) -> str:
     >>> typeset("reduced chi^2 2.7: use `diagnose` and robust_sd")
     'reduced χ² 2.7: use diagnose and robust sd'
     """
-    return text.replace("`", "").replace("chi^2", "χ²").replace("robust_sd", "robust sd")
+    text = text.replace("`", "").replace("robust_sd", "robust sd")
+    return text.replace("^2", "²").replace("^3", "³").replace("chi²", "χ²")
