@@ -7,11 +7,12 @@ from pathlib import Path
 
 from bayes_inertia.app.named_plans import plan_sha256, plans_named, prior_mission
 from bayes_inertia.app.plan_json import contender_json
-from bayes_inertia.app.result_folder import ResultFolder
+from bayes_inertia.app.result_folder import ResultFolder, write_page
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.design.comparison import Contender
 from bayes_inertia.report.pictures.design import draw_comparison
 from bayes_inertia.report.pictures.figure_file import write_png
+from bayes_inertia.report.plan_sections import comparison_sections
 from bayes_inertia.studies.engine import Execution
 from bayes_inertia.studies.plan_comparison import compare_plans
 
@@ -27,7 +28,7 @@ def run_compare(
     seed: int = 0,
     execution: Execution | None = None,
 ) -> tuple[Contender, ...]:
-    """Compare plans and write compare.json and compare.png.
+    """Compare plans and write compare.json, compare.png and compare.html.
 
     Parameters
     ----------
@@ -66,7 +67,13 @@ def run_compare(
         "seed": seed,
     }
     owner = ResultFolder(
-        folder, "comparison", "compare.json", FORMAT, digest, options, ("compare.png",)
+        folder,
+        "comparison",
+        "compare.json",
+        FORMAT,
+        digest,
+        options,
+        ("compare.png", "compare.html"),
     )
     owner.holds_this_work()
     contenders = compare_plans(
@@ -86,4 +93,6 @@ def run_compare(
         }
     )
     write_png(draw_comparison(contenders), folder / "compare.png")
+    sections = comparison_sections(contenders)
+    write_page(folder / "compare.html", flown, campaign, sections, digest)
     return contenders

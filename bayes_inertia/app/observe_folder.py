@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from bayes_inertia.app.result_folder import ResultFolder
+from bayes_inertia.app.result_folder import ResultFolder, write_page
 from bayes_inertia.app.run_folder import FORMAT as RUN_FORMAT
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.inference import optimizer
@@ -24,11 +24,12 @@ from bayes_inertia.observability.result import Observability
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.slew_input import Drive
+from bayes_inertia.report.observability_sections import observability_sections
 from bayes_inertia.report.pictures.figure_file import write_png
 from bayes_inertia.report.pictures.observability import draw_observability
 from bayes_inertia.sealing import blaming, is_sealed
 
-FILE, PICTURE = "observability.json", "observability.png"
+FILE, PICTURE, PAGE = "observability.json", "observability.png", "observability.html"
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ def run_observe(
     seed: int = 0,
     both_drives: bool = True,
 ) -> ObservedCampaign:
-    """Estimate, ask what is observable, and write observability.json and observability.png.
+    """Estimate, ask what is observable, and write observability.json, .png and .html.
 
     Parameters
     ----------
@@ -90,7 +91,7 @@ def run_observe(
     instances = effects_named(names)
     digest = campaign_sha256(campaign)
     options = {"effects": names, "drive": drive, "seed": seed, "both_drives": both_drives}
-    owner = ResultFolder(folder, "result", FILE, FORMAT, digest, options, (PICTURE,))
+    owner = ResultFolder(folder, "result", FILE, FORMAT, digest, options, (PICTURE, PAGE))
     owner.holds_this_work()
     if (folder / "run.json").exists():
         ResultFolder(folder, "run", "run.json", RUN_FORMAT, digest, flat=True).holds_this_work()
@@ -103,6 +104,8 @@ def run_observe(
     rows = None if comparison is None else comparison_json(comparison)
     owner.claim(observability_json(observability) | {"seed": seed, "posterior": rows})
     write_png(draw_observability(observability), folder / PICTURE)
+    sections = observability_sections(observability, comparison)
+    write_page(folder / PAGE, flown, campaign, sections, digest)
     return ObservedCampaign(observability, comparison)
 
 

@@ -9,16 +9,21 @@ and nothing is overwritten.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import check_folder, make_folder, write_atomically
 from bayes_inertia.folder_lock import LOCK_FILE
 from bayes_inertia.sealing import read_sealed_json, sealed
+from bayes_inertia.version import __version__
+
+if TYPE_CHECKING:
+    from bayes_inertia.campaign.campaign import Campaign
+    from bayes_inertia.report.section import Section
 
 _ADVICE = "choose another folder; nothing was overwritten"
 
@@ -62,6 +67,40 @@ def origin(campaign: Path) -> dict[str, str]:
     place = campaign.resolve()
     name = place.parent.name if place.is_file() else place.name
     return {"date": datetime.now(UTC).date().isoformat(), "data": name}
+
+
+def write_page(
+    path: Path, campaign: Campaign, place: Path, sections: Sequence[Section], sha256: str
+) -> Path:
+    """Write the page of a result, its campaign's name and origin in the head.
+
+    Parameters
+    ----------
+    path : Path
+        Of the page.
+    campaign : Campaign
+        That the result is of.
+    place : Path
+        Where the campaign was read.
+    sections : sequence of Section
+        What the page consists of.
+    sha256 : str
+        Digest of the campaign.
+
+    Returns
+    -------
+    Path
+        Of the page.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    from bayes_inertia.report.page import page_facts, render_page
+
+    facts = page_facts(dict(campaign.mission), sha256=sha256, version=__version__)
+    return write_atomically(path, render_page(campaign.name, sections, facts | origin(place)))
 
 
 @dataclass(frozen=True)
