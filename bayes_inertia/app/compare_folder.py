@@ -17,6 +17,7 @@ from bayes_inertia.studies.engine import Execution
 from bayes_inertia.studies.plan_comparison import compare_plans
 
 FORMAT = "bayes-inertia-compare/1"
+FILE, PICTURE, PAGE = "compare.json", "compare.png", "compare.html"
 
 
 def run_compare(
@@ -66,15 +67,7 @@ def run_compare(
         "simulated": simulated,
         "seed": seed,
     }
-    owner = ResultFolder(
-        folder,
-        "comparison",
-        "compare.json",
-        FORMAT,
-        digest,
-        options,
-        ("compare.png", "compare.html"),
-    )
+    owner = ResultFolder(folder, "comparison", FILE, FORMAT, digest, options, (PICTURE, PAGE))
     owner.holds_this_work()
     contenders = compare_plans(
         named,
@@ -84,15 +77,10 @@ def run_compare(
         folder=folder / "fits",
         **vars(execution or Execution()),
     )
-    owner.claim(
-        {
-            "campaign": flown.name,
-            "simulated": simulated,
-            "seed": seed,
-            "plans": {c.name: contender_json(c) for c in contenders},
-        }
-    )
-    write_png(draw_comparison(contenders), folder / "compare.png")
-    sections = comparison_sections(contenders)
-    write_page(folder / "compare.html", flown, campaign, sections, digest)
+    rows = {c.name: contender_json(c) for c in contenders}
+    stated = {"campaign": flown.name, "simulated": simulated, "seed": seed}
+    owner.claim(stated | {"plans": rows})
+    write_png(draw_comparison(contenders), folder / PICTURE)
+    title, sections = f"Plans after {flown.name}", comparison_sections(contenders)
+    write_page(folder / PAGE, title, flown.mission, campaign, sections, digest)
     return contenders

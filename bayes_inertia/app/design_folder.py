@@ -98,7 +98,8 @@ def run_design(campaign: Path, folder: Path, request: DesignRequest) -> Design:
     _write_flyable_plan(design, folder / "plan.toml")
     write_png(draw_comparison(contenders), folder / "design.png")
     sections = design_sections(content, contenders, design.units)
-    write_page(folder / "design.html", flown, campaign, sections, digest)
+    title = f"Next slews after {flown.name}"
+    write_page(folder / "design.html", title, flown.mission, campaign, sections, digest)
     return design
 
 

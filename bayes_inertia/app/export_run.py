@@ -127,7 +127,8 @@ def forecast_of(posterior: Posterior, campaign: Campaign) -> UpdateForecast | No
     samples = posterior.averaged_samples[:, :N_BASE]
     draws = samples[np.linspace(0, len(samples) - 1, _FORECAST_DRAWS).astype(int)]
     rows: Any = posterior.summary()["parameters"]
-    old: Any = posterior.tree["estimate"]["prior_mean"].values[:N_BASE]
+    prior_mean: Any = posterior.tree["estimate"]["prior_mean"]
+    old = np.asarray(prior_mean)[:N_BASE]
     new = np.array([row["mean"] for row in rows.values()][:N_BASE])
     return correction_with_update(campaign, draws, old, new)
 

@@ -105,7 +105,8 @@ def run_observe(
     owner.claim(observability_json(observability) | {"seed": seed, "posterior": rows})
     write_png(draw_observability(observability), folder / PICTURE)
     sections = observability_sections(observability, comparison)
-    write_page(folder / PAGE, flown, campaign, sections, digest)
+    title = f"Observability of {flown.name}"
+    write_page(folder / PAGE, title, flown.mission, campaign, sections, digest)
     return ObservedCampaign(observability, comparison)
 
 

@@ -22,7 +22,6 @@ from bayes_inertia.sealing import read_sealed_json, sealed
 from bayes_inertia.version import __version__
 
 if TYPE_CHECKING:
-    from bayes_inertia.campaign.campaign import Campaign
     from bayes_inertia.report.section import Section
 
 _ADVICE = "choose another folder; nothing was overwritten"
@@ -70,18 +69,25 @@ def origin(campaign: Path) -> dict[str, str]:
 
 
 def write_page(
-    path: Path, campaign: Campaign, place: Path, sections: Sequence[Section], sha256: str
+    path: Path,
+    title: str,
+    mission: Sequence[tuple[str, str]],
+    campaign: Path,
+    sections: Sequence[Section],
+    sha256: str,
 ) -> Path:
-    """Write the page of a result, its campaign's name and origin in the head.
+    """Write the page of a result, with its origin in the head.
 
     Parameters
     ----------
     path : Path
         Of the page.
-    campaign : Campaign
-        That the result is of.
-    place : Path
-        Where the campaign was read.
+    title : str
+        Its heading.
+    mission : sequence of (str, str)
+        Of the campaign.
+    campaign : Path
+        Where it was read.
     sections : sequence of Section
         What the page consists of.
     sha256 : str
@@ -99,8 +105,8 @@ def write_page(
     """
     from bayes_inertia.report.page import page_facts, render_page
 
-    facts = page_facts(dict(campaign.mission), sha256=sha256, version=__version__)
-    return write_atomically(path, render_page(campaign.name, sections, facts | origin(place)))
+    facts = page_facts(dict(mission), sha256=sha256, version=__version__)
+    return write_atomically(path, render_page(title, sections, facts | origin(campaign)))
 
 
 @dataclass(frozen=True)

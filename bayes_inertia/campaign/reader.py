@@ -112,10 +112,10 @@ def read_unmasked(path: str | Path, *, keep_commands: bool = False) -> Campaign:
             raise error.inside(str(description)) from None
         slews += parts
         dirt += located(records + unknown, parts)
-    mission = () if parsed.mission is None else parsed.mission.model_dump(exclude_none=True).items()
-    names = {"name": parsed.name, "mission": tuple(mission)}
+    stated = {} if parsed.mission is None else parsed.mission.model_dump(exclude_none=True)
+    parts = {"slews": tuple(slews), "dirt": tuple(dirt), "mission": tuple(stated.items())}
     try:
-        return Campaign(slews=tuple(slews), dirt=tuple(dirt), **names, **hardware)
+        return Campaign(name=parsed.name, **parts, **hardware)
     except CampaignError as error:
         raise error.inside(str(description)) from None
 

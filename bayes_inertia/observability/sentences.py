@@ -79,9 +79,9 @@ def sentence(observability: Observability, name: str) -> str:
         "prior": "is the prior, although the telemetry responds",
         "weakly": f"is mostly the prior, {gain:.2g} times sharper than it",
         "partly": f"is partly determined, {gain:.2g} times sharper than the prior",
-        "determined": f"is determined, {gain:,.3g} times sharper than the prior",
+        "determined": f"is determined, {_size(gain)} times sharper than the prior",
     }[p.verdict]
-    parts = [f"{name} {verdict} (signal {p.signal:,.3g} sigma)", _lost(p)]
+    parts = [f"{name} {verdict} (signal {_size(p.signal)} sigma)", _lost(p)]
     middle = observability.middle_half(name)
     if middle and p.verdict != "prior":
         _, begin, end = middle
@@ -91,6 +91,10 @@ def sentence(observability: Observability, name: str) -> str:
     if worth is not None and worth > _MENTIONED_SD_RATIO:
         parts.append(f"without the recorded commands its sd would be {worth:.2g} times larger")
     return "; ".join(parts) + "."
+
+
+def _size(value: float) -> str:
+    return f"{value:,.0f}" if value >= 100.0 else f"{value:.3g}"
 
 
 def _lost(p: ParameterObservability) -> str:
@@ -104,7 +108,7 @@ def _lost(p: ParameterObservability) -> str:
         if logs[group] > 0.15 * sum(logs.values()) and p.inflation[group] > 1.1
     ]
     named = ", ".join(
-        f"{_group_without(p.name, group)} (x{math.sqrt(p.inflation[group]):.2g})"
+        f"{_group_without(p.name, group)} (× {math.sqrt(p.inflation[group]):.2g})"
         for group in worst[:_MOST_GROUPS]
     )
     return (

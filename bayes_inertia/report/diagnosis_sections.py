@@ -211,7 +211,8 @@ def _answers_section(content: Mapping[str, Any]) -> Section | None:
     ]
     if not rows:
         return None
-    return Section("How probable each answer is", packaged("answers.html"), {"rows": rows, "shown": _SHOWN})
+    context = {"rows": rows, "shown": _SHOWN}
+    return Section("How probable each answer is", packaged("answers.html"), context)
 
 
 def _alternatives_section(content: Mapping[str, Any]) -> Section | None:

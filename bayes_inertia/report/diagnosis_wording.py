@@ -380,9 +380,7 @@ def alike_sentences(content: Mapping[str, Any], max_pairs: int = 8) -> list[str]
     """
     limit = rules_of(content)["imitation_correlation"]
     if not content["alike"]:
-        return [
-            f"No two candidates look alike in this campaign beyond a correlation of {limit:g}."
-        ]
+        return [f"No two candidates look alike in this campaign beyond a correlation of {limit:g}."]
     sentences = []
     for pair in content["alike"][:max_pairs]:
         first, second = (plain(name) for name in pair["effects"])

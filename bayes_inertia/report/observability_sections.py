@@ -7,7 +7,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from bayes_inertia.observability.against_posterior import PosteriorComparison
-from bayes_inertia.observability.result import Observability, commands_worth
+from bayes_inertia.observability.result import (
+    Observability,
+    ParameterObservability,
+    commands_worth,
+)
 from bayes_inertia.observability.sentences import answer, sentence
 from bayes_inertia.report.formatting import (
     NOT_GIVEN,
@@ -21,6 +25,22 @@ from bayes_inertia.report.formatting import (
 from bayes_inertia.report.pictures.observability import draw_observability
 from bayes_inertia.report.section import Picture, Section, packaged
 
+_HEADS = (
+    "parameter",
+    "unit",
+    "prior sd",
+    "sd",
+    "times sharper",
+    "most from",
+    "others cost",
+    "commands worth",
+    "this campaign",
+)
+_NOTE = (
+    "Most from: the slew that tells most of the parameter, and its share. Others cost: sd over its "
+    "value were everything else known. Commands worth: sd with the recorded torque commands "
+    "ignored over sd with them."
+)
 _DETERMINED = {
     "determined": "determined",
     "partly": "partly determined",
@@ -48,66 +68,42 @@ def observability_sections(
     warnings = [
         f"{row.name}: {typeset(warning)}" for row in comparison or () for warning in row.warnings
     ]
-    reasons = {
-        "Parameter by parameter": [
-            typeset(sentence(observability, name)) for name in observability.names
-        ],
+    told: dict[bool, list[str]] = {False: [], True: []}
+    for p in observability.parameters:
+        told[p.verdict == "determined"].append(typeset(sentence(observability, p.name)))
+    sentences = {
+        "Not fully determined": told[False],
         "What the campaign cannot tell apart": _undetermined(observability),
         "Where the posterior differs": warnings,
+        "The parameters that are determined": told[True],
     }
-    reasons = {title: ("", sentences) for title, sentences in reasons.items() if sentences}
+    reasons = {title: ("", lines) for title, lines in sentences.items() if lines}
+    context = {"reasons": reasons, "folded": ("The parameters that are determined",)}
     return [
         _result_section(observability),
-        Section("Why not better", packaged("reasons.html"), {"reasons": reasons}),
+        Section("Why not better", packaged("reasons.html"), context),
         Section("Settings", packaged("settings.html"), {"rows": _settings(observability)}),
     ]
 
 
 def _result_section(observability: Observability) -> Section:
-    parameters = observability.parameters
     (prior_power, priors), (power, sds) = (
-        sd_column([getattr(p, key) for p in parameters]) for key in ("prior_sd", "sd")
+        sd_column([getattr(p, key) for p in observability.parameters]) for key in ("prior_sd", "sd")
     )
-    rows = []
-    for p, prior, sd in zip(parameters, priors, sds, strict=True):
-        worth, by_slew = commands_worth(p, observability.drive), p.share.sum(1)
-        best = int(np.argmax(by_slew))
-        rows.append(
-            (
-                plain(p.name),
-                unit_text(p.unit),
-                prior,
-                sd,
-                f"{p.prior_sd / p.sd:,.3g}",
-                f"{observability.slews[best]}, {100.0 * by_slew[best]:.0f} %",
-                f"× {np.sqrt(p.variance_inflation):.2g}",
-                NOT_GIVEN if worth is None else f"× {worth:.2g}",
-                _DETERMINED[p.verdict],
-            )
-        )
-    all_determined = all(p.verdict == "determined" for p in parameters)
+    heads = list(_HEADS)
+    heads[2:4] = sd_head("prior sd", prior_power), sd_head("sd", power)
+    all_determined = all(p.verdict == "determined" for p in observability.parameters)
+    parts = zip(observability.parameters, priors, sds, strict=True)
     context = {
         "sentence": answer(observability),
         "level": "good" if all_determined else "caution",
         "more": "",
-        "heads": (
-            "parameter",
-            "unit",
-            sd_head("prior sd", prior_power),
-            sd_head("sd", power),
-            "times sharper",
-            "most from",
-            "others cost",
-            "commands worth",
-            "this campaign",
-        ),
+        "kind": "many short",
+        "heads": heads,
         "numbers": (2, 3, 4, 6, 7),
-        "rows": rows,
-        "notes": (
-            "Most from: the slew that tells most of the parameter, and its share. Others cost: sd "
-            "over its value were everything else known. Commands worth: sd with the recorded "
-            "torque commands ignored over sd with them.",
-        ),
+        "extra": (1, 2, 4, 6, 7),
+        "rows": [_row(observability, *part) for part in parts],
+        "notes": (_NOTE,),
     }
     caption = (
         "Left: sd over prior sd. Right: how many times larger the sd is because others are fitted "
@@ -115,6 +111,25 @@ def _result_section(observability: Observability) -> Section:
     )
     picture = Picture(draw_observability(observability), caption, "What the campaign tells")
     return Section("Result", packaged("table.html"), context, (picture,))
+
+
+def _row(
+    observability: Observability, p: ParameterObservability, prior: str, sd: str
+) -> tuple[str, ...]:
+    """The cells of one parameter, its sds as they are printed."""
+    worth, by_slew = commands_worth(p, observability.drive), p.share.sum(1)
+    best = int(np.argmax(by_slew))
+    return (
+        plain(p.name),
+        unit_text(p.unit),
+        prior,
+        sd,
+        f"{p.prior_sd / p.sd:,.3g}",
+        f"{observability.slews[best]}, {100.0 * by_slew[best]:.0f} %",
+        f"× {np.sqrt(p.variance_inflation):.1f}",
+        NOT_GIVEN if worth is None else f"× {worth:.1f}",
+        _DETERMINED[p.verdict],
+    )
 
 
 def _undetermined(observability: Observability) -> list[str]:

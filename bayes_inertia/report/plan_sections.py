@@ -25,6 +25,8 @@ from bayes_inertia.report.pictures.design import draw_comparison
 from bayes_inertia.report.section import Picture, Section, packaged
 
 _WORSE = 1.1  # ratio of sds from which a parameter is said to be known worse
+_PAPER = "slews like the paper's"
+_MANY_PLANS = 4  # columns that do not stand side by side on a phone
 _BASE_UNITS = ("kg m^2",) * 6 + ("",) * 3
 
 
@@ -56,38 +58,22 @@ def design_sections(
 def _gain_section(
     content: Mapping[str, Any], contenders: Sequence[Contender], units: Mapping[str, str]
 ) -> Section:
-    before, sd, reference_sd = (
-        content[key] for key in ("sd_before", "expected_sd", "reference_sd")
-    )
-    powers, cells = zip(
-        *(sd_column([column[name] for name in sd]) for column in (before, sd, reference_sd)),
-        strict=True,
-    )
-    rows = [
-        (plain(name), unit_text(units[name]), *sds, f"{before[name] / sd[name]:,.3g}")
-        for name, *sds in zip(sd, *cells, strict=True)
-    ]
-    goal = content["goal"]
+    heads, rows = _gain_table(content, units)
+    goal, sd, paper = content["goal"], content["expected_sd"], content["reference_sd"]
     value, reference = (
         _quantity(content[key], goal["unit"]) for key in ("value", "reference_value")
     )
     says = f"{goal['says'][0].upper()}{goal['says'][1:]}: {value}"
     broken = "" if content["kept"] else " A limit is broken: do not fly it."
-    heads = ("sd now", "after the plan", "after the paper's slews")
     now = "the fit of this campaign" if content["after"] else "the prior"
     context = {
         "sentence": f"{says}; {reference} with slews like the paper's.{broken}",
         "level": "good" if content["kept"] else "bad",
-        "more": _worse_text(
-            {name: sd[name] / reference_sd[name] for name in sd}, "slews like the paper's"
-        ),
-        "heads": (
-            "parameter",
-            "unit",
-            *(sd_head(head, power) for head, power in zip(heads, powers, strict=True)),
-            "times sharper",
-        ),
+        "more": _worse_text({name: sd[name] / paper[name] for name in sd}, _PAPER),
+        "heads": heads,
+        "kind": "many short",
         "numbers": (2, 3, 4, 5),
+        "extra": (4, 5),
         "rows": rows,
         "notes": (
             f"Now: {now}. Paper's slews: such slews in the same time and limits. Sds if the model "
@@ -99,11 +85,35 @@ def _gain_section(
     return Section("Result", packaged("table.html"), context, (picture,))
 
 
+def _gain_table(
+    content: Mapping[str, Any], units: Mapping[str, str]
+) -> tuple[list[str], list[tuple[str, ...]]]:
+    """Headings and rows: each parameter's sd now, after the plan, after slews like the paper's."""
+    columns = {
+        "sd now": content["sd_before"],
+        "after the plan": content["expected_sd"],
+        "after the paper's slews": content["reference_sd"],
+    }
+    names = list(content["expected_sd"])
+    printed = [sd_column([column[name] for name in names]) for column in columns.values()]
+    heads = [sd_head(head, power) for head, (power, _) in zip(columns, printed, strict=True)]
+    before, after = content["sd_before"], content["expected_sd"]
+    rows = [
+        (plain(name), unit_text(units[name]), *cells, _times(before[name] / after[name]))
+        for name, *cells in zip(names, *(cells for _, cells in printed), strict=True)
+    ]
+    return ["parameter", "unit", *heads, "times sharper"], rows
+
+
 def _quantity(value: float, unit: str) -> str:
     """A size with its unit; angles in arc seconds."""
     if unit == "rad":
         return f"{arcsec_text(value)} arcsec"
     return f"{two_digits(value)} {unit_text(unit) if unit else ''}".rstrip()
+
+
+def _times(ratio: float) -> str:
+    return f"{ratio:.2f}" if ratio < 10.0 else f"{ratio:,.0f}"
 
 
 def _worse_text(ratios: dict[str, float], than: str) -> str:
@@ -121,10 +131,10 @@ def _slews_section(contenders: Sequence[Contender]) -> Section:
         plan = contender.plan
         parts = zip(plan.slews, plan.starts, plan.durations, strict=True)
         for i, (slew, start, duration) in enumerate(parts):
-            label = f"slew {i + 1}" if len(contenders) == 1 else f"{contender.name}, slew {i + 1}"
+            whose = "" if len(contenders) == 1 else f"{plain(contender.name)}, "
             rows.append(
                 (
-                    label,
+                    f"{whose}slew {i + 1}",
                     f"({vector_text(slew.axis_B)})",
                     f"{math.degrees(slew.angle):.1f}",
                     f"{math.degrees(slew.rate):.3f}",
@@ -148,16 +158,14 @@ def _slews_section(contenders: Sequence[Contender]) -> Section:
 
 def _margins_section(content: Mapping[str, Any]) -> Section:
     """What the flown plan leaves of every limit, tightest first."""
-    rows = [
-        (m["limit"], m["where"], "kept" if m["kept"] else "BROKEN", m["says"])
-        for m in sorted(content["flown_margins"], key=lambda m: m["left"])
-    ]
+    margins = sorted(content["flown_margins"], key=lambda m: m["left"])
+    rows = [(m["says"], "kept" if m["kept"] else "BROKEN") for m in margins]
     active = listed(content["active_limits"]) or "none"
     notes = (
         "Flown in closed loop with noise, J and K drawn from what is known. "
         f"Limits that hold the design back: {active}.",
     )
-    context = _plain_table(("limit", "where", "", "tightest first"), rows, notes=notes)
+    context = _plain_table(("limit, the tightest first", ""), rows, notes=notes)
     return Section("Limits", packaged("table.html"), context)
 
 
@@ -172,6 +180,7 @@ def _plain_table(
         "sentence": "",
         "more": "",
         "kind": "narrow",
+        "extra": (),
         "heads": heads,
         "numbers": numbers,
         "rows": rows,
@@ -196,12 +205,12 @@ def comparison_sections(contenders: Sequence[Contender]) -> list[Section]:
 
 def _sds_section(contenders: Sequence[Contender]) -> Section:
     best, *others = sorted(contenders, key=lambda c: c.worst_cross_term)
+    names = [plain(c.name) for c in contenders]
     sizes = [_quantity(c.worst_cross_term, _BASE_UNITS[0]) for c in (best, *others)]
-    told = [f"; {size} with {c.name}" for c, size in zip(others, sizes[1:], strict=True)]
+    told = [f"; {size} with {plain(c.name)}" for c, size in zip(others, sizes[1:], strict=True)]
     least = np.min([c.expected for c in others or [best]], axis=0)
     ratios = dict(zip(BASE_NAMES, (best.expected / least).tolist(), strict=True))
-    powers, expected = zip(*(sd_column(c.expected.tolist()) for c in contenders), strict=True)
-    power = min(powers)
+    power, _ = sd_column([sd for c in contenders for sd in c.expected.tolist()])
     rows = [
         (name, unit_text(unit), *(_sd_cell(c, i, power) for c in contenders))
         for i, (name, unit) in enumerate(zip(BASE_NAMES, _BASE_UNITS, strict=True))
@@ -215,15 +224,18 @@ def _sds_section(contenders: Sequence[Contender]) -> Section:
             "standard error."
         )
     context = {
-        "sentence": f"{best.name}: products of inertia to {sizes[0]} (1 sd){''.join(told)}.",
+        "sentence": f"{plain(best.name)}: products of inertia to {sizes[0]} (1 sd){''.join(told)}.",
         "level": "",
         "more": _worse_text(ratios, "another plan") if others else "",
-        "heads": ("parameter", "unit", *(sd_head(f"{c.name}: sd", power) for c in contenders)),
+        "heads": ["parameter", "unit", *(sd_head(f"{name}: sd", power) for name in names)],
+        "kind": "many short" if len(contenders) < _MANY_PLANS else "many",
         "numbers": tuple(range(2, 2 + len(contenders))),
+        "extra": (1,),
         "rows": rows,
         "notes": notes,
     }
-    picture = Picture(draw_comparison(contenders), "One colour a plan.", "Plans side by side")
+    caption = "Above: sds of J and K. Below: when each plan slews, and what it asks of the wheels."
+    picture = Picture(draw_comparison(contenders), caption, "Plans side by side")
     return Section("Result", packaged("table.html"), context, (picture,))
 
 
@@ -244,7 +256,7 @@ def _costs_section(contenders: Sequence[Contender]) -> Section:
         ("peak torque", "N m", *(two_digits(c.peak_torque) for c in contenders)),
         ("limits broken", "–", *(_broken(c) for c in contenders)),
     ]
-    heads = ("cost", "unit", *(c.name for c in contenders))
+    heads = ("cost", "unit", *(plain(c.name) for c in contenders))
     numbers = tuple(range(2, 2 + len(contenders)))
     return Section("Cost", packaged("table.html"), _plain_table(heads, rows, numbers=numbers))
 

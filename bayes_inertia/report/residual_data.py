@@ -168,7 +168,8 @@ def _largest(channels: list[ResidualChannel]) -> list[int]:
     dense = {p: size for p, size in excess.items() if channels[p[0]].name != _FEW_ROWS}
     if dense and not max(dense.values()) <= _STANDS_OUT < max(excess.values()):
         excess = dense
-    return list(max(excess, key=excess.__getitem__))
+    c, s = max(excess, key=lambda place: excess[place])
+    return [c, s]
 
 
 def _base64(values: np.ndarray) -> str:

@@ -99,8 +99,25 @@ def telemetry_section(posterior: Posterior) -> Section | None:
     Section or None
         None where nothing was predicted.
     """
+    pictures = [
+        *_series_pictures(posterior),
+        *_star_tracker_picture(posterior),
+    ]
+    if not pictures:
+        return None
+    return Section(
+        "Measured against simulated",
+        packaged("residual_explorer.html"),
+        {"data": explorer_data(residual_channels(posterior))},
+        tuple(pictures),
+        packaged("residual_explorer.js"),
+    )
+
+
+def _series_pictures(posterior: Posterior) -> list[Picture]:
+    """Rates and wheel momentum over time, measured and simulated."""
     slews, total = worst_slews(posterior, _MOST_SLEWS_DRAWN), n_slews(posterior)
-    which = ""
+    which, pictures = "", []
     if posterior.tree["constant_data"].sizes["row"] > MOST_DOTS:
         which += (
             f" Of more than {MOST_DOTS} rows, lines and bands show the lowest and highest values, "
@@ -108,7 +125,6 @@ def telemetry_section(posterior: Posterior) -> Section | None:
         )
     if len(slews) < total:
         which += f" The {len(slews)} of {total} slews that fit worst are drawn."
-    pictures = []
     if (figure := draw_rates(posterior, slews)) is not None:
         caption = (
             "Rates: measured (dots) and simulated with the posterior's parameters (lines), "
@@ -129,16 +145,8 @@ def telemetry_section(posterior: Posterior) -> Section | None:
         )
         alt = "Residuals of wheel momentum, slew by slew"
         pictures.append(Picture(figure, caption, alt, instead_of_script=True))
-    pictures += _star_tracker_picture(posterior)
-    if not pictures:
-        return None
-    return Section(
-        "Measured against simulated",
-        packaged("residual_explorer.html"),
-        {"data": explorer_data(residual_channels(posterior))},
-        tuple(pictures),
-        packaged("residual_explorer.js"),
-    )
+    return pictures
+
 
 def _star_tracker_picture(posterior: Posterior) -> list[Picture]:
     """Measured against predicted attitude; nothing without star-tracker fixes."""

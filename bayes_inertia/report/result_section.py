@@ -67,7 +67,7 @@ def result_sections(
     }
     return [
         Section("Result", packaged("result.html"), context, pictures),
-        Section("Why", packaged("reasons.html"), {"reasons": reasons}),
+        Section("Why", packaged("reasons.html"), {"reasons": reasons, "folded": ()}),
     ]
 
 

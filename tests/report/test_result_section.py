@@ -74,7 +74,7 @@ def test_a_bound_stands_once_below_the_verdict_with_its_condition_and_unit(made)
     said = "If there is wheel misalignment, too weak to be found, Jxy may be off by up to"
     assert page.count(said) == 1
     assert "8.7 × 10⁻⁴ kg m² (7.9 of the model's sds)" in could_hide_text([HIDDEN])
-    assert page.index("class=\"sentence") < page.index(said) < page.index("class=\"matrices")
+    assert page.index('class="sentence') < page.index(said) < page.index('class="matrices')
 
 
 def test_the_head_says_where_a_result_comes_from_and_leaves_out_what_is_not_known(made):

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from bayes_inertia.design.comparison import Contender
 from bayes_inertia.physics.parameters import BASE_NAMES
-from bayes_inertia.report.formatting import exponent, unit_text
+from bayes_inertia.report.formatting import plain, sd_column, unit_text
 from bayes_inertia.report.pictures import style
 
 _LABEL_WIDTH = 22  # letters of a line of a plan's name
@@ -55,13 +55,10 @@ def _colors(contenders: Sequence[Contender]) -> list[str]:
     ]
 
 
-def _sds(
-    axes: Axes, contenders: Sequence[Contender], which: range, label: str, unit: str
-) -> None:
+def _sds(axes: Axes, contenders: Sequence[Contender], which: range, label: str, unit: str) -> None:
     x = np.arange(len(which))
     width, chosen = 0.7 / len(contenders), list(which)
-    largest = max(float(c.expected[chosen].max()) for c in contenders)
-    power = exponent(largest, 0.0)
+    power, _ = sd_column([float(sd) for c in contenders for sd in c.expected[chosen]])
     for k, (contender, color) in enumerate(zip(contenders, _colors(contenders), strict=True)):
         places = x + (k - 0.5 * (len(contenders) - 1)) * width
         axes.bar(
@@ -70,7 +67,7 @@ def _sds(
             0.85 * width,
             color=color,
             alpha=0.35 if contender.achieved else 0.9,
-            label=f"{contender.name}",
+            label=plain(contender.name),
         )
         if contender.achieved:
             sd, error = (
@@ -111,7 +108,7 @@ def _slews(axes: Axes, contenders: Sequence[Contender], colors: Sequence[str]) -
         axes.plot([0.0, contender.total_time / 60.0], [y, y], color=style.PALE, lw=1.0, zorder=0)
     axes.set(
         yticks=range(len(contenders)),
-        yticklabels=[textwrap.fill(c.name, _LABEL_WIDTH) for c in contenders],
+        yticklabels=[textwrap.fill(plain(c.name), _LABEL_WIDTH) for c in contenders],
         ylim=(len(contenders) - 0.4, -0.7),
         xlabel="time [min]",
     )

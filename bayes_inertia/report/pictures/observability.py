@@ -120,6 +120,10 @@ def _inflation(axes: Axes, observability: Observability) -> None:
     axes.set(xlim=(0.0, 1.2 * max(most, 0.1)), xlabel="the sd is so many times larger for it")
     powers = [factor for factor in _FACTORS if np.log10(factor) <= 1.2 * max(most, 0.1)]
     axes.set_xticks(np.log10(powers), [f"×{factor:g}" for factor in powers])
+    _group_legend(axes, groups)
+
+
+def _group_legend(axes: Axes, groups: list[str]) -> None:
     handles = [
         Patch(fc=style.COLORS[k % 6], hatch="///" if k % 2 else None, ec="white", label=g)
         for k, g in enumerate(groups)
