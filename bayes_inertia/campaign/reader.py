@@ -113,9 +113,9 @@ def read_unmasked(path: str | Path, *, keep_commands: bool = False) -> Campaign:
         slews += parts
         dirt += located(records + unknown, parts)
     stated = {} if parsed.mission is None else parsed.mission.model_dump(exclude_none=True)
-    parts = {"slews": tuple(slews), "dirt": tuple(dirt), "mission": tuple(stated.items())}
+    hardware |= {"slews": tuple(slews), "dirt": tuple(dirt), "mission": tuple(stated.items())}
     try:
-        return Campaign(name=parsed.name, **parts, **hardware)
+        return Campaign(name=parsed.name, **hardware)
     except CampaignError as error:
         raise error.inside(str(description)) from None
 
