@@ -9,7 +9,7 @@ from pathlib import Path
 from bayes_inertia.app.design_request import DesignRequest
 from bayes_inertia.app.named_plans import prior_mission
 from bayes_inertia.app.plan_json import design_json, slew_rows
-from bayes_inertia.app.result_folder import ResultFolder
+from bayes_inertia.app.result_folder import ResultFolder, write_page
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.design.after_campaign import plan_after
@@ -26,6 +26,7 @@ from bayes_inertia.physics.named_effects import pinned_names
 from bayes_inertia.progress import Progress, silent
 from bayes_inertia.report.pictures.design import draw_comparison
 from bayes_inertia.report.pictures.figure_file import write_png
+from bayes_inertia.report.plan_sections import design_sections
 from bayes_inertia.studies.plan_comparison import compare_plans
 
 FORMAT = "bayes-inertia-design/1"
@@ -39,7 +40,7 @@ _MARGINS_SHOWN = 6
 def run_design(
     campaign: Path, folder: Path, request: DesignRequest, progress: Progress = silent
 ) -> Design:
-    """Design a campaign that follows another one, and write design.json, plan.toml and design.png.
+    """Design a campaign that follows another one; write design.json, plan.toml, .png and .html.
 
     It begins where the campaign ended, with its telemetry period and, unless one is given, its
     largest rate. The wheel momentum at the start is that of the tachometers; without them that of
@@ -74,7 +75,7 @@ def run_design(
     parse_goal(request.goal)
     names = pinned_names(request.effects)
     request = replace(request, effects=names)
-    results = ("plan.toml", "design.png")
+    results = ("plan.toml", "design.png", "design.html")
     owner = ResultFolder(folder, "design", "design.json", FORMAT, digest, asdict(request), results)
     owner.holds_this_work()
     limits = request.limits(flown)
@@ -101,9 +102,13 @@ def run_design(
         "start_wheel_momentum_Nms": list(design.plan.wheel_momentum) or [0.0] * len(flown.wheels),
         "start_wheel_momentum_from": _momentum_source(flown, request),
     }
-    owner.claim(design_json(design, contenders, flown) | start)
+    content = design_json(design, contenders, flown) | start
+    owner.claim(content)
     _write_flyable_plan(design, folder / "plan.toml")
     write_png(draw_comparison(contenders), folder / "design.png")
+    sections = design_sections(content, contenders, design.units)
+    title = f"Next slews after {flown.name}"
+    write_page(folder / "design.html", title, flown.mission, campaign, sections, digest)
     return design
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
-from bayes_inertia.design.correction_slew import correction_with_update
+from bayes_inertia.design.correction_slew import UpdateForecast, correction_with_update
 from bayes_inertia.design.goals import CORRECTED_TURN_DEG
 from bayes_inertia.files import write_new_files
 from bayes_inertia.flight.spacecraft import spin_tensor, without_spin
@@ -71,7 +71,7 @@ def exported_result(
         parameters = _parameters(posterior, summary)
         if with_correction:
             progress("forecasting a correction slew", 0, 0)
-        correction = _correction(campaign, posterior, parameters) if with_correction else None
+        correction = _exported_correction(posterior, campaign) if with_correction else None
         locked = bool(summary.get("includes_wheel_spin", campaign.inertia.includes_wheel_spin))
         means = jnp.array([p.new for p in parameters[:6]])
         J = without_spin(np.array(inertia_tensor.tensor(means)), locked, campaign.wheels)
@@ -116,6 +116,39 @@ def write_export(result: ExportedResult, form: ExportFormat, path: Path) -> Path
     return path
 
 
+def forecast_of(posterior: Posterior, campaign: Campaign) -> UpdateForecast | None:
+    """The error of the next slew with the old and with the new J and K on board, in seconds.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        A finished fit.
+    campaign : Campaign
+        That was fitted.
+
+    Returns
+    -------
+    UpdateForecast or None
+        None where it cannot be forecast.
+    """
+    samples = posterior.averaged_samples[:, :N_BASE]
+    draws = samples[np.linspace(0, len(samples) - 1, _FORECAST_DRAWS).astype(int)]
+    rows: Any = posterior.summary()["parameters"]
+    prior_mean: Any = posterior.tree["estimate"]["prior_mean"]
+    old = np.asarray(prior_mean)[:N_BASE]
+    new = np.array([row["mean"] for row in rows.values()][:N_BASE])
+    return correction_with_update(campaign, draws, old, new)
+
+
+def _exported_correction(posterior: Posterior, campaign: Campaign) -> ExportedCorrection | None:
+    forecast = forecast_of(posterior, campaign)
+    if forecast is None:
+        return None
+    return ExportedCorrection(
+        forecast.axis, forecast.before[1:], forecast.after[1:], _CORRECTION_SAYS
+    )
+
+
 def _quoted_covariance(posterior: Posterior, parameters: Sequence[ExportedParameter]) -> np.ndarray:
     """Covariance of the draws, widened to the sds that are quoted."""
     covariance = np.cov(posterior.samples, rowvar=False)
@@ -146,18 +179,6 @@ def _parameters(posterior: Posterior, summary: dict[str, Any]) -> tuple[Exported
             )
         )
     return tuple(exported)
-
-
-def _correction(
-    campaign: Campaign, posterior: Posterior, parameters: tuple[ExportedParameter, ...]
-) -> ExportedCorrection | None:
-    samples = posterior.averaged_samples[:, :N_BASE]
-    draws = samples[np.linspace(0, len(samples) - 1, _FORECAST_DRAWS).astype(int)]
-    old, new = (np.array([getattr(p, key) for p in parameters[:N_BASE]]) for key in ("old", "new"))
-    forecast = correction_with_update(campaign, draws, old, new)
-    if forecast is None:
-        return None
-    return ExportedCorrection(forecast.axis, forecast.before, forecast.after, _CORRECTION_SAYS)
 
 
 def _notes(summary: dict[str, Any]) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from bayes_inertia.app.result_folder import ResultFolder
+from bayes_inertia.app.result_folder import ResultFolder, write_page
 from bayes_inertia.app.run_folder import FORMAT as RUN_FORMAT
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.inference import optimizer
@@ -25,11 +25,12 @@ from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.named_effects import effects_named, pinned_names
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.progress import Progress, silent
+from bayes_inertia.report.observability_sections import observability_sections
 from bayes_inertia.report.pictures.figure_file import write_png
 from bayes_inertia.report.pictures.observability import draw_observability
 from bayes_inertia.sealing import blaming, is_sealed
 
-FILE, PICTURE = "observability.json", "observability.png"
+FILE, PICTURE, PAGE = "observability.json", "observability.png", "observability.html"
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ def run_observe(
     both_drives: bool = True,
     progress: Progress = silent,
 ) -> ObservedCampaign:
-    """Estimate, ask what is observable, and write observability.json and observability.png.
+    """Estimate, ask what is observable, and write observability.json, .png and .html.
 
     Parameters
     ----------
@@ -94,7 +95,7 @@ def run_observe(
     instances = effects_named(names)
     digest = campaign_sha256(campaign)
     options = {"effects": names, "drive": drive, "seed": seed, "both_drives": both_drives}
-    owner = ResultFolder(folder, "result", FILE, FORMAT, digest, options, (PICTURE,))
+    owner = ResultFolder(folder, "result", FILE, FORMAT, digest, options, (PICTURE, PAGE))
     owner.holds_this_work()
     if (folder / "run.json").exists():
         ResultFolder(folder, "run", "run.json", RUN_FORMAT, digest, flat=True).holds_this_work()
@@ -111,6 +112,9 @@ def run_observe(
     owner.claim(observability_json(observability) | {"seed": seed, "posterior": rows})
     progress("drawing", 0, 0)
     write_png(draw_observability(observability), folder / PICTURE)
+    sections = observability_sections(observability, comparison)
+    title = f"Observability of {flown.name}"
+    write_page(folder / PAGE, title, flown.mission, campaign, sections, digest)
     return ObservedCampaign(observability, comparison)
 
 

@@ -9,15 +9,20 @@ and nothing is overwritten.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import check_folder, make_folder, write_atomically
 from bayes_inertia.folder_lock import LOCK_FILE
 from bayes_inertia.sealing import read_sealed_json, sealed
+from bayes_inertia.version import __version__
+
+if TYPE_CHECKING:
+    from bayes_inertia.report.section import Section
 
 _ADVICE = "choose another folder; nothing was overwritten"
 
@@ -43,6 +48,65 @@ def write_json(path: Path, content: Mapping[str, Any]) -> Path:
         If it cannot be written.
     """
     return write_atomically(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+
+def origin(campaign: Path) -> dict[str, str]:
+    """When a result is made, and of which folder: what its page says of its origin.
+
+    Parameters
+    ----------
+    campaign : Path
+        The campaign's folder, or its description.
+
+    Returns
+    -------
+    dict of str to str
+        `date` (UTC) and `data`.
+    """
+    place = campaign.resolve()
+    name = place.parent.name if place.is_file() else place.name
+    return {"date": datetime.now(UTC).date().isoformat(), "data": name}
+
+
+def write_page(
+    path: Path,
+    title: str,
+    mission: Sequence[tuple[str, str]],
+    campaign: Path,
+    sections: Sequence[Section],
+    sha256: str,
+) -> Path:
+    """Write the page of a result, with its origin in the head.
+
+    Parameters
+    ----------
+    path : Path
+        Of the page.
+    title : str
+        Its heading.
+    mission : sequence of (str, str)
+        Of the campaign.
+    campaign : Path
+        Where it was read.
+    sections : sequence of Section
+        What the page consists of.
+    sha256 : str
+        Digest of the campaign.
+
+    Returns
+    -------
+    Path
+        Of the page.
+
+    Raises
+    ------
+    OutputError
+        If it cannot be written.
+    """
+    from bayes_inertia.report.page import page_facts, render_page
+
+    facts = page_facts(dict(mission), sha256=sha256, version=__version__)
+    return write_atomically(path, render_page(title, sections, facts | origin(campaign)))
 
 
 @dataclass(frozen=True)

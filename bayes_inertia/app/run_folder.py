@@ -18,7 +18,7 @@ from bayes_inertia.app.diagnosed_fit import fit_after_diagnosis
 from bayes_inertia.app.diagnosis_json import next_fit_from, to_json
 from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.app.investigation import investigate
-from bayes_inertia.app.result_folder import ResultFolder, write_json
+from bayes_inertia.app.result_folder import ResultFolder, origin, write_json
 from bayes_inertia.app.run_report import run_summary, write_run_report
 from bayes_inertia.app.stored_diagnosis import DIAGNOSIS_FILE, blaming_diagnosis, read_diagnosis
 from bayes_inertia.campaign.campaign import Campaign
@@ -219,7 +219,7 @@ def start(
             # The copy is part of the claim and goes on with what a kill left of the same copy:
             # where run.json is, it is complete.
             copy_campaign(campaign, folder / "campaign")
-            owner.claim({"version": __version__})
+            owner.claim({"version": __version__, **origin(campaign)})
     return run
 
 

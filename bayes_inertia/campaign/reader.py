@@ -111,8 +111,10 @@ def read_unmasked(path: str | Path, *, keep_commands: bool = False) -> Campaign:
             raise error.inside(str(description)) from None
         slews += parts
         dirt += located(records + unknown, parts)
+    stated = {} if parsed.mission is None else parsed.mission.model_dump(exclude_none=True)
+    hardware |= {"slews": tuple(slews), "dirt": tuple(dirt), "mission": tuple(stated.items())}
     try:
-        return Campaign(name=parsed.name, slews=tuple(slews), dirt=tuple(dirt), **hardware)
+        return Campaign(name=parsed.name, **hardware)
     except CampaignError as error:
         raise error.inside(str(description)) from None
 

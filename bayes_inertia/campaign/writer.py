@@ -176,6 +176,8 @@ def _toml(campaign: Campaign, columns: dict[str, list[str]], files: list[str]) -
 
     document = tomlkit.document()
     document["format"], document["name"] = FORMAT, campaign.name
+    if campaign.mission:
+        document["mission"] = _table(**dict(campaign.mission))
     tracker = campaign.star_tracker
     document["inertia"] = _table(**vars(campaign.inertia))
     if campaign.wheels:

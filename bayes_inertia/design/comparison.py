@@ -12,6 +12,8 @@ from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.maths.values import array_dataclass
 
+# What the names of such plans say.
+_REFERENCE = "slews like the paper's"
 # Flights that expected sds are averaged over.
 _EXPECTED_FLIGHTS = 24
 
@@ -51,6 +53,11 @@ class Contender:
     peak_momentum: float
     peak_torque: float
     margins: tuple[Margin, ...]
+
+    @property
+    def is_reference(self) -> bool:
+        """Whether it is of slews like the paper's, which other plans are measured by."""
+        return _REFERENCE in self.name
 
     @property
     def worst_cross_term(self) -> float:

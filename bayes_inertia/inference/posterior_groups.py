@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import jax
 import numpy as np
 
+from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.gate_limits import criteria
@@ -125,9 +126,13 @@ def build_posterior(
     for effect in drawable(estimate):
         tree["signal"][effect.name].attrs.update(_signal_words(effect))
     attributes = {"campaign": campaign.name, "seed": seed} | context.attributes()
-    attributes |= _attributes(estimate, chains, context)
+    attributes |= _attributes(estimate, chains, context) | _mission(campaign)
     tree.attrs = {"format": FORMAT, "bayes_inertia": json.dumps(attributes)}
     return Posterior(tree)
+
+
+def _mission(campaign: Campaign) -> dict[str, Any]:
+    return {"mission": dict(campaign.mission)} if campaign.mission else {}
 
 
 def _signal_words(effect: StochasticEffect) -> dict[str, str]:

@@ -58,7 +58,7 @@ def diagnosis_verdict(content: Mapping[str, Any]) -> Verdict:
     # Of an ambiguous set, what has no name is a member.
     if content["verdict"] == "named" and (doubt := nameless_text(content)):
         sentences.append(doubt)
-    if content.get("could_hide") and content["verdict"] != "consistent":
+    if content.get("could_hide"):
         sentences.append(could_hide_text(content["could_hide"]))
     return Verdict(_LEVELS[content["verdict"]], headline(content), tuple(sentences))
 
@@ -85,11 +85,7 @@ def headline(content: Mapping[str, Any]) -> str:
     if verdict == "consistent":
         treated = any(d["treated"] != "ignored" for d in content.get("dirt", []))
         dirt = "without the dirt in the telemetry " if treated else ""
-        # What could hide belongs to the answer: "nothing is missing" is never all that is known.
-        hidden = f" {could_hide_text(rows)}" if (rows := content.get("could_hide")) else ""
-        return (
-            f"Nothing is missing that these slews show: {dirt}the model explains the data.{hidden}"
-        )
+        return f"Nothing is missing that these slews show: {dirt}the model explains the data."
     if verdict == "unknown":
         return "Something is missing that no candidate explains."
     if verdict == "ambiguous":

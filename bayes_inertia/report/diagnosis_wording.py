@@ -5,7 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bayes_inertia.report.formatting import CHANNEL_NAMES, listed, plain, value_text
+from bayes_inertia.report.formatting import (
+    CHANNEL_NAMES,
+    listed,
+    plain,
+    tenths,
+    two_digits,
+    unit_text,
+    value_text,
+)
 
 # Files of version 0.1 do not state the rules of their search: they were these.
 _RULES_OF_0_1 = {
@@ -199,19 +207,21 @@ def could_hide_text(rows: Sequence[Mapping[str, Any]]) -> str:
     Returns
     -------
     str
-        One sentence.
+        A bound with its condition, and what it is not.
 
     Examples
     --------
-    >>> could_hide_text([
-    ...     {"parameter": "Jxx", "shift": 6e-4, "sd": 2e-4, "effect": "wheel_friction"}])[:50]
-    'An effect too weak to be found, wheel friction, co'
+    >>> could_hide_text([{"parameter": "Jxx", "shift": 6e-4, "sd": 2e-4, "unit": "kg m^2",
+    ...     "effect": "wheel_friction"}])[:70]
+    'If there is wheel friction, too weak to be found, Jxx may be off by up'
     """
     worst = max(rows, key=lambda row: row["shift"] / row["sd"])
+    unit = unit_text(worst["unit"]) if worst["unit"] else ""
     return (
-        f"An effect too weak to be found, {plain(worst['effect'])}, could still have moved "
-        f"{worst['parameter']} by up to {worst['shift'] / worst['sd']:.1f} of the model's sd; "
-        "the quoted sd counts it by its probability."
+        f"If there is {plain(worst['effect'])}, too weak to be found, {worst['parameter']} may be "
+        f"off by up to {two_digits(worst['shift'])} {unit}".rstrip()
+        + f" ({tenths(worst['shift'] / worst['sd'])} of the model's sds). This is a bound: nothing "
+        "says that it is there, and the quoted sd counts it by its probability."
     )
 
 
@@ -366,19 +376,17 @@ def alike_sentences(content: Mapping[str, Any], max_pairs: int = 8) -> list[str]
     Examples
     --------
     >>> alike_sentences({"alike": [{"effects": ["a_b", "c"], "correlation": 0.9}]})
-    ['A b and c can imitate each other (canonical correlation 0.90).']
+    ['A b and c look alike in this campaign (correlation 0.90).']
     """
     limit = rules_of(content)["imitation_correlation"]
     if not content["alike"]:
-        return [
-            f"No two candidates can imitate each other beyond a canonical correlation of {limit:g}."
-        ]
+        return [f"No two candidates look alike in this campaign beyond a correlation of {limit:g}."]
     sentences = []
     for pair in content["alike"][:max_pairs]:
         first, second = (plain(name) for name in pair["effects"])
         sentences.append(
-            f"{first.capitalize()} and {second} can imitate each other "
-            f"(canonical correlation {pair['correlation']:.2f})."
+            f"{first.capitalize()} and {second} look alike in this campaign "
+            f"(correlation {pair['correlation']:.2f})."
         )
     if len(content["alike"]) > max_pairs:
         sentences.append(

@@ -6,29 +6,26 @@ from collections.abc import Mapping
 from typing import Any
 
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.report.criteria import criteria_of
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
-from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict
 from bayes_inertia.report.dirt_wording import dirt_rows
-from bayes_inertia.report.fit_verdict import fit_verdict
 from bayes_inertia.report.formatting import typeset
 from bayes_inertia.report.parameter_sections import determination_section, parameters_section
 from bayes_inertia.report.pictures.chains import draw_chains
 from bayes_inertia.report.pictures.posterior_data import n_slews
 from bayes_inertia.report.residual_sections import (
     residuals_section,
-    star_tracker_section,
     telemetry_section,
 )
+from bayes_inertia.report.result_section import result_sections
 from bayes_inertia.report.section import Picture, Section, packaged
 from bayes_inertia.report.settings_section import settings_section
 from bayes_inertia.report.signal_sections import signals_section
-from bayes_inertia.report.verdict import worst_level
-from bayes_inertia.report.verdict_sentence import verdict_sentence
 
 
 def standard_sections(
-    posterior: Posterior, diagnosis: Mapping[str, Any] | None = None
+    posterior: Posterior,
+    diagnosis: Mapping[str, Any] | None = None,
+    forecast: Mapping[str, Any] | None = None,
 ) -> list[Section]:
     """The sections of the report of a fit, and of the diagnosis that it follows.
 
@@ -40,21 +37,23 @@ def standard_sections(
         A finished fit.
     diagnosis : mapping or None
         The content of diagnosis.json, of a run that has one.
+    forecast : mapping or None
+        The error of the next slew with the old and the new J and K on board: `axis`, `angle_deg`,
+        and (5 % quantile, median, 95 % quantile) [rad] of `before` and `after`.
 
     Returns
     -------
     list of Section
-        In reading order: verdict, parameters, evidence of the diagnosis, residuals, what is
+        In reading order: result, why, parameters, evidence of the diagnosis, residuals, what is
         determined, gates, limits, settings. What the fit does not have (no star tracker) is left
         out.
     """
     sections = (
-        verdict_section(posterior, diagnosis),
+        *result_sections(posterior, diagnosis, forecast),
         parameters_section(posterior),
         *(diagnosis_sections(diagnosis) if diagnosis else ()),
         residuals_section(posterior),
         telemetry_section(posterior),
-        star_tracker_section(posterior),
         signals_section(posterior),
         dirt_section(posterior),
         determination_section(posterior),
@@ -63,33 +62,6 @@ def standard_sections(
         settings_section(posterior),
     )
     return [section for section in sections if section is not None]
-
-
-def verdict_section(posterior: Posterior, diagnosis: Mapping[str, Any] | None = None) -> Section:
-    """The answer in one sentence; below it, what is missing and whether the fit can be trusted.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-    diagnosis : mapping or None
-        The content of diagnosis.json.
-
-    Returns
-    -------
-    Section
-        The sentence and its reasons.
-    """
-    summary = posterior.summary()
-    verdicts = {"Can I trust it?": fit_verdict(summary, n_slews(posterior))}
-    if diagnosis is not None:
-        verdicts = {"What is missing?": diagnosis_verdict(diagnosis)} | verdicts
-    context = {
-        "sentence": verdict_sentence(summary, diagnosis),
-        "level": worst_level([verdict.level for verdict in verdicts.values()]),
-        "verdicts": verdicts,
-    }
-    return Section("Verdict", packaged("verdict.html"), context)
 
 
 def dirt_section(posterior: Posterior) -> Section | None:
@@ -122,41 +94,25 @@ def gates_section(posterior: Posterior) -> Section:
     Section
         Two tables and one picture.
     """
-    attributes, criteria = posterior.attributes, criteria_of(posterior.attributes)
+    attributes = posterior.attributes
     diagnostics = attributes["diagnostics"]
-    kept = (diagnostics["steps"] - diagnostics["discarded"]) / max(diagnostics["tau_max"], 1e-9)
-    rhat, effective = diagnostics["nested_rhat_max"], f"at least {criteria.effective_samples:g}"
     numbers = [
-        (
-            "nested R-hat, worst parameter",
-            f"{rhat:.4f}",
-            f"below {criteria.nested_rhat_below:g}",
-        ),
-        ("effective samples, bulk", f"{diagnostics['ess_bulk_min']:,.0f}", effective),
-        ("effective samples, tails", f"{diagnostics['ess_tail_min']:,.0f}", effective),
-        (
-            "steps kept per autocorrelation time",
-            f"{kept:.0f}",
-            f"at least {criteria.autocorrelation_times:g}",
-        ),
-    ]
-    for_information = [
         ("acceptance", f"{diagnostics['acceptance']:.2f}"),
         ("posterior evaluations", f"{diagnostics['evaluations']:,}"),
         ("effective samples per evaluation", f"{diagnostics['ess_per_evaluation']:.2f}"),
+        ("autocorrelation time, steps", f"{diagnostics['tau_max']:.1f}"),
     ]
-    numbers += [(name, value, "for information") for name, value in for_information]
     gates = [gate | {"says": typeset(gate["says"])} for gate in attributes["gates"]]
     context = {"gates": gates, "numbers": numbers}
     picture = Picture(
-        draw_chains(posterior, criteria),
+        draw_chains(posterior),
         "The parameter whose independent ensembles agree least. "
         "Left: mean of each ensemble's walkers (line) and the range of 90 % of them (band), "
         "step by step: bands on top of each other, without drift. "
         "Middle: how each ensemble's draws rank among all draws; the grey band holds 99 % "
         "of the steps if all ensembles sample the same distribution. Right: log posterior.",
         "Traces and rank histograms of the ensembles",
-        dense=True,
+        folded=True,
     )
     return Section("Gates", packaged("gates.html"), context, (picture,))
 

@@ -95,8 +95,9 @@ def _headline(
             "something is missing from it."
         )
     if not explained:
-        return "caution", (
-            "Usable, but the stated noise is wrong: the residuals are smaller than it predicts."
+        return "bad", (
+            "Do not use these numbers yet: the stated noise is wrong, the residuals are smaller "
+            "than it predicts."
         )
     if another_failed:
         return "bad", "Do not use these numbers yet: a gate failed."
@@ -115,11 +116,7 @@ def _on_sampler(converged: bool, diagnostics: Mapping[str, Any], criteria: Crite
     rhat, tau = diagnostics["nested_rhat_max"], diagnostics["tau_max"]
     effective = min(diagnostics["ess_bulk_min"], diagnostics["ess_tail_min"])
     if converged:
-        return (
-            "The sampler has converged: independently started ensembles agree "
-            f"(nested R-hat {rhat:.4f}, "
-            f"at least {effective:,.0f} effective samples of every parameter)."
-        )
+        return "The sampler has converged: independently started ensembles agree."
     kept = diagnostics["steps"] - diagnostics["discarded"]
     reasons = []
     if rhat >= criteria.nested_rhat_below:

@@ -38,7 +38,7 @@ def separating_text(slew: Mapping[str, Any]) -> str:
         f"about ({vector_text(slew['axis'])}) in body axes, up to {slew['rate_deg_s']:.2g} deg/s: "
         "what is seen of one and not of the other "
         f"grows {least_gain:.2g} times in χ² or more "
-        f"(canonical correlation {slew['correlation_before']:.2f} before, "
+        f"(correlation of the two {slew['correlation_before']:.2f} before, "
         f"{slew['correlation_after']:.2f} after)."
     )
 

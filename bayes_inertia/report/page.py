@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +18,14 @@ from bayes_inertia.report.column_labels import with_column_labels
 from bayes_inertia.report.fit_sections import standard_sections
 from bayes_inertia.report.section import Section, data_uri, packaged
 
+_MISSION_KEYS = ("name", "spacecraft", "operator", "document")
 
-def render(posterior: Posterior, sections: Sequence[Section] | None = None) -> str:
+
+def render(
+    posterior: Posterior,
+    sections: Sequence[Section] | None = None,
+    facts: Mapping[str, str] | None = None,
+) -> str:
     """The report of a fit as one HTML page that needs nothing from outside.
 
     The same posterior always gives the same bytes.
@@ -31,6 +37,8 @@ def render(posterior: Posterior, sections: Sequence[Section] | None = None) -> s
     sections : sequence of Section, optional
         What the page consists of, default `standard_sections(posterior)`.
         Add your own to that list.
+    facts : mapping of str to str, optional
+        What else the head says, such as the date, see `page_facts`.
 
     Returns
     -------
@@ -38,10 +46,47 @@ def render(posterior: Posterior, sections: Sequence[Section] | None = None) -> s
         The page.
     """
     chosen = standard_sections(posterior) if sections is None else sections
-    return render_page(str(posterior.attributes["campaign"]), chosen)
+    attributes = posterior.attributes
+    known = page_facts(
+        attributes.get("mission", {}),
+        sha256=attributes.get("campaign_sha256"),
+        version=attributes["versions"].get("bayes-inertia", ""),
+    )
+    return render_page(str(attributes["campaign"]), chosen, known | dict(facts or {}))
 
 
-def render_page(title: str, sections: Sequence[Section]) -> str:
+def page_facts(
+    mission: Mapping[str, str], *, sha256: str | None = None, version: str = ""
+) -> dict[str, str]:
+    """What the head of a page says of its origin; what is not known is left out.
+
+    Parameters
+    ----------
+    mission : mapping of str to str
+        `[mission]` of campaign.toml.
+    sha256 : str or None
+        Digest of the campaign.
+    version : str
+        Of this package.
+
+    Returns
+    -------
+    dict of str to str
+        In reading order.
+
+    Examples
+    --------
+    >>> page_facts({"operator": "UTIAS", "name": "MOST"}, sha256="ab" * 32, version="0.5.0")
+    {'mission': 'MOST', 'operator': 'UTIAS', 'SHA-256': 'abababababab', 'bayes-inertia': ...}
+    """
+    stated = {"mission" if key == "name" else key: mission.get(key, "") for key in _MISSION_KEYS}
+    made = {"SHA-256": (sha256 or "")[:12], "bayes-inertia": version}
+    return {name: value for name, value in (stated | made).items() if value}
+
+
+def render_page(
+    title: str, sections: Sequence[Section], facts: Mapping[str, str] | None = None
+) -> str:
     """Sections as one HTML page that needs nothing from outside.
 
     Only the page's own style sheet and scripts may act on it: a content security policy names
@@ -53,6 +98,8 @@ def render_page(title: str, sections: Sequence[Section]) -> str:
         The page's heading.
     sections : sequence of Section
         What it consists of.
+    facts : mapping of str to str, optional
+        What the head says of its origin, see `page_facts`.
 
     Returns
     -------
@@ -66,6 +113,7 @@ def render_page(title: str, sections: Sequence[Section]) -> str:
     scripts = list(dict.fromkeys(section.script for section in sections if section.script))
     return environment.from_string(packaged("page.html")).render(
         title=title,
+        facts=facts or {},
         css=Markup(css),
         css_hash=_policy_hash(css),
         scripts=[Markup(script) for script in scripts],
@@ -87,6 +135,7 @@ def _rendered(environment: Environment, section: Section) -> dict[str, Any]:
             "caption": p.caption,
             "alt": p.alt,
             "instead_of_script": p.instead_of_script,
+            "folded": p.folded,
         }
         for p in section.pictures
     ]

@@ -29,7 +29,7 @@ _MOST_PARAMETERS_DRAWN = 16
 
 
 def parameters_section(posterior: Posterior) -> Section:
-    """The headline table, the principal moments, prior against posterior.
+    """The table of parameters and principal moments, prior against posterior.
 
     Parameters
     ----------
@@ -43,7 +43,7 @@ def parameters_section(posterior: Posterior) -> Section:
     """
     summary, criteria = posterior.summary(), criteria_of(posterior.attributes)
     prior_mean = values_of(posterior, "estimate", "prior_mean")
-    powers = exponents_of(summary["parameters"])
+    powers = exponents_of(summary["parameters"] | summary["derived"])
     rows = [
         _parameter_row(name, row, powers[name], float(center), criteria)
         for (name, row), center in zip(summary["parameters"].items(), prior_mean, strict=True)
@@ -56,13 +56,13 @@ def parameters_section(posterior: Posterior) -> Section:
         "and the grey strip above it shows the prior over ±3 sd "
         "with the posterior's place as a blue mark; elsewhere prior and posterior share the axis.",
         "Prior and posterior densities of every parameter",
-        dense=True,
+        folded=True,
     )
-    derived = summary["derived"]
-    moments = exponents_of(derived)
     context = {
         "rows": rows,
-        "moments": [_value_cells(name, row, moments[name]) for name, row in derived.items()],
+        "moments": [
+            _value_cells(name, row, powers[name]) for name, row in summary["derived"].items()
+        ],
         "trusted": posterior.trusted,
         "quoted": posterior.quoted_factor is not None,
         "factor": posterior.quoted_factor or 1.0,
@@ -74,10 +74,13 @@ def parameters_section(posterior: Posterior) -> Section:
 
 def _value_cells(name: str, row: Mapping[str, Any], power: int) -> dict[str, str]:
     """Mean, quoted sd and the model's sd of one row, in one power of ten."""
-    quoted = row["quoted_sd"]
+    quoted, sd = row["quoted_sd"], sd_in_print(row)
+    interval = interval_90(row) if "q05" in row else None
+    ends = [number(end, sd, power) for end in interval or ()]
     return {
         "name": name,
-        "mean": number(row["mean"], sd_in_print(row), power),
+        "mean": number(row["mean"], sd, power),
+        "interval": " … ".join(ends) or (NOT_GIVEN if "q05" in row else ""),
         "quoted_sd": NOT_GIVEN if quoted is None else number(quoted, quoted, power),
         "sd": number(row["sd"], row["sd"], power),
         "unit": unit_text(row["unit"], power),
@@ -87,14 +90,11 @@ def _value_cells(name: str, row: Mapping[str, Any], power: int) -> dict[str, str
 def _parameter_row(
     name: str, row: Mapping[str, Any], power: int, prior_mean: float, criteria: Criteria
 ) -> dict[str, str]:
-    sd, interval = sd_in_print(row), interval_90(row)
-    ends = [number(end, sd, power) for end in interval or ()]
     prior, prior_sd = (number(x, row["prior_sd"], power) for x in (prior_mean, row["prior_sd"]))
-    share = contraction(sd, row["prior_sd"])
+    share = contraction(sd_in_print(row), row["prior_sd"])
     return _value_cells(name, row, power) | {
         "meaning": meaning(name),
         "prior": f"{prior} ± {prior_sd}",
-        "interval": " … ".join(ends) or NOT_GIVEN,
         "contraction": contraction_text(share, criteria),
         "determined": determination(share, criteria),
     }
@@ -127,7 +127,7 @@ def determination_section(posterior: Posterior) -> Section:
         "Numbers: correlations, framed beyond ±0.9."
         f"{only_some if len(names) > _MOST_PARAMETERS_DRAWN else ''}",
         "Pair plot of the posterior with correlations",
-        dense=True,
+        folded=True,
     )
     context = {
         "groups": names_by_determination(rows, criteria_of(posterior.attributes)),

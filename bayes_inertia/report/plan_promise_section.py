@@ -34,7 +34,6 @@ def plan_promise_section(promise: PlanPromise) -> Section:
     """
     context = {
         "sentence": promise.sentence,
-        "level": "caution" if promise.worse else "good",
         "headings": HEADINGS,
         "rows": promise_rows(promise),
         "promised_by": promise.promised_by,

@@ -22,6 +22,8 @@ _MOST_NUMBERS = 24_000  # residuals in a page
 _NOT_MEASURED = -32768  # stands for a gap
 _LARGEST = 32767  # steps
 _FEWEST_ROWS = 50  # of a slew and channel
+_FEW_ROWS = CHANNEL_NAMES["attitude"]
+_STANDS_OUT = 5.0  # standard errors: noise makes one such channel and slew in a million
 
 
 @array_dataclass
@@ -153,15 +155,21 @@ def _slew_content(
 
 
 def _largest(channels: list[ResidualChannel]) -> list[int]:
-    """Channel and slew whose mean square is furthest above one, in its own standard errors."""
-    excess = [
-        ((float(np.nanmean(residual**2)) - 1.0) * np.sqrt(0.5 * residual.size), -c, -s)
+    """Channel and slew whose mean square is furthest above one, in its own standard errors.
+
+    The few fixes of a star tracker fill no picture: it comes first where nothing else stands out.
+    """
+    excess = {
+        (c, s): (float(np.nanmean(residual**2)) - 1.0) * float(np.sqrt(0.5 * residual.size))
         for c, channel in enumerate(channels)
         for s, residual in enumerate(channel.residual)
         if residual.size
-    ]
-    _, c, s = max(excess)
-    return [-c, -s]
+    }
+    dense = {p: size for p, size in excess.items() if channels[p[0]].name != _FEW_ROWS}
+    if dense and not max(dense.values()) <= _STANDS_OUT < max(excess.values()):
+        excess = dense
+    c, s = max(excess, key=lambda place: excess[place])
+    return [c, s]
 
 
 def _base64(values: np.ndarray) -> str:

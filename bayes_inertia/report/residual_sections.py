@@ -97,38 +97,12 @@ def telemetry_section(posterior: Posterior) -> Section | None:
     Returns
     -------
     Section or None
-        One or two pictures; None where neither rates nor momenta were predicted.
+        None where nothing was predicted.
     """
-    slews, total = worst_slews(posterior, _MOST_SLEWS_DRAWN), n_slews(posterior)
-    which = ""
-    if posterior.tree["constant_data"].sizes["row"] > MOST_DOTS:
-        which += (
-            f" Of more than {MOST_DOTS} rows, lines and bands show the lowest and highest values, "
-            "residuals evenly spaced rows and the lowest and highest of each stretch."
-        )
-    if len(slews) < total:
-        which += f" The {len(slews)} of {total} slews that fit worst are drawn."
-    pictures = []
-    if (figure := draw_rates(posterior, slews)) is not None:
-        caption = (
-            "Rates: measured (dots) and simulated with the posterior's parameters (lines), "
-            "with the band that should hold 90 % of the measurements, noise included; "
-            "on this scale it is often no wider than the line. "
-            "Below each: measured minus simulated in stated sigmas of the sensor, "
-            "with guides at ±1, 2 and 3: about two in three dots belong inside the first, "
-            "all but three in a thousand inside the last. "
-            f"Patterns in time mean that something is missing from the model.{which}"
-        )
-        alt = "Measured and simulated rates with residuals, slew by slew"
-        pictures.append(Picture(figure, caption, alt, dense=True))
-    if (figure := draw_momentum(posterior, slews)) is not None:
-        caption = (
-            "Wheel momentum: measured minus simulated in stated sigmas of the tachometers, "
-            "guides at ±1, 2 and 3. Torque commands are the model's input, so a wheel's wrong "
-            f"gain, lag or friction would show here as a pattern.{which}"
-        )
-        alt = "Residuals of wheel momentum, slew by slew"
-        pictures.append(Picture(figure, caption, alt, dense=True, instead_of_script=True))
+    pictures = [
+        *_series_pictures(posterior),
+        *_star_tracker_picture(posterior),
+    ]
     if not pictures:
         return None
     return Section(
@@ -140,23 +114,45 @@ def telemetry_section(posterior: Posterior) -> Section | None:
     )
 
 
-def star_tracker_section(posterior: Posterior) -> Section | None:
-    """Measured against predicted attitude.
+def _series_pictures(posterior: Posterior) -> list[Picture]:
+    """Rates and wheel momentum over time, measured and simulated."""
+    slews, total = worst_slews(posterior, _MOST_SLEWS_DRAWN), n_slews(posterior)
+    which, pictures = "", []
+    if posterior.tree["constant_data"].sizes["row"] > MOST_DOTS:
+        which += (
+            f" Of more than {MOST_DOTS} rows, lines and bands show the lowest and highest values, "
+            "residuals evenly spaced rows and the lowest and highest of each stretch."
+        )
+    if len(slews) < total:
+        which += f" The {len(slews)} of {total} slews that fit worst are drawn."
+    if (figure := draw_rates(posterior, slews)) is not None:
+        caption = (
+            "Rates: measured (dots) and simulated with the posterior's parameters (lines), "
+            "with the band that should hold 90 % of the measurements, noise included; "
+            "on this scale it is often no wider than the line. "
+            "Below each: measured minus simulated in stated sigmas of the sensor, "
+            "with guides at ±1, 2 and 3: about two in three dots belong inside the first, "
+            "all but three in a thousand inside the last. "
+            f"Patterns in time mean that something is missing from the model.{which}"
+        )
+        alt = "Measured and simulated rates with residuals, slew by slew"
+        pictures.append(Picture(figure, caption, alt))
+    if (figure := draw_momentum(posterior, slews)) is not None:
+        caption = (
+            "Wheel momentum: measured minus simulated in stated sigmas of the tachometers, "
+            "guides at ±1, 2 and 3. Torque commands are the model's input, so a wheel's wrong "
+            f"gain, lag or friction would show here as a pattern.{which}"
+        )
+        alt = "Residuals of wheel momentum, slew by slew"
+        pictures.append(Picture(figure, caption, alt, instead_of_script=True))
+    return pictures
 
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
 
-    Returns
-    -------
-    Section or None
-        One picture; None without star-tracker fixes.
-    """
+def _star_tracker_picture(posterior: Posterior) -> list[Picture]:
+    """Measured against predicted attitude; nothing without star-tracker fixes."""
     figure = draw_attitude(posterior)
     if figure is None:
-        return None
-    title = "Attitude before and after each slew"
+        return []
     caption = (
         "Measured minus predicted attitude as small rotations about the body axes: "
         "small marks are single fixes, "
@@ -164,6 +160,4 @@ def star_tracker_section(posterior: Posterior) -> Section | None:
         "Right: after the slew, where errors of J and K would have grown into angles. "
         "Below: the same in stated sigmas of the star tracker, with guides at ±1, 2 and 3."
     )
-    alt = "Attitude misfit before and after each slew"
-    picture = Picture(figure, caption, alt, dense=True)
-    return Section(title, "", {}, (picture,))
+    return [Picture(figure, caption, "Attitude misfit before and after each slew", folded=True)]

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from bayes_inertia.report.criteria import Criteria
+from bayes_inertia.report.formatting import probability
 
 # Just outside a 99 % interval happens once in a hundred; gates reject at one in a thousand.
 # The interval is widened by this share of its half width before anything is called wrong.
@@ -70,12 +71,11 @@ def whiteness_text(p_white: float | None, criteria: Criteria) -> str:
     Examples
     --------
     >>> [whiteness_text(p, Criteria()) for p in (None, 0.0, 0.39)]
-    ['not tested', 'no (p < 1e-6)', 'yes (p = 0.39)']
+    ['not tested', 'no (p < 10⁻¹⁰⁰)', 'yes (p = 0.4)']
     """
     if p_white is None:
         return "not tested"
-    p = "p < 1e-6" if p_white < 1e-6 else f"p = {p_white:.2g}"
-    return f"{'no' if p_white < criteria.rejected_below else 'yes'} ({p})"
+    return f"{'no' if p_white < criteria.rejected_below else 'yes'} ({probability(p_white)})"
 
 
 def discount_text(discount: float) -> str:

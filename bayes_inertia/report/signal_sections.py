@@ -56,4 +56,4 @@ def _picture(posterior: Posterior, name: str) -> Picture:
         "sizes included that the data leave open."
     )
     figure = draw_signal(signal, whole_band=True)
-    return Picture(figure, caption, f"{title} over time, slew by slew", dense=True)
+    return Picture(figure, caption, f"{title} over time, slew by slew")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from html import escape
 from itertools import permutations
 from types import SimpleNamespace
 
@@ -382,6 +383,9 @@ def test_observe_writes_its_file_once_for_one_campaign(flown, observability, tmp
     assert abs(content["parameters"]["Jxz"]["sd"] / observability["Jxz"].sd - 1.0) < 1e-3
     assert content["posterior"] is None
     assert (out / "observability.png").read_bytes().startswith(b"\x89PNG")
+    page = (out / "observability.html").read_text()
+    assert escape(answer(observability)) in page
+    assert page.count("</tr>") > len(observability.names)
     toml = tmp_path / "campaign" / "campaign.toml"
     toml.write_text(toml.read_text().replace("relative_sigma = 0.04", "relative_sigma = 0.05"))
     before = (out / "observability.json").read_bytes()

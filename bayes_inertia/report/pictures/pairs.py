@@ -133,14 +133,7 @@ def _diagonal(axes: Axes, z: np.ndarray) -> None:
     for i in range(z.shape[1]):
         x, p = style.density(z[:, i], -1.0, 1.0, 80)
         heights = -1.0 + 1.8 * p / p.max()
-        axes.fill_between(
-            _place(x, i),
-            _place(np.full_like(x, -1.0), i, flip=True),
-            _place(heights, i, flip=True),
-            color=style.BLUE,
-            alpha=0.35,
-            lw=0,
-        )
+        axes.fill(_place(x, i), _place(heights, i, flip=True), color=style.BLUE, alpha=0.35, lw=0)
         axes.plot(_place(x, i), _place(heights, i, flip=True), color=style.BLUE, lw=1.0)
 
 

@@ -161,7 +161,7 @@ def scale(name: str, unit: str, center: float, half_range: float) -> Scale:
     Examples
     --------
     >>> scale("Jxx", "kg m^2", 3.33117, 1e-3).label
-    'Jxx − 3.3312 [10⁻³ kg m²]'
+    'Jxx − 3.3312 [× 10⁻³ kg m²]'
     >>> scale("K1", "", 1.0, 0.2).label
     'K1 [–]'
     """
