@@ -6,8 +6,6 @@ lock, so that it can work beside the optimizer.
 
 from __future__ import annotations
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.diagnosis.torque_response import tangents
@@ -28,12 +26,8 @@ def precompile(model: Model) -> None:
     model : Model
         The model with all candidate effects.
     """
-    theta, local = model.space.nulls, jnp.zeros((model.n_slews, model.structure.n_local))
-    point, white = Point(theta, jnp.zeros(N_BIAS), local), whitening(model, theta)
-    jax.block_until_ready(
-        (
-            padded_sensitivities(model, point, white, np.arange(9)),
-            tangents(model.structure, jnp.asarray(theta), local, model.data),
-            residuals(model.structure, point, model.data, white),
-        )
-    )
+    theta, local = model.space.nulls, np.zeros((model.n_slews, model.structure.n_local))
+    point, white = Point(theta, np.zeros(N_BIAS), local), whitening(model, theta)
+    padded_sensitivities(model, point, white, np.arange(9))
+    tangents(model.structure, theta, local, model.data)
+    residuals(model.structure, point, model.data, white)
