@@ -13,8 +13,8 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.model_data import Sensors
 from bayes_inertia.physics.nuisances import NuisanceScale
-from bayes_inertia.physics.prediction import Sensors
 
 # Points of the table that holds an orbit's environment.
 _ORBIT_POINTS = 200

@@ -28,8 +28,9 @@ from bayes_inertia.errors import EffectError
 from bayes_inertia.inference.point import N_BIAS
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.model_data import Sensors
 from bayes_inertia.physics.nuisances import NuisanceScale
-from bayes_inertia.physics.prediction import Sensors, Structure
+from bayes_inertia.physics.prediction import Structure
 from bayes_inertia.physics.slew_context import SlewContext, State, Trajectory
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 

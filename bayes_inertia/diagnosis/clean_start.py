@@ -17,8 +17,6 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.diagnosis.candidates import score_candidates
@@ -381,12 +379,8 @@ def precompile(model: Model) -> None:
     model : Model
         The model with all candidate effects.
     """
-    theta, local = model.space.nulls, jnp.zeros((model.n_slews, model.structure.n_local))
-    point, white = Point(theta, jnp.zeros(N_BIAS), local), whitening(model, theta)
-    jax.block_until_ready(
-        (
-            padded_sensitivities(model, point, white, np.arange(9)),
-            tangents(model.structure, jnp.asarray(theta), local, model.data),
-            residuals(model.structure, point, model.data, white),
-        )
-    )
+    theta, local = model.space.nulls, np.zeros((model.n_slews, model.structure.n_local))
+    point, white = Point(theta, np.zeros(N_BIAS), local), whitening(model, theta)
+    padded_sensitivities(model, point, white, np.arange(9))
+    tangents(model.structure, theta, local, model.data)
+    residuals(model.structure, point, model.data, white)

@@ -16,13 +16,15 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from bayes_inertia.inference.each_slew import of_all_slews, of_slew
 from bayes_inertia.inference.kept_programs import KeptProgram
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.likelihood import Residuals
 from bayes_inertia.inference.noise_memory import Memory, innovations
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.prediction import Data, Structure, acting_in, inertia_in, start_of
+from bayes_inertia.physics.model_data import Data
+from bayes_inertia.physics.prediction import Structure, acting_in, inertia_in, start_of
 from bayes_inertia.physics.simulator import simulate_slew
 from bayes_inertia.physics.slew_input import without_slow_error
 
@@ -152,9 +154,8 @@ def torque_response(estimate: Estimate) -> TorqueResponse:
     """
     model = estimate.model
     time = np.asarray(model.data.arrays.slews.context.time)
-    theta, local = jnp.asarray(estimate.theta), jnp.asarray(estimate.point.local)
-    attitude, rate_B, momentum, turn, change = (
-        np.asarray(x) for x in tangents(model.structure, theta, local, model.data)
+    attitude, rate_B, momentum, turn, change = tangents(
+        model.structure, estimate.theta, estimate.point.local, model.data
     )
     transition = np.concatenate([turn, change], axis=-2)
     J = inertia_tensor.tensor(jnp.asarray(estimate.theta[:6]))
@@ -168,11 +169,9 @@ def torque_response(estimate: Estimate) -> TorqueResponse:
     return TorqueResponse(estimate, time, attitude, rate_B, momentum, transition, inverse)
 
 
-# Compiled without optimization: half the time to compile, a few calls of less than 0.1 s.
-@partial(KeptProgram, compiler_options={"xla_backend_optimization_level": 0})
 def tangents(
-    structure: Structure, theta: Array, local: Array, data: Data
-) -> tuple[Array, Array, Array, Array, Array]:
+    structure: Structure, theta: np.ndarray, local: np.ndarray, data: Data
+) -> tuple[np.ndarray, ...]:
     """Simulate every slew, and how its attitude and rate follow the start state.
 
     Parameters
@@ -197,8 +196,20 @@ def tangents(
     turn, change : (slews, n, 3, 6) arrays
         Change of attitude [rad, body axes] and rate [rad/s] per change of the start state.
     """
+    grid = data.arrays.slews.context.time.shape[1]
+    parts = [
+        _tangents(structure, theta, of_slew(k, local), alone) for k, alone in enumerate(data.pieces)
+    ]
+    return of_all_slews(parts, (grid,) * len(parts[0]))
 
-    def of_slew(x, slew, telemetry, reference):
+
+# Compiled without optimization: half the time to compile, a few calls of less than 0.1 s.
+@partial(KeptProgram, compiler_options={"xla_backend_optimization_level": 0})
+def _tangents(
+    structure: Structure, theta: Array, local: Array, data: Data
+) -> tuple[Array, Array, Array, Array, Array]:
+
+    def one(x, slew, telemetry, reference):
         x, coefficients = structure.nuisances(x)
         active = acting_in(structure, theta, coefficients, slew.context)
         J = inertia_in(structure, theta, slew.context)
@@ -227,4 +238,4 @@ def tangents(
         )(dq)
         return q, w, h, turn, dw
 
-    return jax.vmap(of_slew)(local, data.arrays.slews, data.arrays.telemetry, data.arrays.reference)
+    return jax.vmap(one)(local, data.arrays.slews, data.arrays.telemetry, data.arrays.reference)

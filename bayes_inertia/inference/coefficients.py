@@ -16,7 +16,7 @@ linear in slews and, through A, in samples.
 from __future__ import annotations
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,6 +24,7 @@ import numpy as np
 from jax import Array
 from jax.scipy.linalg import solve_triangular
 
+from bayes_inertia.inference.each_slew import is_traced, of_slew
 from bayes_inertia.physics.prediction import Structure
 from bayes_inertia.physics.random_inputs import prior_blocks
 from bayes_inertia.physics.slew_context import SlewContext
@@ -108,8 +109,7 @@ class EliminatedSlews(NamedTuple):
     shared_step: Array
 
 
-@partial(jax.jit, static_argnums=0)
-def prior_roots(structure: Structure, theta: Array, contexts: SlewContext) -> Roots:
+def prior_roots(structure: Structure, theta: Any, contexts: SlewContext) -> Roots:
     """The roots of the coefficients' prior covariance of all slews.
 
     Parameters
@@ -118,19 +118,28 @@ def prior_roots(structure: Structure, theta: Array, contexts: SlewContext) -> Ro
     theta : (d,) array
         Parameters.
     contexts : SlewContext
-        With the slews as leading axis.
+        With the slews as leading axis, of numpy (`Data.contexts`).
 
     Returns
     -------
     tuple of (slews, b, m, m) arrays
         One an effect.
     """
+    if is_traced(theta, contexts):
+        return _prior_roots(structure, theta, contexts)
+    alone = (of_slew(k, contexts) for k in range(len(contexts.time)))
+    parts = [_prior_roots(structure, theta, context) for context in alone]
+    return jax.tree.map(lambda *roots: np.concatenate(roots), *parts)
+
+
+@partial(jax.jit, static_argnums=0)
+def _prior_roots(structure: Structure, theta: Array, contexts: SlewContext) -> Roots:
     active = structure.active_effects(theta)
     return jax.vmap(lambda slew: prior_blocks(active, structure.coefficients, slew))(contexts)
 
 
-# What is compiled for each shape of campaign and set of effects.
-PROGRAMS = (prior_roots,)
+# What is compiled for each set of effects.
+PROGRAMS = (_prior_roots,)
 
 
 def root_change(
@@ -269,7 +278,8 @@ def conditional_nuisances(
     ----------
     parts : EliminatedSlews
     noise : (s + slews n_local,) array
-        Standard normal numbers; zeros give the conditional mean.
+        Standard normal numbers; zeros give the conditional mean. There may be fewer slews than
+        were eliminated: what follows is padding.
 
     Returns
     -------
@@ -278,10 +288,10 @@ def conditional_nuisances(
     local : (slews, n_local) array
         Nuisances, coefficients whitened by their prior.
     """
-    local, across = np.asarray(parts.local), np.asarray(parts.across)
     shared_root = np.asarray(parts.shared_root)
-    s = len(shared_root)
+    s, slews = len(shared_root), (len(noise) - len(shared_root)) // parts.local.shape[1]
+    each = (parts.local, parts.across, parts.step, parts.root)
+    local, across, step, root = (np.asarray(x)[:slews] for x in each)
     shared = np.linalg.solve(shared_root.T, noise[:s] - np.asarray(parts.shared_step))
-    right = noise[s:].reshape(local.shape) - np.asarray(parts.step) - across @ shared
-    root = np.swapaxes(np.asarray(parts.root), -1, -2)
-    return shared, local + np.linalg.solve(root, right[..., None])[..., 0]
+    right = noise[s:].reshape(local.shape) - step - across @ shared
+    return shared, local + np.linalg.solve(np.swapaxes(root, -1, -2), right[..., None])[..., 0]

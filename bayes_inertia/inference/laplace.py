@@ -323,8 +323,8 @@ def marginal(estimate: Estimate) -> Marginal:
 def _coefficients(estimate: Estimate, columns: Residuals) -> CoefficientPart:
     """What the integral over coefficients needs whose prior is sampled."""
     model = estimate.model
-    contexts = model.data.arrays.slews.context
-    roots = prior_roots(model.structure, jnp.asarray(estimate.theta), contexts)
+    contexts = model.data.contexts
+    roots = prior_roots(model.structure, estimate.theta, contexts)
     information = sum(jnp.einsum("snp,snq->spq", j, j) for j in columns)
     return CoefficientPart(jnp.asarray(information), tuple(map(jnp.linalg.inv, roots)))
 

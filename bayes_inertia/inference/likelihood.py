@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -12,6 +11,7 @@ import numpy as np
 from jax import Array
 from jax.flatten_util import ravel_pytree
 
+from bayes_inertia.inference.each_slew import is_traced, of_all_slews, slew_pieces
 from bayes_inertia.inference.kept_programs import KeptProgram
 from bayes_inertia.inference.noise_memory import Memory, innovations
 from bayes_inertia.inference.noise_model import Whitening, n_data
@@ -20,9 +20,10 @@ from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.at_once import at_once
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.model_data import Data
 from bayes_inertia.physics.nuisances import Nuisances
 from bayes_inertia.physics.packing import Telemetry
-from bayes_inertia.physics.prediction import Data, Prediction, Structure, predict, predict_all
+from bayes_inertia.physics.prediction import Prediction, Structure, predict, predict_all
 
 # Sensitivities are taken so many columns at a time.
 _COLUMNS_AT_ONCE = 24
@@ -128,9 +129,13 @@ def residuals(structure: Structure, point: Point, data: Data, white: Whitening) 
     Returns
     -------
     Residuals
+        Arrays of numpy, unless JAX transforms the caller.
     """
-    plain = _plain_residuals(structure, point, data, white._replace(memory=None))
-    return plain if white.memory is None else _remembered(plain, white.memory)
+    program = partial(_filtered, _plain_residuals, structure)
+    if is_traced(point, data, white):
+        return program(point, data, white)
+    parts = [program(*piece) for piece in slew_pieces(point, data, white)]
+    return of_all_slews(parts, _numbers(structure, white))
 
 
 @KeptProgram
@@ -139,15 +144,36 @@ def _plain_residuals(structure: Structure, point: Point, data: Data, white: Whit
     return whitened(structure, prediction, data.arrays.telemetry, white)
 
 
-@jax.jit
-def _remembered(plain: Residuals, memory: Memory) -> Residuals:
+def _filtered(
+    program: Any, structure: Structure, point: Point, data: Data, white: Whitening, *more: Any
+) -> Any:
     """Residuals, or their derivatives (slews, numbers, p), without what noise before lets expect.
 
     It is linear: one compiled model serves white and correlated noise.
     """
+    plain = program(structure, point, data, white._replace(memory=None), *more)
+    if isinstance(plain, Sensitivities):
+        return Sensitivities(*(filtered(part, white) for part in plain))
+    return filtered(plain, white)
+
+
+def filtered(plain: Residuals, white: Whitening) -> Residuals:
+    """Residuals, or derivatives of them, where noise may remember."""
+    return plain if white.memory is None else _remembered(plain, white.memory)
+
+
+@jax.jit
+def _remembered(plain: Residuals, memory: Memory) -> Residuals:
     shape = plain.rate.shape
     rate = innovations(plain.rate.reshape(shape[0], shape[1] // 3, 3, *shape[2:]), memory)
     return plain._replace(rate=rate.reshape(shape))
+
+
+def _numbers(structure: Structure, white: Whitening) -> Residuals:
+    """How many numbers a slew has in each channel."""
+    wheels = 0 if structure.drive == "measured" else white.momentum.shape[2]
+    rows, fixes = white.rate.shape[1], white.attitude.shape[1]
+    return Residuals(3 * rows, 3 * fixes, wheels * rows)  # type: ignore[arg-type]
 
 
 def sensitivities(
@@ -175,10 +201,11 @@ def sensitivities(
     -------
     Sensitivities
     """
-    plain = _plain_sensitivities(structure, point, data, white._replace(memory=None), columns)
-    if white.memory is None:
-        return plain
-    return Sensitivities(*(_remembered(part, white.memory) for part in plain))
+    program = partial(_filtered, _plain_sensitivities, structure)
+    if is_traced(point, data, white):
+        return program(point, data, white, columns)
+    parts = [program(*piece, columns) for piece in slew_pieces(point, data, white)]
+    return of_all_slews(parts, Sensitivities(*[_numbers(structure, white)] * 2))
 
 
 @KeptProgram
@@ -235,13 +262,6 @@ def _sensor_columns(structure: Structure, point: Point, data: Data, white: White
     return jax.vmap(of_slew)(point.local, *data.arrays, white)
 
 
-def _sensor_sensitivities(
-    structure: Structure, point: Point, data: Data, white: Whitening
-) -> Residuals:
-    plain = _sensor_columns(structure, point, data, white._replace(memory=None))
-    return plain if white.memory is None else _remembered(plain, white.memory)
-
-
 def padded_sensitivities(
     model: Model, point: Point, white: Whitening, free: np.ndarray
 ) -> Sensitivities:
@@ -273,27 +293,28 @@ def padded_sensitivities(
     moving = np.flatnonzero(~sensed)
     padding = -len(moving) % _COLUMNS_AT_ONCE
     groups = columns[np.concatenate([moving, np.repeat(moving[-1:], padding)])]
-    point = jax.tree.map(on_device, point)
-    tasks: list[Callable[[], Any]] = [
-        partial(sensitivities, structure, point, model.data, white, on_device(group))
+    pieces = slew_pieces(point, model.data, white)
+    programs = [
+        partial(_filtered, _plain_sensitivities, structure, *piece, on_device(group))
         for group in groups.reshape(-1, _COLUMNS_AT_ONCE)
+        for piece in pieces
     ]
     if sensed.any():
-        tasks.append(partial(_sensor_sensitivities, structure, point, model.data, white))
-    parts = at_once(tasks)
+        programs += [partial(_filtered, _sensor_columns, structure, *piece) for piece in pieces]
+    parts, numbers = at_once(programs), _numbers(structure, white)
     # Of the sensors' coefficients there are derivatives alone.
-    jacobians = [part.jacobian if isinstance(part, Sensitivities) else part for part in parts]
-    jacobian = Residuals(*(jnp.concatenate(pieces, -1) for pieces in zip(*jacobians, strict=True)))
+    derivatives = [part.jacobian if isinstance(part, Sensitivities) else part for part in parts]
+    jacobians = [
+        of_all_slews(derivatives[k : k + len(pieces)], numbers)
+        for k in range(0, len(parts), len(pieces))
+    ]
+    jacobian = Residuals(*(np.concatenate(c, -1) for c in zip(*jacobians, strict=True)))
     if sensed.any():
         padded = len(columns) + np.arange(padding)
-        stacked = np.concatenate([moving, padded, np.flatnonzero(sensed)])
-        jacobian = _in_order(jacobian, on_device(np.argsort(stacked)))
-    return Sensitivities(parts[0].residuals, jacobian)
-
-
-@jax.jit
-def _in_order(jacobian: Residuals, order: Array) -> Residuals:
-    return Residuals(*(jnp.take(columns, order, axis=-1) for columns in jacobian))
+        order = np.argsort(np.concatenate([moving, padded, np.flatnonzero(sensed)]))
+        jacobian = Residuals(*(channel[..., order] for channel in jacobian))
+    at_point = [part.residuals for part in parts[: len(pieces)]]
+    return Sensitivities(of_all_slews(at_point, numbers), jacobian)
 
 
 def unpadded_sensitivities(
@@ -314,22 +335,18 @@ def unpadded_sensitivities(
     Returns
     -------
     Sensitivities
-        With f + 3 + n_local columns (arrays of JAX).
+        With f + 3 + n_local columns.
     """
     padded = padded_sensitivities(model, point, white, free)
     p = len(free) + 3 + model.structure.n_local
-    # Cut by numpy: JAX would compile a program for each number of columns.
-    cut = (on_device(np.asarray(j)[..., :p]) for j in padded.jacobian)
-    return Sensitivities(padded.residuals, Residuals(*cut))
+    return Sensitivities(padded.residuals, Residuals(*(j[..., :p] for j in padded.jacobian)))
 
 
-@jax.jit
-def _normal_equations(s: Sensitivities) -> tuple[Array, Array, Array]:
-    matrix = jnp.stack([jnp.einsum("snp,snq->spq", j, j) for j in s.jacobian], 1)
-    gradient = jnp.stack(
-        [jnp.einsum("snp,sn->sp", j, r) for j, r in zip(s.jacobian, s.residuals, strict=True)], 1
-    )
-    return matrix, gradient, jnp.stack([jnp.sum(r**2, -1) for r in s.residuals], 1)
+def _normal_equations(s: Sensitivities) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    pairs = list(zip(s.jacobian, s.residuals, strict=True))
+    matrix = np.stack([np.swapaxes(j, 1, 2) @ j for j, _ in pairs], 1)
+    gradient = np.stack([np.einsum("snp,sn->sp", j, r) for j, r in pairs], 1)
+    return matrix, gradient, np.stack([np.sum(r**2, -1) for _, r in pairs], 1)
 
 
 def information_blocks(
@@ -355,21 +372,8 @@ def information_blocks(
     free = np.arange(model.space.size) if free is None else np.asarray(free)
     matrix, gradient, chi2 = _normal_equations(padded_sensitivities(model, point, white, free))
     p = len(free) + 3 + model.structure.n_local
-    return Information(
-        np.array(matrix)[..., :p, :p],
-        np.array(gradient)[..., :p],
-        np.array(chi2),
-        n_data(white),
-        free,
-    )
+    return Information(matrix[..., :p, :p], gradient[..., :p], chi2, n_data(white), free)
 
 
-# What is compiled for each shape of campaign, largest first.
-PROGRAMS = (
-    _plain_sensitivities,
-    _plain_residuals,
-    _normal_equations,
-    _remembered,
-    _sensor_columns,
-    _in_order,
-)
+# What is compiled for each size of slew, largest first.
+PROGRAMS = (_plain_sensitivities, _plain_residuals, _remembered, _sensor_columns)

@@ -10,6 +10,7 @@ theta0. On a linear model this is exact; the ridge keeps it accurate where theta
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -27,13 +28,17 @@ from bayes_inertia.inference.coefficients import (
     log_integral,
     root_change,
 )
+from bayes_inertia.inference.each_slew import of_slew, slew_pieces
 from bayes_inertia.inference.kept_programs import KeptProgram
-from bayes_inertia.inference.likelihood import Residuals, residuals, whitened
+from bayes_inertia.inference.likelihood import Residuals, filtered, residuals, whitened
 from bayes_inertia.inference.noise_model import Whitening
-from bayes_inertia.inference.point import Point
+from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.device_arrays import filled, on_device, padded_size, repeated
+from bayes_inertia.physics.model_data import Data
 from bayes_inertia.physics.parameters import log_prior
-from bayes_inertia.physics.prediction import Data, Structure, predict_all
+from bayes_inertia.physics.prediction import Structure, predict_all
+from bayes_inertia.physics.slew_context import SlewContext
 
 LogDensity = Callable[[np.ndarray], np.ndarray]
 
@@ -77,12 +82,12 @@ class Marginal(NamedTuple):
     unexplained: Array | float = 0.0
 
 
-def point_on_ridge(marginal: Marginal, theta: Array) -> Point:
+def point_on_ridge(marginal: Any, theta: Array) -> Point:
     """The nuisances that belong to theta, to first order.
 
     Parameters
     ----------
-    marginal : Marginal
+    marginal : Marginal or part of it
     theta : (d,) array
 
     Returns
@@ -98,44 +103,113 @@ def point_on_ridge(marginal: Marginal, theta: Array) -> Point:
     )
 
 
-def _project(structure: Structure, marginal: Marginal, theta: Array) -> tuple[Array, Array]:
-    """chi^2 () on the ridge, and the gradient (M,) of half of it with respect to the nuisances."""
-    point = point_on_ridge(marginal, theta)
+class _Pull(NamedTuple):
+    """What tells how the data pull at the nuisances, with the slews as leading axis."""
+
+    optimum: Point
+    ridge_bias: Array
+    ridge_local: Array
+    columns: Residuals
+    data: Data
+    white: Whitening
+
+
+class _Nuisances(NamedTuple):
+    """What the integral over nuisances needs beside the pull, as `Marginal` has it."""
+
+    optimum: Point
+    ridge_bias: Array
+    ridge_local: Array
+    root: Array
+    coefficients: CoefficientPart | None
+    unexplained: Array | float
+    contexts: SlewContext | None
+
+
+@KeptProgram
+def _pulls(structure: Structure, pull: _Pull, thetas: Array) -> tuple[Array, Array]:
+    """chi^2 (batch,) on the ridge; its half's gradient (batch, slews, k) to bias and nuisances."""
+    return jax.vmap(partial(_pull_at, structure, pull))(thetas)
+
+
+def _pull_at(structure: Structure, pull: _Pull, theta: Array) -> tuple[Array, Array]:
+    fixed = jnp.asarray(structure.hyperparameters, int)
+    # Residuals depend on what the coefficients are, not on their prior.
+    point = point_on_ridge(pull, theta.at[fixed].set(pull.optimum.theta[fixed]))
+    prediction = predict_all(structure, point.theta, point.local, point.bias, pull.data)
+    plain = pull.white._replace(memory=None)
+    r = whitened(structure, prediction, pull.data.arrays.telemetry, plain)
+    r = filtered(r, pull.white)
+    return sum(jnp.sum(channel**2) for channel in r), pulled(r, pull.columns, jnp)
+
+
+def pulled(r: Residuals, columns: Residuals, xp: Any = np) -> Any:
+    """Gradient (slews, k) of half the sum of squares by the nuisances, whose columns are given."""
+    pairs = zip(r, columns, strict=True)
+    return sum(xp.einsum("sn,snk->sk", channel, of_channel) for channel, of_channel in pairs)
+
+
+def _log_integral(
+    structure: Structure, nuisances: _Nuisances, theta: Array, chi2: Array, gradient: Array
+) -> Array:
+    """Log of the integral over all nuisances at one theta, from the data's pull there."""
+    if nuisances.coefficients is not None:
+        return log_integral(_elimination(structure, nuisances, theta, chi2, gradient)[0])
+    point = point_on_ridge(nuisances, theta)
     bias, local = point.bias, point.local
-    prediction = predict_all(structure, theta, local, bias, marginal.data)
-    r = whitened(structure, prediction, marginal.data.arrays.telemetry, marginal.white)
-    slew_gradient: Any = sum(
-        jnp.einsum("sn,snk->sk", channel, columns)
-        for channel, columns in zip(r, marginal.columns, strict=True)
-    )
-    gradient = jnp.concatenate(
-        [slew_gradient[:, :3].sum(0) + bias, (slew_gradient[:, 3:] + local).ravel()]
-    )
-    chi2 = sum(jnp.sum(channel**2) for channel in r) + jnp.sum(bias**2) + jnp.sum(local**2)
-    return chi2 + marginal.unexplained, gradient
+    every = jnp.concatenate([gradient[:, :3].sum(0) + bias, (gradient[:, 3:] + local).ravel()])
+    squares = chi2 + jnp.sum(bias**2) + jnp.sum(local**2) + nuisances.unexplained
+    return -0.5 * (squares - jnp.sum((nuisances.root @ every) ** 2))
 
 
-def _nuisances_eliminated(
-    structure: Structure, marginal: Marginal, theta: Array
+def _elimination(
+    structure: Structure, nuisances: _Nuisances, theta: Array, chi2: Array, gradient: Array
 ) -> tuple[EliminatedSlews, Array]:
     """The integral over all nuisances at one theta, where their prior depends on it; the bias."""
-    fixed = jnp.asarray(structure.hyperparameters)
-    # Residuals depend on what the coefficients are, not on their prior.
-    point = point_on_ridge(marginal, theta.at[fixed].set(marginal.optimum.theta[fixed]))
-    r = residuals(structure, point, marginal.data, marginal.white)
-    slew_gradient: Any = sum(
-        jnp.einsum("sn,snk->sk", channel, columns)
-        for channel, columns in zip(r, marginal.columns, strict=True)
-    )
-    chi2: Any = sum(jnp.sum(channel**2) for channel in r)
-    part: Any = marginal.coefficients
-    contexts = marginal.data.arrays.slews.context
-    change = root_change(structure, part.inverse_roots, theta, contexts)
+    fixed, part = jnp.asarray(structure.hyperparameters, int), nuisances.coefficients
+    assert part is not None
+    assert nuisances.contexts is not None
+    point = point_on_ridge(nuisances, theta.at[fixed].set(nuisances.optimum.theta[fixed]))
+    change = root_change(structure, part.inverse_roots, theta, nuisances.contexts)
     bias = point.bias
     equations = SlewEquations(
-        chi2, part.information, slew_gradient, jnp.ones(len(bias)), bias, bias @ bias, point.local
+        chi2, part.information, gradient, jnp.ones(len(bias)), bias, bias @ bias, point.local
     )
     return eliminated(change, equations), bias
+
+
+@jax.jit
+def _safe(thetas: Array, optimum: Array) -> Array:
+    """Where J is physical theta, elsewhere the optimum."""
+    physical = inertia_tensor.is_physical(thetas[:, :6])
+    return jnp.where(physical[:, None], thetas, optimum)
+
+
+@KeptProgram
+def _densities(
+    structure: Structure,
+    nuisances: _Nuisances,
+    prior: dict,
+    thetas: Array,
+    chi2: Array,
+    gradient: Array,
+) -> Array:
+    """Log densities (batch,), from the data's pull at physical thetas."""
+    return jax.vmap(partial(_density, structure, nuisances, prior))(thetas, chi2, gradient)
+
+
+def _density(
+    structure: Structure,
+    nuisances: _Nuisances,
+    prior: dict,
+    theta: Array,
+    chi2: Array,
+    gradient: Array,
+) -> Array:
+    physical = inertia_tensor.is_physical(theta[:6])
+    safe = jnp.where(physical, theta, nuisances.optimum.theta)
+    value = _log_integral(structure, nuisances, safe, chi2, gradient) + log_prior(prior, theta)
+    return jnp.where(physical & jnp.isfinite(value), value, -jnp.inf)
 
 
 def log_posterior_of(structure: Structure, marginal: Marginal, theta: Array) -> Array:
@@ -154,23 +228,15 @@ def log_posterior_of(structure: Structure, marginal: Marginal, theta: Array) -> 
     () array
         -inf where J is unphysical or a prior ends.
     """
-    physical = inertia_tensor.is_physical(theta[:6])
-    safe = jnp.where(physical, theta, marginal.optimum.theta)
-    if marginal.coefficients is None:
-        chi2, gradient = _project(structure, marginal, safe)
-        explained = jnp.sum((marginal.root @ gradient) ** 2)
-        value = log_prior(marginal.prior, theta) - 0.5 * (chi2 - explained)
-    else:
-        parts, _ = _nuisances_eliminated(structure, marginal, safe)
-        value = log_prior(marginal.prior, theta) + log_integral(parts)
-    return jnp.where(physical & jnp.isfinite(value), value, -jnp.inf)
+    pull = _Pull(*(getattr(marginal, key) for key in _Pull._fields))
+    safe = _safe(theta[None], jnp.asarray(marginal.optimum.theta))[0]
+    of_data = _pull_at(structure, pull, safe)
+    nuisances = _nuisances(marginal, marginal.data.arrays.slews.context)
+    return _density(structure, nuisances, marginal.prior, theta, *of_data)
 
 
-@KeptProgram
-def log_posterior(structure: Structure, marginal: Marginal, thetas: Array) -> Array:
+def log_posterior(structure: Structure, marginal: Marginal, thetas: np.ndarray) -> np.ndarray:
     """The compiled marginal log posterior.
-
-    The data are arguments: it is compiled once for all campaigns of one shape.
 
     Parameters
     ----------
@@ -183,12 +249,87 @@ def log_posterior(structure: Structure, marginal: Marginal, thetas: Array) -> Ar
     (batch,) array
         Log densities.
     """
-    return jax.vmap(partial(log_posterior_of, structure, marginal))(thetas)
+    return _compiled(structure, marginal)(np.asarray(thetas))
 
 
-_compiled_elimination = jax.jit(_nuisances_eliminated, static_argnums=0)
-# What is compiled for each shape of campaign, largest first.
-PROGRAMS = (log_posterior, _compiled_elimination)
+def _compiled(structure: Structure, marginal: Marginal) -> LogDensity:
+    """Each slew's pull by the program of one slew, and their integral by that of a few sizes."""
+    pieces, nuisances = _pieces(marginal), _padded_nuisances(marginal)
+    slews = len(nuisances.ridge_local)
+
+    def densities(thetas: np.ndarray) -> np.ndarray:
+        safe = _safe(thetas, nuisances.optimum.theta)
+        pulls = [_pulls(structure, piece, safe) for piece in pieces]
+        chi2 = sum(np.asarray(of_slew) for of_slew, _ in pulls)
+        gradient = np.concatenate([np.asarray(slopes) for _, slopes in pulls], axis=1)
+        every = thetas, chi2, filled(gradient, slews)
+        return np.asarray(_densities(structure, nuisances, marginal.prior, *every))
+
+    return densities
+
+
+def _pieces(marginal: Marginal) -> list[_Pull]:
+    """What `_pulls` is given of each slew alone."""
+    pieces = slew_pieces(marginal.optimum, marginal.data, marginal.white)
+    ridge = np.asarray(marginal.ridge_local)
+    rows = pieces[0].white.rate.shape[1], pieces[0].white.attitude.shape[1]
+    given = marginal.white.rate.shape[1], marginal.white.attitude.shape[1]
+    columns = Residuals(
+        *(
+            filled(np.asarray(x), x.shape[1] // max(1, given[k]) * rows[k])
+            for x, k in zip(marginal.columns, (0, 1, 0), strict=True)
+        )
+    )
+    return [
+        jax.tree.map(
+            on_device,
+            _Pull(
+                piece.point,
+                marginal.ridge_bias,
+                of_slew(k, ridge),
+                of_slew(k, columns),
+                piece.data,
+                piece.white,
+            ),
+        )
+        for k, piece in enumerate(pieces)
+    ]
+
+
+def _nuisances(marginal: Marginal, contexts: SlewContext) -> _Nuisances:
+    parts = (getattr(marginal, key) for key in _Nuisances._fields if key != "contexts")
+    return _Nuisances(*parts, contexts if marginal.coefficients is not None else None)
+
+
+def _padded_nuisances(marginal: Marginal) -> _Nuisances:
+    """With slews added of which no data speak: a few numbers of slews share a program."""
+    plain = jax.tree.map(np.asarray, _nuisances(marginal, marginal.data.contexts))
+    slews, n_local, _ = plain.ridge_local.shape
+    size = padded_size(slews, 1)
+    unknowns = N_BIAS + size * n_local
+    part = plain.coefficients
+    if part is not None:
+        roots = tuple(repeated(x, size, axis=0) for x in part.inverse_roots)
+        part = CoefficientPart(filled(part.information, size, axis=0), roots)
+    padded = plain._replace(
+        optimum=replace(plain.optimum, local=filled(plain.optimum.local, size, axis=0)),
+        ridge_local=filled(plain.ridge_local, size, axis=0),
+        root=filled(filled(plain.root, unknowns, axis=0), unknowns, axis=1),
+        coefficients=part,
+        contexts=jax.tree.map(lambda x: repeated(x, size, axis=0), plain.contexts),
+    )
+    return jax.tree.map(on_device, padded)
+
+
+@partial(jax.jit, static_argnums=0)
+def _compiled_elimination(
+    structure: Structure, nuisances: _Nuisances, theta: Array, chi2: Array, gradient: Array
+) -> tuple[EliminatedSlews, Array]:
+    return _elimination(structure, nuisances, theta, chi2, gradient)
+
+
+# What is compiled for each size of slew, largest first.
+PROGRAMS = (_pulls, _densities, _compiled_elimination)
 
 
 def conditional_point(
@@ -208,19 +349,22 @@ def conditional_point(
     -------
     Point
     """
-    if marginal.coefficients is not None:
-        parts, bias = _compiled_elimination(structure, marginal, jnp.asarray(theta))
-        step, local = conditional_nuisances(parts, noise)
-        return Point(np.asarray(theta), np.asarray(bias) + step, local)
     theta, optimum = np.asarray(theta), jax.tree.map(np.asarray, marginal.optimum)
-    shift = theta - optimum.theta
+    at = theta.copy()
+    if marginal.coefficients is not None:
+        # Residuals depend on what the coefficients are, not on their prior.
+        at[list(structure.hyperparameters)] = optimum.theta[list(structure.hyperparameters)]
+    shift = at - optimum.theta
     bias = optimum.bias + np.asarray(marginal.ridge_bias) @ shift
     local = optimum.local + np.asarray(marginal.ridge_local) @ shift
-    r = residuals(structure, Point(theta, bias, local), marginal.data, marginal.white)
-    slew_gradient: Any = sum(
-        np.einsum("sn,snk->sk", channel, columns)
-        for channel, columns in zip(r, marginal.columns, strict=True)
-    )
+    r = residuals(structure, Point(at, bias, local), marginal.data, marginal.white)
+    slew_gradient = pulled(r, jax.tree.map(np.asarray, marginal.columns))
+    if marginal.coefficients is not None:
+        nuisances = _padded_nuisances(marginal)
+        pull = sum(np.sum(x**2) for x in r), filled(slew_gradient, len(nuisances.ridge_local), 0)
+        parts, bias = _compiled_elimination(structure, nuisances, theta, *pull)
+        step, local = conditional_nuisances(parts, noise)
+        return Point(theta, np.asarray(bias) + step, local)
     gradient = np.concatenate(
         [slew_gradient[:, :3].sum(0) + bias, (slew_gradient[:, 3:] + local).ravel()]
     )
@@ -244,10 +388,10 @@ def log_density_of(structure: Structure, marginal: Marginal, *, batch: int) -> L
     callable
         From thetas (n, d) to log densities (n,).
     """
-    return in_batches(partial(log_posterior, structure, marginal), batch)
+    return in_batches(_compiled(structure, marginal), batch)
 
 
-def in_batches(compiled: Callable[[Any], Array], batch: int) -> LogDensity:
+def in_batches(compiled: Callable[[Any], Any], batch: int) -> LogDensity:
     """A compiled density for arrays of numpy of any length.
 
     Parameters

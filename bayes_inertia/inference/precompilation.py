@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 
-import jax
 import numpy as np
 
 from bayes_inertia.inference.hyperparameters import evidence_at
@@ -56,4 +55,4 @@ def _evaluate(model: Model, point: Point) -> None:
     white = whitening(model, point.theta)
     evidence = evidence_at(model, point, white, np.arange(model.space.size))
     evidence.negative_log(evidence.standardised(point.theta))
-    jax.block_until_ready(residuals(model.structure, point, model.data, white))
+    residuals(model.structure, point, model.data, white)

@@ -15,6 +15,7 @@ model holds less of them than `_NEGLIGIBLE` of the noise.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax
@@ -28,6 +29,7 @@ from bayes_inertia.inference.likelihood import Residuals
 from bayes_inertia.inference.marginal_posterior import Marginal
 from bayes_inertia.inference.noise_model import Whitening
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.device_arrays import padded_size
 from bayes_inertia.physics.prediction import Structure
 from bayes_inertia.physics.slew_input import ReadingProjection, SlewInput
 from bayes_inertia.physics.step_drive import KnownMomentum, known_momentum
@@ -108,7 +110,7 @@ def compressed(structure: Structure, marginal: Marginal) -> Marginal:
     arrays = marginal.data.arrays._replace(telemetry=telemetry)
     return marginal._replace(
         columns=Residuals(*columns),
-        data=marginal.data._replace(arrays=arrays),
+        data=replace(marginal.data, arrays=arrays),
         white=white,
         unexplained=jnp.asarray(rate.unexplained + momentum.unexplained),
     )
@@ -210,7 +212,8 @@ def _chosen_rows(structure: Structure, marginal: Marginal, valid: np.ndarray) ->
     counts = valid.reshape(known.steps.fraction.shape)[..., None]
     basis, size, _ = np.linalg.svd(_functions(structure, marginal, known) * counts, False)
     rank = (size > _NEGLIGIBLE * np.sqrt(r)).sum(axis=-1)
-    q = int(rank.max())
+    # Few numbers of rows, for each is another program.
+    q = padded_size(int(rank.max()), 4)
     if q > _WORTHWHILE * r:
         return None
     chosen = np.zeros((*rank.shape, q), int)

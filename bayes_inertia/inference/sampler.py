@@ -37,14 +37,13 @@ from bayes_inertia.inference.proposal import (
 from bayes_inertia.inference.reading_compression import compressed
 from bayes_inertia.inference.settings import Settings
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.prediction import Data
 from bayes_inertia.progress import Progress
 
 _LEAST_WARM_UP_STEPS = 8
 _LEAST_STEPS_BETWEEN_SAVES = 8
 # This many times more draws than seem enough are taken.
 _STEPS_MARGIN = 1.1
-# Row-slews of a batch whose trajectories fit the processor's cache.
+# Rows of a batch, of the slews evaluated at once, whose trajectories fit the processor's cache.
 _CACHED_ROWS = 150_000
 
 
@@ -85,12 +84,12 @@ def batch_size(estimate: Estimate) -> int:
     int
         A power of two from 8 to 32; emcee's half-ensemble moves ask for 32 at a time.
     """
-    return _batch(estimate.model.data)
+    slews, rows = estimate.model.data.arrays.telemetry.rate.shape[:2]
+    return _batch(slews * rows)
 
 
-def _batch(data: Data) -> int:
-    slews, rows = data.arrays.telemetry.rate.shape[:2]
-    return int(np.clip(2 ** int(np.log2(max(1.0, _CACHED_ROWS / (slews * rows)))), 8, 32))
+def _batch(rows: int) -> int:
+    return int(np.clip(2 ** int(np.log2(max(1.0, _CACHED_ROWS / rows))), 8, 32))
 
 
 def sample(
@@ -168,7 +167,8 @@ def log_density_at(estimate: Estimate, most: int = 32) -> LogDensity:
         return log_density_with_noise(estimate, batch=min(most, batch_size(estimate)))
     structure = estimate.model.structure
     few = compressed(structure, marginal(estimate))
-    return log_density_of(structure, few, batch=min(most, _batch(few.data)))
+    rows = few.data.pieces[0].arrays.telemetry.rate.shape[1]
+    return log_density_of(structure, few, batch=min(most, _batch(rows)))
 
 
 def steps_wanted(diagnostics: Diagnostics, settings: Settings) -> int:

@@ -1,4 +1,4 @@
-"""Arrays of the host as arrays of JAX, without compiling anything."""
+"""Arrays of the host as arrays of JAX, without compiling anything; and sizes to compile for."""
 
 from __future__ import annotations
 
@@ -8,6 +8,9 @@ from jax import Array
 
 from bayes_inertia.maths.jax_settings import require_usable_jax
 from bayes_inertia.maths.values import AnyArray
+
+# Of an axis, at least: a slew has some ten star-tracker fixes.
+SMALLEST = 16
 
 
 def on_device(values: AnyArray) -> Array:
@@ -37,3 +40,43 @@ def on_device(values: AnyArray) -> Array:
     """
     require_usable_jax()
     return jax.device_put(np.asarray(values))
+
+
+def padded_size(n: int, least: int = SMALLEST) -> int:
+    """The size that an axis of n numbers is padded to: 16, 24, 32, 48, 64, 96, ...
+
+    Two sizes an octave: more would be compiled more often than they save (of a fit, compiled code
+    runs for 4 s and is compiled for 30).
+
+    Parameters
+    ----------
+    n : int
+    least : int
+        The smallest size.
+
+    Returns
+    -------
+    int
+        At least n; less than 1.5 n from `least` on.
+
+    Examples
+    --------
+    >>> [padded_size(n) for n in (3, 16, 17, 581, 769)]
+    [16, 16, 24, 768, 1024]
+    """
+    wanted = max(n, least)
+    power = 1 << (wanted - 1).bit_length()
+    return 3 * power // 4 if wanted <= 3 * power // 4 else power
+
+
+def repeated(rows: np.ndarray, size: int, axis: int = 1) -> np.ndarray:
+    """Rows along an axis, the last one repeated up to so many."""
+    last = np.take(rows, [-1] * (size - rows.shape[axis]), axis)
+    return np.concatenate([rows, last], axis)
+
+
+def filled(rows: np.ndarray, size: int, axis: int = 1) -> np.ndarray:
+    """Rows along an axis, followed by zeros up to so many."""
+    spare = list(rows.shape)
+    spare[axis] = size - rows.shape[axis]
+    return np.concatenate([rows, np.zeros(spare, rows.dtype)], axis)

@@ -9,6 +9,7 @@ import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.device_arrays import padded_size, repeated
 from bayes_inertia.maths.jax_settings import require_usable_jax
 
 _is_physical = jax.jit(inertia_tensor.is_physical)
@@ -33,7 +34,8 @@ def are_physical(elements: np.ndarray) -> np.ndarray:
     array([ True, False])
     """
     require_usable_jax()
-    return np.array(_is_physical(elements))
+    padded = repeated(np.asarray(elements, float), padded_size(len(elements)), axis=0)
+    return np.array(_is_physical(padded))[: len(elements)]
 
 
 def draw_physical(

@@ -16,8 +16,9 @@ from bayes_inertia.physics.check_stochastic import check_coefficients, coefficie
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effect_declaration import check_declaration, guarded, require_of_effect
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.model_data import Data
 from bayes_inertia.physics.parameters import N_BASE
-from bayes_inertia.physics.prediction import Data, Prediction, Structure, predict_all
+from bayes_inertia.physics.prediction import Prediction, Structure, predict_all
 from bayes_inertia.physics.simulator import LOOKING_BACK, MOVING_HOOKS
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.small_campaign import small_campaign

@@ -18,6 +18,7 @@ from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effect_declaration import guarded
 from bayes_inertia.physics.effects.lost_commands import LostCommands
 from bayes_inertia.physics.integration_plan import integration_plan
+from bayes_inertia.physics.model_data import Data, Sensors
 from bayes_inertia.physics.nuisances import NuisanceScale
 from bayes_inertia.physics.packing import Arrays, pack
 from bayes_inertia.physics.parameters import (
@@ -28,7 +29,7 @@ from bayes_inertia.physics.parameters import (
     scalar,
     with_prior_scale,
 )
-from bayes_inertia.physics.prediction import Data, Sensors, Structure
+from bayes_inertia.physics.prediction import Structure
 from bayes_inertia.physics.random_inputs import coefficient_counts
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.stated_noise import stated_noise

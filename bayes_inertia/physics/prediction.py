@@ -17,8 +17,9 @@ from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.components import Components
 from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.model_data import Data
 from bayes_inertia.physics.nuisances import Nuisances, NuisanceScale
-from bayes_inertia.physics.packing import Arrays, Telemetry
+from bayes_inertia.physics.packing import Telemetry
 from bayes_inertia.physics.parameters import N_BASE
 from bayes_inertia.physics.random_inputs import (
     each_effects_coefficients,
@@ -140,39 +141,6 @@ class Structure:
             values[owner][name] = theta[start] if size is None else theta[start:stop]
             start = stop
         return ActiveEffects(self.effects, values)
-
-
-class Sensors(NamedTuple):
-    """Constants of the rate sensor.
-
-    Parameters
-    ----------
-    axes : (3, 3) array
-        C_rate, one row a sensor axis.
-    bias : (3,) array
-        Prior mean of the bias [rad/s].
-    """
-
-    axes: Array
-    bias: Array
-
-
-class Data(NamedTuple):
-    """All arrays of a model.
-
-    Parameters
-    ----------
-    arrays : Arrays
-        Inputs and measurements, with the slews as leading axis.
-    sensors : Sensors
-        Constants of the rate sensor.
-    scale : NuisanceScale
-        Prior sd of the nuisances.
-    """
-
-    arrays: Arrays
-    sensors: Sensors
-    scale: NuisanceScale
 
 
 class Prediction(NamedTuple):

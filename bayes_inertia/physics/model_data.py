@@ -1,0 +1,109 @@
+"""All arrays of a model; and each slew alone, padded to one of a few sizes, as programs take it.
+
+Large programs are compiled for one slew and run for each: how many slews a campaign has decides
+nothing, and rows, fixes and grid points are rounded up to `padded_size`. A campaign of another
+length then runs the programs of the last one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jax import Array
+
+from bayes_inertia.maths.device_arrays import filled, on_device, padded_size, repeated
+from bayes_inertia.physics.nuisances import NuisanceScale
+from bayes_inertia.physics.packing import Arrays, Telemetry
+from bayes_inertia.physics.slew_context import SlewContext
+from bayes_inertia.physics.slew_input import ReadingProjection, SlewInput
+
+# What a slew's context holds at each grid point.
+_ON_GRID = ("time", "step", "torque", "lost_command", "lost_command_sd", "fix_group")
+
+
+class Sensors(NamedTuple):
+    """Constants of the rate sensor.
+
+    Parameters
+    ----------
+    axes : (3, 3) array
+        C_rate, one row a sensor axis.
+    bias : (3,) array
+        Prior mean of the bias [rad/s].
+    """
+
+    axes: Array
+    bias: Array
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True, eq=False)
+class Data:
+    """All arrays of a model.
+
+    Parameters
+    ----------
+    arrays : Arrays
+        Inputs and measurements, with the slews as leading axis.
+    sensors : Sensors
+        Constants of the rate sensor.
+    scale : NuisanceScale
+        Prior sd of the nuisances.
+    """
+
+    arrays: Arrays
+    sensors: Sensors
+    scale: NuisanceScale
+
+    @cached_property
+    def pieces(self) -> tuple[Data, ...]:
+        """Each slew alone (the leading axis stays), its last row and fix repeated up to a size."""
+        arrays = jax.tree.map(np.asarray, self.arrays)
+        padded = Arrays(_padded_inputs(arrays.slews), _padded_telemetry(arrays), arrays.reference)
+        alone = (jax.tree.map(partial(_slew, k), padded) for k in range(len(arrays.slews.momentum)))
+        return tuple(Data(of_slew, self.sensors, self.scale) for of_slew in alone)
+
+    @cached_property
+    def contexts(self) -> SlewContext:
+        """The contexts of all slews, their grids padded."""
+        alone = (piece.arrays.slews.context for piece in self.pieces)
+        return jax.tree.map(lambda *rows: np.concatenate(rows), *alone)
+
+
+def _slew(k: int, rows: np.ndarray) -> Array:
+    return on_device(rows[k : k + 1])
+
+
+def _padded(rows: np.ndarray) -> np.ndarray:
+    return repeated(rows, padded_size(rows.shape[1])) if rows.shape[1] else rows
+
+
+def _padded_inputs(slews: SlewInput) -> SlewInput:
+    context = slews.context
+    given = {key: getattr(context, key) for key in _ON_GRID}
+    on_grid = {key: _padded(rows) for key, rows in given.items() if rows is not None}
+    environment = (slews.magnetic_field_N, slews.position_N)
+    return SlewInput(context._replace(**on_grid), *map(_padded, (slews.momentum, *environment)))
+
+
+def _padded_telemetry(arrays: Arrays) -> Telemetry:
+    telemetry, projection = arrays.telemetry, arrays.telemetry.projection
+    padded = Telemetry(*map(_padded, telemetry[:-1]))
+    if projection is None:
+        return padded
+    # As many integration steps as the grid has; the model's rows there count nothing.
+    grid, (steps, q) = arrays.slews.momentum.shape[1], projection.rate.shape[1:3]
+    m = padded_size(grid) // (grid // steps)
+    return padded._replace(
+        rate=filled(telemetry.rate, m * q),
+        momentum=filled(telemetry.momentum, m * q),
+        projection=ReadingProjection(
+            repeated(projection.rows, m * q),
+            filled(projection.rate, m),
+            filled(projection.momentum, m),
+        ),
+    )
