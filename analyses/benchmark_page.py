@@ -115,6 +115,8 @@ def report(results: Sequence[Result], seed: int) -> str:
         "|---" * len(_HEADER) + "|",
         *(_sampler_row(result, results[0]) for result in results),
         "",
+        "![Effective samples per evaluation and per second](../../figures/benchmark.png)",
+        "",
         "How each was run:",
         "",
         *(f"- {r.name}: {r.note}; {r.ess:.0f} effective samples." for r in results),

@@ -104,7 +104,7 @@ def hidden_result(work: Path) -> dict:
 @style.styled
 def picture(hidden: dict) -> Figure:
     """Residuals of one axis, and the errors of J, before and after the dipole is named."""
-    figure = Figure(figsize=(9.0, 3.3), layout="constrained")
+    figure = Figure(figsize=(7.0, 3.0), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
     _draw_residuals(left, hidden["residuals"])
     _draw_errors(right, hidden["before"], hidden["after"])
@@ -118,8 +118,8 @@ def _draw_residuals(axes, found: dict) -> None:
     axes.axhspan(-2, 2, color=style.PALE, alpha=0.6, lw=0)
     for key, (label, color, marker) in _LOOKS.items():
         axes.plot(middle, found[key], color=color, marker=marker, ms=3.5, label=label)
-    axes.set(xlabel="time in the slew [s]", ylabel="mean residual [its sd]")
-    axes.set_title(f"Rate sensor, axis {found['axis']}, {found['slew']} (grey: noise)")
+    axes.set(xlabel="time in the slew [s]", ylabel=f"residual, axis {found['axis']} [sd]")
+    axes.set_title(f"Rate sensor, {found['slew']} (grey: noise)")
 
 
 def _draw_errors(axes, before: dict, after: dict) -> None:
@@ -131,7 +131,7 @@ def _draw_errors(axes, before: dict, after: dict) -> None:
         axes.errorbar(places + shift, error, 1.645 * sd, fmt=marker, color=color, ms=4.5, capsize=2)
     axes.set_xticks(places, NAMES[:6])
     axes.set_ylabel("estimate − truth [10⁻³ kg m²]")
-    axes.set_title("J against the truth, 90 % intervals")
+    axes.set_title("J, 90 % intervals")
 
 
 _LOOKS = {

@@ -92,11 +92,10 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
         ),
         (
             "Are stated probabilities true?",
-            "of statements made at {reliability.others_1_stated} % "
-            "{reliability.others_1_true} % of "
-            "{reliability.others_1_count} are true, of those at {reliability.others_2_stated} % "
-            "{reliability.others_2_true} % of {reliability.others_2_count}: cautious. In "
-            "{reliability.prior} campaigns drawn from the prior that they assume "
+            "cautious: {reliability.others_1_true} % of {reliability.others_1_count} answers "
+            "stated at {reliability.others_1_stated} % are true, {reliability.others_2_true} % of "
+            "{reliability.others_2_count} stated at {reliability.others_2_stated} %. In "
+            "{reliability.prior} campaigns drawn from the prior that they assume: "
             "{reliability.prior_1_true} % of {reliability.prior_1_count} and "
             "{reliability.prior_2_true} % of {reliability.prior_2_count}",
             "reliability",
