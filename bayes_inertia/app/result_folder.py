@@ -105,8 +105,8 @@ def write_page(
     """
     from bayes_inertia.report.page import page_facts, render_page
 
-    facts = page_facts(dict(mission), sha256=sha256, version=__version__)
-    return write_atomically(path, render_page(title, sections, facts | origin(campaign)))
+    facts = page_facts(dict(mission), sha256=sha256, version=__version__, origin=origin(campaign))
+    return write_atomically(path, render_page(title, sections, facts))
 
 
 @dataclass(frozen=True)

@@ -193,9 +193,13 @@ def _step_row(
     held_out = step[f"held_out_{side}"]
     return {
         "label": label,
-        "cells": [f"{step[f'reduced_chi2_{side}'][channel]:.4g}" for channel in channels],
-        "held": NOT_GIVEN if held_out is None else f"{held_out:.4g}",
+        "cells": [_chi2_text(step[f"reduced_chi2_{side}"][channel]) for channel in channels],
+        "held": NOT_GIVEN if held_out is None else _chi2_text(held_out),
     }
+
+
+def _chi2_text(reduced: float) -> str:
+    return f"{reduced:.3f}" if reduced < 100.0 else f"{reduced:,.0f}"
 
 
 def _answers_section(content: Mapping[str, Any]) -> Section | None:

@@ -24,7 +24,7 @@ _MISSION_KEYS = ("name", "spacecraft", "operator", "document")
 def render(
     posterior: Posterior,
     sections: Sequence[Section] | None = None,
-    facts: Mapping[str, str] | None = None,
+    origin: Mapping[str, str] | None = None,
 ) -> str:
     """The report of a fit as one HTML page that needs nothing from outside.
 
@@ -37,8 +37,8 @@ def render(
     sections : sequence of Section, optional
         What the page consists of, default `standard_sections(posterior)`.
         Add your own to that list.
-    facts : mapping of str to str, optional
-        What else the head says, such as the date, see `page_facts`.
+    origin : mapping of str to str, optional
+        What else the head says: date and folder of the data.
 
     Returns
     -------
@@ -47,16 +47,21 @@ def render(
     """
     chosen = standard_sections(posterior) if sections is None else sections
     attributes = posterior.attributes
-    known = page_facts(
+    facts = page_facts(
         attributes.get("mission", {}),
         sha256=attributes.get("campaign_sha256"),
         version=attributes["versions"].get("bayes-inertia", ""),
+        origin=origin,
     )
-    return render_page(str(attributes["campaign"]), chosen, known | dict(facts or {}))
+    return render_page(str(attributes["campaign"]), chosen, facts)
 
 
 def page_facts(
-    mission: Mapping[str, str], *, sha256: str | None = None, version: str = ""
+    mission: Mapping[str, str],
+    *,
+    sha256: str | None = None,
+    version: str = "",
+    origin: Mapping[str, str] | None = None,
 ) -> dict[str, str]:
     """What the head of a page says of its origin; what is not known is left out.
 
@@ -68,6 +73,8 @@ def page_facts(
         Digest of the campaign.
     version : str
         Of this package.
+    origin : mapping of str to str, optional
+        Date of the result, and folder of the data.
 
     Returns
     -------
@@ -81,7 +88,7 @@ def page_facts(
     """
     stated = {"mission" if key == "name" else key: mission.get(key, "") for key in _MISSION_KEYS}
     made = {"SHA-256": (sha256 or "")[:12], "bayes-inertia": version}
-    return {name: value for name, value in (stated | made).items() if value}
+    return {name: value for name, value in (stated | dict(origin or {}) | made).items() if value}
 
 
 def render_page(

@@ -82,7 +82,7 @@ def test_the_head_says_where_a_result_comes_from_and_leaves_out_what_is_not_know
     facts = page_facts(mission, sha256="0123456789abcdef", version="0.5.0")
     assert list(facts) == ["mission", "operator", "document", "SHA-256", "bayes-inertia"]
     assert facts["SHA-256"] == "0123456789ab"
-    page = render(made("good"), facts={"date": "2026-11-26", "data": "campaign_3"})
+    page = render(made("good"), origin={"date": "2026-11-26", "data": "campaign_3"})
     head = re.search(r'<p class="facts">(.*?)</p>', page)[1]
-    assert re.findall(r"<b>([^<]*)</b>", head) == ["0.1.0", "2026-11-26", "campaign_3"]
+    assert re.findall(r"<b>([^<]*)</b>", head) == ["2026-11-26", "campaign_3", "0.1.0"]
     assert "an &lt;operator&gt;" in render_page("t", [], facts)
