@@ -62,6 +62,7 @@ def calibrate(
     from bayes_inertia.studies.engine import Execution
 
     with progress_bar() as progress:
+        progress("flying and fitting the first campaigns", 0, 0)
         execution = Execution(engine, jobs, scheduler, progress, say)
         calibration = run_calibration(out, fits=fits, cases=cases, seed=seed, execution=execution)
     if as_json:

@@ -92,7 +92,7 @@ def show_comparison(contenders: Sequence[Contender], folder: Path) -> None:
     names = [contender.name for contender in contenders]
     table = narrow_table(console, "", "unit", *names, wrapping=names)
     for i, (name, unit) in enumerate(zip(BASE_NAMES, units, strict=True)):
-        cells = (_sd_cell(c, i, powers[unit]) for c in contenders)
+        cells = [_sd_cell(c, i, powers[unit]) for c in contenders]
         table.add_row(f"sd {name}", unit_text(unit, powers[unit]), *cells)
     for (heading, unit), cells in _cost_rows(contenders).items():
         table.add_row(heading, unit, *cells)

@@ -48,6 +48,7 @@ def fit_many_command(
     must not be used.
     """
     with progress_bar() as progress:
+        progress("checking the campaigns and fitting the first", 0, 0)
         from bayes_inertia.app.fit_many_folder import fit_many, fits_json
 
         result = fit_many(

@@ -71,6 +71,7 @@ def study_command(
     from bayes_inertia.studies.engine import Execution
 
     with progress_bar() as progress:
+        progress("flying and fitting the first campaigns", 0, 0)
         execution = Execution(**place, progress=progress, notice=say)
         study = run_study(what, out, plan, campaigns=campaigns, seed=seed, execution=execution)
     if as_json:
