@@ -74,15 +74,7 @@ def fit_many_command(
 
 
 def show_fits(result: WorkResult, folder: Path) -> None:
-    """Print a row a campaign.
-
-    Parameters
-    ----------
-    result : WorkResult
-        Of `fit_many`.
-    folder : Path
-        Where its files are.
-    """
+    """Print a row a campaign."""
     from bayes_inertia.app.fit_many_folder import campaign_of
 
     console = plain_console()

@@ -110,13 +110,7 @@ def _shortened(names: str) -> str:
 
 
 def show_import(imported: ImportedCampaign) -> None:
-    """Print what an import read, cut and saw.
-
-    Parameters
-    ----------
-    imported : ImportedCampaign
-        The import.
-    """
+    """Print what an import read, cut and saw."""
     from bayes_inertia.importing.imported_folder import PICTURE_FILE, zero_of_clock
     from bayes_inertia.importing.mapped_lines import RECORD_FILE
     from bayes_inertia.report.dirt_wording import dirt_sentences

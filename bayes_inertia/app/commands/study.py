@@ -83,15 +83,7 @@ def study_command(
 
 
 def show_study(study: Study, folder: Path) -> None:
-    """Print achieved beside stated sds, and how often intervals held the truth.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-    folder : Path
-        Where its files are.
-    """
+    """Print achieved beside stated sds, and how often intervals held the truth."""
     from bayes_inertia.physics.parameters import BASE_NAMES
     from bayes_inertia.report.formatting import number, unit_text
 
