@@ -21,18 +21,7 @@ _ENERGY_DRIFT_ALLOWED = 1e-9
 
 
 def installation_json(progress: Progress = silent) -> dict[str, Any]:
-    """Versions, the device that computes, a self-test, and the library of effects.
-
-    Parameters
-    ----------
-    progress : callable
-        Called with (stage, done, of).
-
-    Returns
-    -------
-    dict
-        What `doctor --json` prints.
-    """
+    """Versions, the device that computes, a self-test, and the library of effects."""
     progress("loading JAX", 0, 0)
     import jax
     import jax.numpy as jnp
@@ -55,13 +44,7 @@ def installation_json(progress: Progress = silent) -> dict[str, Any]:
 
 
 def show_installation(content: Mapping[str, Any]) -> None:
-    """Print what this installation consists of, and whether it works.
-
-    Parameters
-    ----------
-    content : mapping
-        Of `installation_json`.
-    """
+    """Print what this installation consists of, and whether it works."""
     console, passed = plain_console(), content["self_test_passed"]
     drift = f"energy of a free tumble constant to {content['energy_drift']:.1g}"
     says = "self-test passed" if passed else "self-test FAILED: do not use this installation"

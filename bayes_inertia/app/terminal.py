@@ -261,8 +261,10 @@ def say(sentence: str) -> None:
         print(sentence, file=sys.stderr, flush=True)
 
 
-def open_in_browser(page: Path) -> None:
-    """Open a page in the user's browser; where there is none, nothing happens."""
+def open_in_browser(page: Path, wanted: bool) -> None:
+    """Open a page in the user's browser if that is wanted; without either nothing happens."""
+    if not (wanted and page.is_file()):
+        return
     with suppress(webbrowser.Error, OSError):
         browser = webbrowser.get()
         # One without windows would take the terminal, unless the user chose it.

@@ -140,7 +140,7 @@ def improved_plans(
         The smooth goal's number during each descent.
     """
     order = np.lexsort((log_values, -np.minimum(least_slacks, 0.0)))[:starts]  # feasible ones first
-    descents = []
+    descents: list[tuple[np.ndarray, tuple[float, ...]]] = []
     for k in order:
         say("improving the best, plans", len(descents), len(order) + 1)
         descents.append(improved_plan(problem, x[k], _DESCENT_STEPS, 1))

@@ -93,7 +93,7 @@ def compare_plans(
     mean = replace(mean, spacecraft=replace(mean.spacecraft, bias=None))
     limits = limits or Limits()
     if not simulated:
-        contenders = []
+        contenders: list[Contender] = []
         for name, plan in named.items():
             (progress or silent)("flying each once, plans", len(contenders), len(named))
             contenders.append(assess_plan(name, plan, mean, limits, seed=seed))

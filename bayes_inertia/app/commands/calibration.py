@@ -32,36 +32,12 @@ def calibrate(
     scheduler: str | None,
     as_json: bool = False,
 ) -> None:
-    """Run a calibration, print it, and exit with 3 if it is rejected or fits failed.
-
-    Parameters
-    ----------
-    out : Path
-        Where to write.
-    fits : int
-        How many in all.
-    cases : list of str
-        Names of cases; none for all.
-    seed : int
-        Fixes everything.
-    engine : str or None
-        Where fits run.
-    jobs : int
-        Processes.
-    scheduler : str or None
-        Address of a dask scheduler.
-    as_json : bool
-        Whether to print calibration.json instead of tables.
-
-    Raises
-    ------
-    typer.Exit
-        With code 3.
-    """
+    """Run a calibration, print it, and exit with 3 if it is rejected or fits failed."""
     from bayes_inertia.app.calibration_folder import run_calibration
     from bayes_inertia.studies.engine import Execution
 
     with progress_bar() as progress:
+        progress("flying and fitting the first campaigns", 0, 0)
         execution = Execution(engine, jobs, scheduler, progress, say)
         calibration = run_calibration(out, fits=fits, cases=cases, seed=seed, execution=execution)
     if as_json:
@@ -73,15 +49,7 @@ def calibrate(
 
 
 def show_calibration(calibration: Calibration, folder: Path) -> None:
-    """Print coverage and p-values of every case and quantity.
-
-    Parameters
-    ----------
-    calibration : Calibration
-        The study.
-    folder : Path
-        Where its files are.
-    """
+    """Print coverage and p-values of every case and quantity."""
     from bayes_inertia.studies.calibration import QUANTITIES
 
     console = plain_console()

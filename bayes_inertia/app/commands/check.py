@@ -44,18 +44,7 @@ def check_command(
 
 
 def campaign_json(campaign: Campaign) -> dict[str, Any]:
-    """What `check --json` prints.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        The campaign.
-
-    Returns
-    -------
-    dict
-        Slews, wheels, prior, possible drives, dirt.
-    """
+    """What `check --json` prints."""
     from bayes_inertia.maths.values import json_ready
 
     inertia, sensor = campaign.inertia, campaign.rate_sensor
@@ -93,13 +82,7 @@ def _slew_row(slew: Slew) -> dict[str, Any]:
 
 
 def show_campaign(campaign: Campaign) -> None:
-    """Print what a campaign contains, and what can be done with it.
-
-    Parameters
-    ----------
-    campaign : Campaign
-        The campaign.
-    """
+    """Print what a campaign contains, and what can be done with it."""
     from bayes_inertia.report.dirt_wording import dirt_sentences
 
     console = plain_console()

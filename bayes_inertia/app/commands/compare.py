@@ -15,6 +15,7 @@ from bayes_inertia.app.commands.options import (
     CampaignFolder,
     EngineName,
     Jobs,
+    OpenPage,
     OutputFolder,
     SchedulerAddress,
     Seed,
@@ -23,6 +24,7 @@ from bayes_inertia.app.terminal import (
     WORSE,
     headed,
     narrow_table,
+    open_in_browser,
     plain_console,
     print_json_file,
     progress_bar,
@@ -48,11 +50,13 @@ def compare_command(
     scheduler: SchedulerAddress = None,
     jobs: Jobs = 1,
     seed: Seed = 0,
+    open_page: OpenPage = False,
     as_json: AsJson = False,
 ) -> None:
     """Compare plans by uncertainty, time, momentum and torque.
 
-    Writes compare.json and compare.png. A comparison that was killed goes on with the same command.
+    Writes compare.json, compare.png and compare.html. A comparison that was killed goes on with the
+    same command.
     """
     with progress_bar() as progress:
         from bayes_inertia.app.compare_folder import run_compare
@@ -70,18 +74,11 @@ def compare_command(
         print_json_file(out / "compare.json")
     else:
         show_comparison(contenders, out)
+    open_in_browser(out / "compare.html", open_page)
 
 
 def show_comparison(contenders: Sequence[Contender], folder: Path) -> None:
-    """Print plans side by side: expected and achieved sds, and what they cost.
-
-    Parameters
-    ----------
-    contenders : sequence of Contender
-        The plans.
-    folder : Path
-        Where the files of the comparison are.
-    """
+    """Print plans side by side: expected and achieved sds, and what they cost."""
     from bayes_inertia.physics.parameters import BASE_NAMES
     from bayes_inertia.report.formatting import unit_text
 
@@ -92,12 +89,12 @@ def show_comparison(contenders: Sequence[Contender], folder: Path) -> None:
     names = [contender.name for contender in contenders]
     table = narrow_table(console, "", "unit", *names, wrapping=names)
     for i, (name, unit) in enumerate(zip(BASE_NAMES, units, strict=True)):
-        cells = (_sd_cell(c, i, powers[unit]) for c in contenders)
+        cells = [_sd_cell(c, i, powers[unit]) for c in contenders]
         table.add_row(f"sd {name}", unit_text(unit, powers[unit]), *cells)
     for (heading, unit), cells in _cost_rows(contenders).items():
         table.add_row(heading, unit, *cells)
     console.print(table)
-    console.print(f"wrote compare.json and compare.png in {folder}")
+    console.print(f"wrote compare.json, compare.png and compare.html in {folder}")
 
 
 def _answer(contenders: Sequence[Contender]) -> str:

@@ -15,6 +15,7 @@ from bayes_inertia.app.commands.options import (
     AsJson,
     CampaignFolder,
     EffectNames,
+    OpenPage,
     OutputFolder,
     Seed,
     names_in,
@@ -23,6 +24,7 @@ from bayes_inertia.app.terminal import (
     WORSE,
     headed,
     narrow_table,
+    open_in_browser,
     plain_console,
     print_json_file,
     progress_bar,
@@ -97,27 +99,18 @@ def design_command(
     after: AfterCampaign = False,
     effects: EffectNames = "",
     seed: Seed = 0,
+    open_page: OpenPage = False,
     as_json: AsJson = False,
 ) -> None:
     """Design the slews to fly next.
 
-    Writes design.json, design.png, and plan.toml, which `simulate` flies.
+    Writes design.json, design.png, design.html, and plan.toml, which `simulate` flies.
     """
     from bayes_inertia.app.design_request import DesignRequest
 
-    request = DesignRequest(
-        goal=goal,
-        slews=slews,
-        total_time=total_time,
-        max_rate=max_rate,
-        max_angle=max_angle,
-        max_acceleration=max_acceleration,
-        end_attitude=end_attitude,
-        keep_out=tuple(keep_out or ()),
-        after=after,
-        seed=seed,
-        effects=tuple(names_in(effects)),
-    )
+    asked = (total_time, max_rate, max_angle, max_acceleration, end_attitude)
+    names = tuple(names_in(effects))
+    request = DesignRequest(goal, slews, *asked, tuple(keep_out or ()), after, seed, names)
     with progress_bar() as progress:
         from bayes_inertia.app.design_folder import run_design
 
@@ -126,21 +119,12 @@ def design_command(
         print_json_file(out / "design.json")
     else:
         show_design(design, out, after)
+    open_in_browser(out / "design.html", open_page)
     raise typer.Exit(0 if design.kept else 3)
 
 
 def show_design(design: Design, folder: Path, after: bool = False) -> None:
-    """Print a designed plan: what each parameter gains or loses, its slews, its margins.
-
-    Parameters
-    ----------
-    design : Design
-        The design.
-    folder : Path
-        Where its files are.
-    after : bool
-        Whether the campaign's telemetry counts.
-    """
+    """Print a designed plan: what each parameter gains or loses, its slews, its margins."""
     from bayes_inertia.app.design_folder import WHEELS_AT_REST
 
     console, goal = plain_console(), design.goal
@@ -156,7 +140,8 @@ def show_design(design: Design, folder: Path, after: bool = False) -> None:
     if not design.plan.wheel_momentum:
         console.print(WHEELS_AT_REST)
     console.print(
-        f"wrote design.json, design.png and plan.toml (for `simulate --plan`) in {folder}"
+        "wrote design.json, design.png, design.html and plan.toml (for `simulate --plan`) in "
+        f"{folder}"
     )
 
 

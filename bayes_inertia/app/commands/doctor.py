@@ -69,20 +69,7 @@ def doctor_command(campaign: _CampaignOrNone = None, as_json: AsJson = False) ->
 
 
 def refuse_or_warn(campaign: Path, progress: Progress = silent) -> None:
-    """Stop if a campaign's conventions are wrong, and say on stderr what is doubtful.
-
-    Parameters
-    ----------
-    campaign : Path
-        Its folder.
-    progress : callable
-        Called with (stage, done, of).
-
-    Raises
-    ------
-    CampaignError
-        If the data are impossible under the stated conventions.
-    """
+    """Stop if a campaign's conventions are wrong, and say on stderr what is doubtful."""
     from bayes_inertia.conventions.check import refuse_impossible
 
     progress(_CHECKING, 0, 0)
@@ -117,15 +104,7 @@ def _mapping_lines(campaign: Path, check: ConventionsCheck) -> list[str]:
 
 
 def show_check(check: ConventionsCheck, mapping_lines: Sequence[str] = ()) -> None:
-    """Print a check for people.
-
-    Parameters
-    ----------
-    check : ConventionsCheck
-        What was found.
-    mapping_lines : sequence of str
-        The lines of the mapping that the proposal is about.
-    """
+    """Print a check for people."""
     from bayes_inertia.conventions.invisible import invisible_in_brief
     from bayes_inertia.report.dirt_wording import dirt_sentences
     from bayes_inertia.report.formatting import typeset

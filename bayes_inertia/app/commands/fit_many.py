@@ -48,6 +48,7 @@ def fit_many_command(
     must not be used.
     """
     with progress_bar() as progress:
+        progress("checking the campaigns and fitting the first", 0, 0)
         from bayes_inertia.app.fit_many_folder import fit_many, fits_json
 
         result = fit_many(
@@ -73,15 +74,7 @@ def fit_many_command(
 
 
 def show_fits(result: WorkResult, folder: Path) -> None:
-    """Print a row a campaign.
-
-    Parameters
-    ----------
-    result : WorkResult
-        Of `fit_many`.
-    folder : Path
-        Where its files are.
-    """
+    """Print a row a campaign."""
     from bayes_inertia.app.fit_many_folder import campaign_of
 
     console = plain_console()

@@ -110,13 +110,7 @@ def _shortened(names: str) -> str:
 
 
 def show_import(imported: ImportedCampaign) -> None:
-    """Print what an import read, cut and saw.
-
-    Parameters
-    ----------
-    imported : ImportedCampaign
-        The import.
-    """
+    """Print what an import read, cut and saw."""
     from bayes_inertia.importing.imported_folder import PICTURE_FILE, zero_of_clock
     from bayes_inertia.importing.mapped_lines import RECORD_FILE
     from bayes_inertia.report.dirt_wording import dirt_sentences
@@ -195,13 +189,16 @@ def _rests(window: SlewWindow) -> tuple[str, str]:
 
 
 def _show_noise(console: Console, noises: tuple[RestNoise, ...]) -> None:
+    from bayes_inertia.report.formatting import exponent, unit_text
+
     if not noises:
         console.print("no rest is long enough to see the sensors' noise")
         return
     table = narrow_table(console, "noise per sample", "stated", "at rest", "unit")
     for noise in noises:
-        stated = "not stated" if noise.stated is None else _numbers(noise.stated)
-        table.add_row(noise.key, stated, _numbers(noise.seen), noise.unit)
+        power = exponent(max(noise.seen), 0.0)
+        stated = "not stated" if noise.stated is None else _numbers(noise.stated, power)
+        table.add_row(noise.key, stated, _numbers(noise.seen, power), unit_text(noise.unit, power))
     console.print(table)
     for noise in noises:
         of = f" (rounding to steps of {noise.step:.2g} {noise.unit})" if noise.step else ""
@@ -211,7 +208,9 @@ def _show_noise(console: Console, noises: tuple[RestNoise, ...]) -> None:
             console.print(f"  {noise.key}: to use these readings, state {noise.toml()}{of}")
 
 
-def _numbers(values: tuple[float, ...]) -> str:
+def _numbers(values: tuple[float, ...], power: int) -> str:
     """One number where all are the same."""
-    texts = [f"{value:.2g}" for value in values]
+    from bayes_inertia.report.formatting import number
+
+    texts = [number(value, value, power) for value in values]
     return texts[0] if len(set(texts)) == 1 else " ".join(texts)

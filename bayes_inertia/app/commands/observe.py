@@ -14,6 +14,7 @@ from bayes_inertia.app.commands.options import (
     CampaignFolder,
     DriveName,
     EffectNames,
+    OpenPage,
     OutputFolder,
     Seed,
     names_in,
@@ -22,6 +23,7 @@ from bayes_inertia.app.terminal import (
     headed,
     indented,
     narrow_table,
+    open_in_browser,
     plain_console,
     print_json_file,
     progress_bar,
@@ -53,11 +55,12 @@ def observe_command(
             help="Also estimate in the other drive: what are the recorded commands worth?"
         ),
     ] = True,
+    open_page: OpenPage = False,
     as_json: AsJson = False,
 ) -> None:
     """Say how well each parameter is determined, and why not better.
 
-    Writes observability.json and observability.png.
+    Writes observability.json, observability.png and observability.html.
     """
     with progress_bar() as progress:
         from bayes_inertia.app.observe_folder import FILE, run_observe
@@ -75,18 +78,12 @@ def observe_command(
         print_json_file(out / FILE)
     else:
         show_observability(observed, out)
+    open_in_browser(out / "observability.html", open_page)
 
 
 def show_observability(observed: ObservedCampaign, folder: Path) -> None:
     """Print what a campaign tells about each parameter, what it cannot tell, and where emcee
     differs.
-
-    Parameters
-    ----------
-    observed : ObservedCampaign
-        What `observe` found.
-    folder : Path
-        Where its files are.
     """
     from bayes_inertia.observability.sentences import answer, sentence
     from bayes_inertia.report.formatting import typeset
@@ -110,7 +107,7 @@ def show_observability(observed: ObservedCampaign, folder: Path) -> None:
     for row in observed.comparison or ():
         for warning in row.warnings:
             console.print(headed(f"{row.name}:", f" {typeset(warning)}", style="bold yellow"))
-    console.print(f"wrote observability.json and observability.png in {folder}")
+    console.print(f"wrote observability.json, observability.png and observability.html in {folder}")
 
 
 def _parameter_table(console: Console, observability: Observability) -> Table:

@@ -91,16 +91,6 @@ PAPER_HELP = "or the word paper for five slews like the paper's"
 def names_in(text: str) -> list[str]:
     """Names in a list separated by commas.
 
-    Parameters
-    ----------
-    text : str
-        What was given on the command line.
-
-    Returns
-    -------
-    list of str
-        The names, without spaces around them.
-
     Examples
     --------
     >>> names_in("wheel_friction, rate_bias_drift,")

@@ -64,8 +64,7 @@ def report_command(
             advice="leave the second run out, or the plan",
         )
     path = _compare(run, other, out, as_json) if other else _report(run, plan, out, as_json)
-    if open_page:
-        open_in_browser(path)
+    open_in_browser(path, open_page)
 
 
 def _report(run: Path, plan: Path | None, out: Path | None, as_json: bool) -> Path:
@@ -98,13 +97,7 @@ def _report(run: Path, plan: Path | None, out: Path | None, as_json: bool) -> Pa
 
 
 def show_promise(promise: PlanPromise) -> None:
-    """Print what a plan promised beside what was achieved.
-
-    Parameters
-    ----------
-    promise : PlanPromise
-        Of the plan whose flight was fitted.
-    """
+    """Print what a plan promised beside what was achieved."""
     from bayes_inertia.report.plan_promise_section import HEADINGS, promise_rows
 
     console = plain_console()

@@ -39,26 +39,7 @@ def show_run(
     as_json: bool = False,
     open_page: bool = False,
 ) -> None:
-    """Print the result of a finished run, and exit with 3 where it must not be trusted.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        Of the run.
-    folder : Path
-        The run.
-    report : bool
-        Whether report.html was written.
-    as_json : bool
-        Whether to print one JSON document instead of tables.
-    open_page : bool
-        Whether to open report.html in the browser.
-
-    Raises
-    ------
-    typer.Exit
-        With code 3, if a gate failed or the diagnosis found no name for what is missing.
-    """
+    """Print the result of a finished run, and exit with 3 where it must not be trusted."""
     from bayes_inertia.app.run_report import run_summary
     from bayes_inertia.app.stored_diagnosis import blaming_diagnosis, read_diagnosis
 
@@ -71,8 +52,7 @@ def show_run(
             with blaming_diagnosis(folder, content):
                 show_diagnosis(content)
         show_summary(summary, folder, report)
-    if report and open_page:
-        open_in_browser(folder / "report.html")
+    open_in_browser(folder / "report.html", report and open_page)
     if not posterior.trusted:
         raise typer.Exit(3)
 
@@ -80,24 +60,7 @@ def show_run(
 def run_result_json(
     folder: Path, summary: dict[str, Any], diagnosis: dict[str, Any] | None, trusted: bool
 ) -> dict[str, Any]:
-    """What `fit`, `diagnose`, `resume` and `demo` print with --json.
-
-    Parameters
-    ----------
-    folder : Path
-        The run.
-    summary : dict
-        The content of summary.json.
-    diagnosis : dict or None
-        The content of diagnosis.json.
-    trusted : bool
-        Whether every gate was passed and no effect without a name is missing.
-
-    Returns
-    -------
-    dict
-        All of it, but for what only pictures of the diagnosis need.
-    """
+    """What `fit`, `diagnose`, `resume` and `demo` print with --json."""
     if diagnosis is not None:
         left_out = ("pictures", SEAL_KEY)
         diagnosis = {key: value for key, value in diagnosis.items() if key not in left_out}
@@ -111,31 +74,13 @@ def run_result_json(
 
 
 def show_verdict(sentence: str, trusted: bool) -> None:
-    """Print the answer of a run in one sentence.
-
-    Parameters
-    ----------
-    sentence : str
-        `verdict_sentence` of summary.json.
-    trusted : bool
-        Whether the result may be used.
-    """
+    """Print the answer of a run in one sentence."""
     color = _COLORS["good" if trusted else "bad"]
     plain_console().print(headed(sentence, style=f"bold {color}"))
 
 
 def show_summary(summary: dict[str, Any], folder: Path, report: bool = True) -> None:
-    """Print a fit's gates first, then its numbers.
-
-    Parameters
-    ----------
-    summary : dict
-        The content of summary.json.
-    folder : Path
-        The run.
-    report : bool
-        Whether a report was written.
-    """
+    """Print a fit's gates first, then its numbers."""
     from bayes_inertia.report.dirt_wording import dirt_sentences
     from bayes_inertia.report.parameter_wording import averaged_over
 
@@ -205,13 +150,7 @@ def _parameter_table(console: Console, summary: dict[str, Any]) -> Table:
 
 
 def show_diagnosis(content: dict[str, Any]) -> None:
-    """Print a diagnosis' verdict first, then why, and the best candidates.
-
-    Parameters
-    ----------
-    content : dict
-        The content of diagnosis.json.
-    """
+    """Print a diagnosis' verdict first, then why, and the best candidates."""
     from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict
 
     # The parameters stand in the table of the fit, with the sds to quote.

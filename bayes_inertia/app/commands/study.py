@@ -71,6 +71,7 @@ def study_command(
     from bayes_inertia.studies.engine import Execution
 
     with progress_bar() as progress:
+        progress("flying and fitting the first campaigns", 0, 0)
         execution = Execution(**place, progress=progress, notice=say)
         study = run_study(what, out, plan, campaigns=campaigns, seed=seed, execution=execution)
     if as_json:
@@ -82,15 +83,7 @@ def study_command(
 
 
 def show_study(study: Study, folder: Path) -> None:
-    """Print achieved beside stated sds, and how often intervals held the truth.
-
-    Parameters
-    ----------
-    study : Study
-        The study.
-    folder : Path
-        Where its files are.
-    """
+    """Print achieved beside stated sds, and how often intervals held the truth."""
     from bayes_inertia.physics.parameters import BASE_NAMES
     from bayes_inertia.report.formatting import number, unit_text
 
