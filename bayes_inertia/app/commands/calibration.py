@@ -12,7 +12,7 @@ from rich.table import Table
 from bayes_inertia.app.terminal import plain_console, print_json_file, progress_bar, say
 
 if TYPE_CHECKING:
-    from bayes_inertia.studies.calibration_result import Calibration
+    from bayes_inertia.studies.calibration import Calibration
     from bayes_inertia.studies.workers import Engine
 
 
