@@ -30,7 +30,7 @@ from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
 from bayes_inertia.inference import optimizer
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.studies.calibration_cases import CalibrationCase, cases_named
+from bayes_inertia.studies.calibration import CalibrationCase, cases_named
 from bayes_inertia.studies.engine import Execution
 from bayes_inertia.studies.work import Row, Work
 from bayes_inertia.version import __version__

@@ -1,9 +1,9 @@
 """Seals: what a run wrote is told from what was damaged or changed since.
 
-A sealed file states the SHA-256 of its content: a JSON document under the key `content_sha256`,
-any other file in its last bytes, which the libraries of HDF5 and netCDF skip. Whoever reads it
-checks the seal before a library takes the content apart, which for a damaged HDF5 file may end the
-process. Files of earlier versions have no seal.
+A sealed file states the SHA-256 of its content: a JSON document, or each line of many, under
+`content_sha256`, any other file in its last bytes, which the libraries of HDF5 and netCDF skip.
+Whoever reads it checks the seal before a library takes the content apart, which for a damaged HDF5
+file may end the process. Files of earlier versions have no seal.
 """
 
 from __future__ import annotations

@@ -14,9 +14,16 @@ from bayes_inertia.errors import SettingsError
 from bayes_inertia.maths.values import json_ready
 from bayes_inertia.report.pictures.calibration import RankCurves, draw_calibration
 from bayes_inertia.report.pictures.figure_file import write_png
-from bayes_inertia.studies.calibration import QUANTITIES, RANKED, Pipeline, calibration_work
-from bayes_inertia.studies.calibration_cases import cases_named
-from bayes_inertia.studies.calibration_result import Calibration, CaseCalibration, calibration_of
+from bayes_inertia.studies.calibration import (
+    QUANTITIES,
+    RANKED,
+    Calibration,
+    CaseCalibration,
+    Pipeline,
+    calibration_of,
+    calibration_work,
+    cases_named,
+)
 from bayes_inertia.studies.engine import Execution
 from bayes_inertia.studies.rank_statistics import ecdf_band
 

@@ -31,8 +31,7 @@ from bayes_inertia.physics.named_effects import effects_named
 from bayes_inertia.physics.parameters import BASE_NAMES
 from bayes_inertia.physics.small_campaign import small_campaign
 from bayes_inertia.report.plan_promise import plan_promise
-from bayes_inertia.studies.calibration import QUANTITIES
-from bayes_inertia.studies.calibration_result import Calibration, CaseCalibration
+from bayes_inertia.studies.calibration import QUANTITIES, Calibration, CaseCalibration
 from bayes_inertia.studies.work import WorkResult
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"

@@ -17,7 +17,7 @@ from bayes_inertia.app.terminal import (
 )
 
 if TYPE_CHECKING:
-    from bayes_inertia.studies.calibration_result import Calibration
+    from bayes_inertia.studies.calibration import Calibration
     from bayes_inertia.studies.workers import Engine
 
 
