@@ -21,7 +21,7 @@ from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.conventions import limits
 from bayes_inertia.conventions.hypothesis import KeyChange, Mistake
 from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE, LawData
-from bayes_inertia.conventions.linear_fit import fitted, worst
+from bayes_inertia.conventions.linear_fit import LinearFit, fitted, worst
 from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.reading import Reading
 from bayes_inertia.conventions.sampled_slews import SampledSlews, sampled
@@ -172,13 +172,24 @@ def known_offsets(misfits: Misfits, reading: Reading, columns: Columns) -> tuple
                     continue
                 fits = Misfits(campaign, slews).of(reading)
                 after = worst(fits)
-                if set(fits) == set(laws) and after < min(
-                    limits.ORDINARY, before / limits.IMPROVEMENT
-                ):
+                mends = after < min(limits.ORDINARY, before / limits.IMPROVEMENT)
+                if mends and _still_tested(laws, fits, streams):
                     mistake = _mistake(columns, dict.fromkeys(streams, seconds))
                     found.append(Remedy(mistake, before, after))
     best = min((remedy.after for remedy in found), default=0.0)
     return tuple(r for r in found if r.after <= limits.EQUAL_FACTOR * best + limits.EQUAL_MISFIT)
+
+
+def _still_tested(
+    laws: Mapping[str, LinearFit], fits: Mapping[str, LinearFit], streams: Sequence[str]
+) -> bool:
+    """Whether moved streams leave all laws to be tested, or but closure, which told nothing new."""
+    if set(laws) <= set(fits):
+        return True
+    # Where no fix is left beside the rates, another law must have told of the clock.
+    others = max((fit.worst for law, fit in laws.items() if law != CLOSURE), default=0.0)
+    held = streams == ["rate"] or laws[CLOSURE].worst < limits.ORDINARY
+    return set(laws) - set(fits) == {CLOSURE} and others > limits.IMPOSSIBLE and held
 
 
 def _turned(slews: SampledSlews) -> float:
