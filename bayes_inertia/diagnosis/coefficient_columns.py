@@ -16,7 +16,9 @@ from jax import Array
 
 from bayes_inertia.diagnosis.torque_response import TorqueResponse
 from bayes_inertia.inference.channel_rows import channel_rows
+from bayes_inertia.inference.each_slew import of_all_slews, of_slew
 from bayes_inertia.maths import quaternion
+from bayes_inertia.maths.device_arrays import repeated
 from bayes_inertia.physics.slew_context import SlewContext, State, Trajectory
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
@@ -46,14 +48,17 @@ def coefficient_columns(response: TorqueResponse, effect: StochasticEffect) -> n
         for hook in (*_READINGS, "body_torque", "delivered_torque")
         if effect.acts(hook) and not (model.structure.drive == "measured" and hook in _OF_WHEELS)
     )
-    contexts = model.data.arrays.slews.context
+    grid, contexts = response.time.shape[1], model.data.contexts
     motion = (response.attitude, response.rate_B, response.wheel_momentum)
-    states = np.zeros((*response.time.shape, 0))
-    path = Trajectory(contexts.time, *map(jnp.asarray, (*motion, states)))
-    rate_S = jnp.asarray(response.rate_B @ model.campaign.rate_sensor.axes.T)
+    rate_S = response.rate_B @ model.campaign.rate_sensor.axes.T
+    # Of padding: the last instant again.
+    *path, rate_S = (repeated(x, contexts.time.shape[1]) for x in (*motion, rate_S))
+    states = np.zeros((*contexts.time.shape, 0))
+    inputs = contexts, Trajectory(contexts.time, *path, states), rate_S  # type: ignore[call-arg]
     count = effect.coefficient_count(model.campaign)
-    units = _unit_signals(effect, hooks, count, contexts, path, rate_S)
-    return _changes(response, dict(zip(hooks, map(np.asarray, units), strict=True)), count)
+    parts = [_unit_signals(effect, hooks, count, *of_slew(k, inputs)) for k in range(model.n_slews)]
+    units = of_all_slews(parts, (grid,) * len(hooks))
+    return _changes(response, dict(zip(hooks, units, strict=True)), count)
 
 
 def _changes(response: TorqueResponse, units: Mapping[str, np.ndarray], count: int) -> np.ndarray:
@@ -103,7 +108,7 @@ def _unit_signals(
 ) -> tuple[Array, ...]:
     """What unit coefficients add in each hook (slews, n, components, k)."""
 
-    def of_slew(slew: SlewContext, motion: Trajectory, reading: Array) -> tuple[Array, ...]:
+    def one(slew: SlewContext, motion: Trajectory, reading: Array) -> tuple[Array, ...]:
         def values(c: Array) -> tuple[Array, ...]:
             return tuple(_value(effect, hook, c, slew, motion, reading) for hook in hooks)
 
@@ -112,7 +117,7 @@ def _unit_signals(
             jnp.eye(count)
         )
 
-    return jax.vmap(of_slew)(contexts, path, rate_S)
+    return jax.vmap(one)(contexts, path, rate_S)
 
 
 def _value(
@@ -145,5 +150,5 @@ def _value(
     return jax.vmap(torque)(*motion)
 
 
-# What is compiled for each shape of campaign and effect.
+# What is compiled for each effect and size of slew.
 PROGRAMS = (_unit_signals,)

@@ -320,8 +320,8 @@ def _roots_at(model: Model, shape: float) -> list[CandidateRoots]:
     for effect in model.effects:
         part = model.space.slice_of(effect.name)
         theta[part] = _parameters_at(model, effect, 1.0, shape)
-    slews = model.data.arrays.slews.context
-    blocks = prior_roots(model.structure, jnp.asarray(theta), slews)
+    slews = model.data.contexts
+    blocks = prior_roots(model.structure, theta, slews)
     active = model.structure.active_effects(jnp.asarray(theta))
     return [
         candidate_roots(effect, p, slews, np.asarray(own))

@@ -98,7 +98,7 @@ class TorqueResponse:
         white = np.asarray(self.estimate.white.rate)
         slews = np.arange(len(error))[:, None]
         of_rate = np.einsum("snij,snjk->snik", white, error[slews, np.asarray(telemetry.sample)])
-        of_rate = _innovations(of_rate, self.estimate.white.memory)
+        of_rate = _filtered(of_rate, self.estimate.white.memory)
         still = np.zeros((*error.shape[:2], 3, 1))
         numbers = sum(np.shape(x)[1] for x in self._whitened(still, still))
         columns = np.zeros((len(of_rate), numbers, error.shape[-1]))
@@ -117,7 +117,7 @@ class TorqueResponse:
         scale_factors = self.estimate.theta[6:9][:, None]
         sensed = np.einsum("ij,snjk->snik", campaign.rate_sensor.axes, rate_B) / scale_factors
         of_rate = -np.einsum("snij,snjk->snik", np.asarray(white.rate), sensed)
-        of_rate = _innovations(of_rate, white.memory)
+        of_rate = _filtered(of_rate, white.memory)
         of_attitude = -np.einsum(
             "sfij,sfjk->sfik", np.asarray(white.attitude), turn[slews, sample[slews, fix]]
         )
@@ -134,9 +134,9 @@ class TorqueResponse:
         return Residuals(*(x.reshape(len(sample), -1, rate_B.shape[-1]) for x in channels))
 
 
-def _innovations(of_rate: Any, memory: Memory | None) -> Any:
+def _filtered(of_rate: Any, memory: Memory | None) -> Any:
     """Changes (slews, n, 3, k) of the whitened rates, without what the noise before tells."""
-    return of_rate if memory is None else np.asarray(innovations(jnp.asarray(of_rate), memory))
+    return of_rate if memory is None else innovations(of_rate, memory)
 
 
 def torque_response(estimate: Estimate) -> TorqueResponse:

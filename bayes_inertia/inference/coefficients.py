@@ -25,13 +25,14 @@ from jax import Array
 from jax.scipy.linalg import solve_triangular
 
 from bayes_inertia.inference.each_slew import is_traced, of_slew
+from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.prediction import Structure
 from bayes_inertia.physics.random_inputs import prior_blocks
 from bayes_inertia.physics.slew_context import SlewContext
 
 # Roots of the coefficients' prior covariance of all slews: (slews, b, m, m) for each effect, the b
 # blocks on the diagonal of its root.
-Roots = tuple[Array, ...]
+Roots = tuple[AnyArray, ...]
 
 
 class CoefficientPart(NamedTuple):
@@ -45,7 +46,7 @@ class CoefficientPart(NamedTuple):
         Inverses of the roots B of the coefficients' prior covariance there.
     """
 
-    information: Array
+    information: AnyArray
     inverse_roots: Roots
 
 
@@ -70,13 +71,13 @@ class SlewEquations(NamedTuple):
         The whitened nuisances of each slew, coefficients last.
     """
 
-    chi2: Array
-    matrix: Array
-    gradient: Array
-    precision: Array
-    shared_gradient: Array
-    shared_chi2: Array
-    local: Array
+    chi2: AnyArray
+    matrix: AnyArray
+    gradient: AnyArray
+    precision: AnyArray
+    shared_gradient: AnyArray
+    shared_chi2: AnyArray
+    local: AnyArray
 
 
 class EliminatedSlews(NamedTuple):
@@ -166,7 +167,7 @@ def root_change(
     return tuple(before @ now for before, now in zip(inverse_roots, roots, strict=True))
 
 
-def times(blocks: Roots, coefficients: Array) -> Array:
+def times(blocks: Roots, coefficients: np.ndarray) -> np.ndarray:
     """Coefficients of all slews times block-diagonal matrices.
 
     Parameters
@@ -184,7 +185,7 @@ def times(blocks: Roots, coefficients: Array) -> Array:
         part = coefficients[:, start : start + b * m].reshape(slews, b, m, 1)
         parts.append((block @ part).reshape(slews, b * m))
         start += b * m
-    return jnp.concatenate(parts, -1)
+    return np.concatenate(parts, -1)
 
 
 def eliminated(change: Roots, equations: SlewEquations) -> EliminatedSlews:

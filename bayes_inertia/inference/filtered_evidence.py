@@ -28,6 +28,8 @@ from bayes_inertia.inference.noise_model import Whitening, rate_noise_covariance
 from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.inference.shared_unknowns import shared_first
 from bayes_inertia.maths.at_once import at_once
+from bayes_inertia.maths.device_arrays import filled, on_device, padded_size
+from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.reading_noise import ReadingNoise
 
@@ -47,11 +49,11 @@ class _Rows(NamedTuple):
         Nuisances of each slew.
     """
 
-    rate: Array
-    others: Array
-    precision: Array
-    gradient: Array
-    local: Array
+    rate: AnyArray
+    others: AnyArray
+    precision: AnyArray
+    gradient: AnyArray
+    local: AnyArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,13 +98,22 @@ class FilteredEvidence:
             parts.append((np.asarray(r) - gone)[..., None])
             parts.append(columns[..., order] * unknowns.scale[order])
         rate, *others = (np.concatenate(parts[i : i + 2], -1) for i in range(0, len(parts), 2))
-        return _Rows(
-            jnp.asarray(rate.reshape(*rate.shape[:1], -1, 3, rate.shape[-1])),
-            jnp.asarray(sum(np.einsum("snp,snq->spq", x, x) for x in others)),
-            jnp.asarray(unknowns.precision),
-            jnp.asarray(unknowns.gradient),
-            jnp.asarray(np.asarray(self.point.local)[:, ~self.filtered]),
+        rows = _Rows(
+            self._padded(rate.reshape(*rate.shape[:1], -1, 3, rate.shape[-1])),
+            filled(sum(np.swapaxes(x, 1, 2) @ x for x in others), self._size, 0),
+            unknowns.precision,
+            unknowns.gradient,
+            filled(np.asarray(self.point.local)[:, ~self.filtered], self._size, 0),
         )
+        return jax.tree.map(on_device, rows)
+
+    @property
+    def _size(self) -> int:
+        return padded_size(self.model.n_slews, 1)
+
+    def _padded(self, rows: AnyArray) -> AnyArray:
+        """Numbers of all slews' rows, and of padding that tells nothing."""
+        return filled(filled(rows, self._size, 0), padded_size(rows.shape[1]))
 
     def log_evidence(
         self, settings: Sequence[Sequence[ReadingNoise]], *, as_stated: bool = False
@@ -126,9 +137,9 @@ class FilteredEvidence:
         memories = rate_noise_memories(self.model, covariance, settings, white=white)
         if memories is None:
             return np.full(len(settings), float(_of_white_noise(self._rows)))
-        valid = self.model.data.arrays.telemetry.rate_valid
+        valid = self._padded(np.asarray(self.model.data.arrays.telemetry.rate_valid))
         # One filter a call: compiled code has one shape, and a batch of them is no faster.
-        each = (Memory(*(x[i] for x in memories)) for i in range(len(settings)))
+        each = (Memory(*(self._padded(x[i]) for x in memories)) for i in range(len(settings)))
         return np.array(at_once([partial(_log_evidence, self._rows, own, valid) for own in each]))
 
 

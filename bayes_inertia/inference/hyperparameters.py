@@ -35,6 +35,8 @@ from bayes_inertia.inference.noise_model import Whitening
 from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.inference.shared_unknowns import shared_first
+from bayes_inertia.maths.device_arrays import filled, on_device, padded_size, repeated
+from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.prediction import Structure
 from bayes_inertia.physics.slew_context import SlewContext
@@ -91,11 +93,11 @@ class FrozenEvidence(NamedTuple):
 
     equations: SlewEquations
     inverse_roots: Roots
-    theta: Array
-    free: Array
-    learnt: Array
-    scale: Array
-    priors: dict[str, Array]
+    theta: AnyArray
+    free: AnyArray
+    learnt: AnyArray
+    scale: AnyArray
+    priors: dict[str, AnyArray]
     contexts: SlewContext
 
 
@@ -160,18 +162,22 @@ class Evidence:
             0.0,
             point.local,
         )
-        contexts = model.data.arrays.slews.context
-        theta = jnp.asarray(point.theta)
-        return FrozenEvidence(
-            SlewEquations(*map(jnp.asarray, numbers)),
-            tuple(map(jnp.linalg.inv, prior_roots(model.structure, theta, contexts))),
-            theta,
-            jnp.asarray(np.concatenate([moving, held])),
-            jnp.asarray(self._all_learnt.learnt),
-            jnp.asarray(np.concatenate([scale[:f], of_held + 1.0])),
-            {key: jnp.asarray(values) for key, values in self._all_learnt.priors.items()},
-            contexts,
+        roots = prior_roots(model.structure, point.theta, model.data.contexts)
+        equations = SlewEquations(*(np.asarray(x, float) for x in numbers))
+        # Slews of which no data speak, so that a few numbers of slews share a program.
+        size = padded_size(model.n_slews, 1)
+        idle = {k: filled(getattr(equations, k), size, 0) for k in ("matrix", "gradient", "local")}
+        frozen = FrozenEvidence(
+            equations._replace(**idle),
+            tuple(repeated(np.linalg.inv(root), size, 0) for root in roots),
+            point.theta,
+            np.concatenate([moving, held]),
+            self._all_learnt.learnt,
+            np.concatenate([scale[:f], of_held + 1.0]),
+            {key: np.asarray(values) for key, values in self._all_learnt.priors.items()},
+            jax.tree.map(lambda x: repeated(x, size, 0), model.data.contexts),
         )
+        return jax.tree.map(on_device, frozen)
 
     def negative_log(self, standardised: np.ndarray) -> tuple[float, np.ndarray]:
         """Minus the log evidence and log prior, up to a constant.
@@ -265,7 +271,7 @@ def given_sizes(structure: Structure, frozen: FrozenEvidence, standardised: Arra
     return jax.vmap(at)(standardised)
 
 
-# What is compiled for each shape of campaign and set of effects.
+# What is compiled for each set of effects and size of slew.
 PROGRAMS = (_negative_log, given_sizes)
 
 
@@ -330,13 +336,11 @@ def with_sizes(model: Model, point: Point, theta: np.ndarray) -> Point:
     Point
         Its coefficients are what they were, whitened anew.
     """
-    contexts, n = model.data.arrays.slews.context, model.structure.n_start
-    before, after = (
-        prior_roots(model.structure, jnp.asarray(x), contexts) for x in (point.theta, theta)
-    )
+    contexts, n = model.data.contexts, model.structure.n_start
+    before, after = (prior_roots(model.structure, x, contexts) for x in (point.theta, theta))
     local = np.array(point.local)
-    coefficients = times(before, jnp.asarray(local[:, n:]))
-    local[:, n:] = times(tuple(map(jnp.linalg.inv, after)), coefficients)
+    coefficients = times(before, local[:, n:])
+    local[:, n:] = times(tuple(map(np.linalg.inv, after)), coefficients)
     return replace(point, theta=theta, local=local)
 
 

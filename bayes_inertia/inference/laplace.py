@@ -6,7 +6,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.inference.coefficients import CoefficientPart, prior_roots
@@ -325,8 +324,10 @@ def _coefficients(estimate: Estimate, columns: Residuals) -> CoefficientPart:
     model = estimate.model
     contexts = model.data.contexts
     roots = prior_roots(model.structure, estimate.theta, contexts)
-    information = sum(jnp.einsum("snp,snq->spq", j, j) for j in columns)
-    return CoefficientPart(jnp.asarray(information), tuple(map(jnp.linalg.inv, roots)))
+    each = (np.asarray(channel) for channel in columns)
+    information = sum(np.swapaxes(j, 1, 2) @ j for j in each)
+    inverse = tuple(on_device(np.linalg.inv(root)) for root in roots)
+    return CoefficientPart(on_device(information), inverse)
 
 
 def principal_sd(estimate: Estimate, covariance: np.ndarray) -> np.ndarray:

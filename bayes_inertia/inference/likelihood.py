@@ -19,6 +19,7 @@ from bayes_inertia.inference.point import Point
 from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.at_once import at_once
 from bayes_inertia.maths.device_arrays import on_device
+from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.model_data import Data
 from bayes_inertia.physics.nuisances import Nuisances
@@ -38,9 +39,9 @@ class Residuals(NamedTuple):
         Measured minus predicted, in sigmas. Or derivatives of these, with further axes.
     """
 
-    rate: Array
-    attitude: Array
-    momentum: Array
+    rate: AnyArray
+    attitude: AnyArray
+    momentum: AnyArray
 
 
 class Sensitivities(NamedTuple):
@@ -173,7 +174,7 @@ def _numbers(structure: Structure, white: Whitening) -> Residuals:
     """How many numbers a slew has in each channel."""
     wheels = 0 if structure.drive == "measured" else white.momentum.shape[2]
     rows, fixes = white.rate.shape[1], white.attitude.shape[1]
-    return Residuals(3 * rows, 3 * fixes, wheels * rows)  # type: ignore[arg-type]
+    return Residuals(3 * rows, 3 * fixes, wheels * rows)
 
 
 def sensitivities(

@@ -140,7 +140,8 @@ def _pull_at(structure: Structure, pull: _Pull, theta: Array) -> tuple[Array, Ar
     plain = pull.white._replace(memory=None)
     r = whitened(structure, prediction, pull.data.arrays.telemetry, plain)
     r = filtered(r, pull.white)
-    return sum(jnp.sum(channel**2) for channel in r), pulled(r, pull.columns, jnp)
+    chi2: Any = sum(jnp.sum(channel**2) for channel in r)
+    return chi2, pulled(r, pull.columns, jnp)
 
 
 def pulled(r: Residuals, columns: Residuals, xp: Any = np) -> Any:
@@ -297,8 +298,8 @@ def _pieces(marginal: Marginal) -> list[_Pull]:
 
 
 def _nuisances(marginal: Marginal, contexts: SlewContext) -> _Nuisances:
-    parts = (getattr(marginal, key) for key in _Nuisances._fields if key != "contexts")
-    return _Nuisances(*parts, contexts if marginal.coefficients is not None else None)
+    parts = {key: getattr(marginal, key) for key in _Nuisances._fields[:-1]}
+    return _Nuisances(**parts, contexts=None if marginal.coefficients is None else contexts)
 
 
 def _padded_nuisances(marginal: Marginal) -> _Nuisances:

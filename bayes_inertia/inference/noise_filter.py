@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.inference.channel_rows import row_times
@@ -111,7 +110,7 @@ def rate_noise_memories(
     joined = [_joined(parts) for parts in zip(*([*common, *own] for own in more), strict=True)]
     valid = np.asarray(model.data.arrays.telemetry.rate_valid)
     filtered = _filter(joined, whites, np.tile(valid, (len(settings), 1, 1)))
-    return Memory(*(jnp.reshape(x, (len(settings), len(valid), *x.shape[1:])) for x in filtered))
+    return Memory(*(np.reshape(x, (len(settings), len(valid), *x.shape[1:])) for x in filtered))
 
 
 def _joined(processes: Sequence[_Process]) -> _Process:
@@ -227,4 +226,4 @@ def _filter(processes: list[_Process], white: np.ndarray, valid: np.ndarray) -> 
         left = covariance - gain[:, row][..., None] * with_reading[..., None, :]
         kept = decay[:, row]
         covariance = kept[..., None] * kept[..., None, :] * left + fresh[:, row][..., None] * same
-    return Memory(jnp.asarray(decay), jnp.asarray(gain), jnp.asarray(scale))
+    return Memory(decay, gain, scale)

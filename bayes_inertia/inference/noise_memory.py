@@ -9,12 +9,15 @@ unit variance, and everything that follows from residuals and their derivatives 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+
+from bayes_inertia.maths.device_arrays import filled, padded_size
+from bayes_inertia.maths.values import AnyArray
 
 
 class Memory(NamedTuple):
@@ -30,32 +33,50 @@ class Memory(NamedTuple):
         One over the standard deviation of the innovations; 1 where nothing was measured.
     """
 
-    decay: Array
-    gain: Array
-    scale: Array
+    # Of numpy on the host, of JAX in compiled code.
+    decay: AnyArray
+    gain: AnyArray
+    scale: AnyArray
 
 
-@jax.jit
-def innovations(rate: Array, memory: Memory) -> Array:
+def innovations(rate: Any, memory: Memory) -> Any:
     """Whitened residuals without what the residuals before them let expect.
 
     Parameters
     ----------
-    rate : (n, 3, ...) or (slews, n, 3, ...) array
-        Whitened residuals, or columns of their derivatives; zero where nothing was measured.
+    rate : (slews, n, 3, ...) array
+        Whitened residuals, or columns of their derivatives; zero where nothing was measured. Of
+        numpy, or of JAX in compiled code.
     memory : Memory
-        Of one slew, or of all with a leading axis.
+        Likewise.
 
     Returns
     -------
-    (n, 3, ...) or (slews, n, 3, ...) array
+    (slews, n, 3, ...) array
 
     Examples
     --------
-    >>> decay, gain = jnp.full((2, 3, 1), 0.6), jnp.ones((2, 3, 1))
-    >>> innovations(jnp.ones((2, 3)), Memory(decay, gain, jnp.full((2, 3), 1.25)))[:, 0].tolist()
+    >>> decay, gain = np.full((1, 2, 3, 1), 0.6), np.ones((1, 2, 3, 1))
+    >>> memory = Memory(decay, gain, np.full((1, 2, 3), 1.25))
+    >>> innovations(np.ones((1, 2, 3)), memory)[0, :, 0].tolist()
     [1.25, 0.5]
     """
+    if not isinstance(rate, np.ndarray):
+        return _innovations(rate, memory)
+    # Slews, rows and columns in few sizes.
+    slews, n, axes = rate.shape[:3]
+    columns = rate.reshape(slews, n, axes, -1)
+    size = padded_size(slews, 1), padded_size(n), padded_size(columns.shape[-1], 1)
+
+    def padded(rows: Any) -> Any:
+        return filled(filled(np.asarray(rows), size[0], 0), size[1])
+
+    new = _innovations(filled(padded(columns), size[2], -1), Memory(*map(padded, memory)))
+    return np.asarray(new)[:slews, :n, :, : columns.shape[-1]].reshape(rate.shape)
+
+
+@jax.jit
+def _innovations(rate: Array, memory: Memory) -> Array:
     rows, known = memory.scale.ndim - 2, memory.scale.ndim
     # Columns stand last, side by side in memory: a step is one pass over them.
     columns = rate.reshape(*rate.shape[:known], -1)

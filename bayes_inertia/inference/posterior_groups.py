@@ -16,6 +16,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.inference.each_slew import of_slew
 from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.gate_limits import criteria
 from bayes_inertia.inference.gates import check_gates
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
 
 from functools import partial
 
-import jax.numpy as jnp
 from jax import Array
 
 from bayes_inertia.inference.predicted_telemetry import drawn_nuisances, thinned_draws
@@ -323,13 +323,16 @@ def stochastic_signals(
     model, point_of = estimate.model, drawn_nuisances(estimate)
     thetas = thinned_draws(chains, rng)
     numbers = estimate.point.bias.size + estimate.point.local.size
-    contexts, times = model.data.arrays.slews.context, jnp.asarray(signal_times(estimate))
+    each = [of_slew(k, (model.data.contexts, signal_times(estimate))) for k in range(model.n_slews)]
     names = tuple(effect.name for effect in effects)
     drawn = []
     for theta in thetas:
         local = point_of(theta, rng.standard_normal(numbers)).local
-        at = jnp.asarray(theta), jnp.asarray(local)
-        drawn.append(_signals(model.structure, names, *at, contexts, times))
+        parts = [
+            _signals(model.structure, names, theta, of_slew(k, np.asarray(local)), *inputs)
+            for k, inputs in enumerate(each)
+        ]
+        drawn.append([np.concatenate(signal) for signal in zip(*parts, strict=True)])
     shape = (len(chains.samples), -1)
     return {
         name: np.stack([signals[k] for signals in drawn]).reshape(*shape, *drawn[0][k].shape)
@@ -349,8 +352,8 @@ def _signals(
     """Signals (slews, instants, components) of these effects at one draw."""
     active = structure.active_effects(theta)
 
-    def of_slew(slew: SlewContext, local: Array, t: Array) -> tuple[Array, ...]:
+    def one(slew: SlewContext, local: Array, t: Array) -> tuple[Array, ...]:
         acting = with_coefficients(active, structure.nuisances(local).coefficients, slew)
         return tuple(e.signal(p, slew, t) for e, p in acting if e.name in names)  # type: ignore[attr-defined]
 
-    return jax.vmap(of_slew)(contexts, local, times)
+    return jax.vmap(one)(contexts, local, times)

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.campaign.channel_names import CHANNELS
@@ -104,7 +103,7 @@ def _filtered_series(
     walk = momentum_noise_memory(model, [each for each in noise if each.channel == "momentum"])
     if walk is not None:
         known = np.nan_to_num(np.stack(series["momentum"]))
-        new = np.asarray(innovations(jnp.asarray(known), walk))
+        new = innovations(known, walk)
         missing = np.isnan(np.stack(series["momentum"]))
         series["momentum"] = list(np.where(missing, np.nan, new))
     return series

@@ -9,8 +9,9 @@ from jax import Array
 from bayes_inertia.maths.jax_settings import require_usable_jax
 from bayes_inertia.maths.values import AnyArray
 
-# Of an axis, at least: a slew has some ten star-tracker fixes.
-SMALLEST = 16
+# Of an axis, at least: a slew has some ten star-tracker fixes. Sizes are multiples of three, as the
+# rows of an integration step are.
+_SMALLEST = 12
 
 
 def on_device(values: AnyArray) -> Array:
@@ -42,8 +43,8 @@ def on_device(values: AnyArray) -> Array:
     return jax.device_put(np.asarray(values))
 
 
-def padded_size(n: int, least: int = SMALLEST) -> int:
-    """The size that an axis of n numbers is padded to: 16, 24, 32, 48, 64, 96, ...
+def padded_size(n: int, least: int = _SMALLEST) -> int:
+    """The size that an axis of n numbers is padded to: 12, 18, 24, 36, 48, 72, 96, ...
 
     Two sizes an octave: more would be compiled more often than they save (of a fit, compiled code
     runs for 4 s and is compiled for 30).
@@ -61,21 +62,23 @@ def padded_size(n: int, least: int = SMALLEST) -> int:
 
     Examples
     --------
-    >>> [padded_size(n) for n in (3, 16, 17, 581, 769)]
-    [16, 16, 24, 768, 1024]
+    >>> [padded_size(n) for n in (3, 13, 19, 581, 769)]
+    [12, 18, 24, 768, 1152]
     """
-    wanted = max(n, least)
-    power = 1 << (wanted - 1).bit_length()
-    return 3 * power // 4 if wanted <= 3 * power // 4 else power
+    octave = least
+    while octave < n:
+        octave *= 2
+    between = 3 * octave // 4
+    return between if least < n <= between else octave
 
 
-def repeated(rows: np.ndarray, size: int, axis: int = 1) -> np.ndarray:
+def repeated(rows: AnyArray, size: int, axis: int = 1) -> AnyArray:
     """Rows along an axis, the last one repeated up to so many."""
     last = np.take(rows, [-1] * (size - rows.shape[axis]), axis)
     return np.concatenate([rows, last], axis)
 
 
-def filled(rows: np.ndarray, size: int, axis: int = 1) -> np.ndarray:
+def filled(rows: AnyArray, size: int, axis: int = 1) -> AnyArray:
     """Rows along an axis, followed by zeros up to so many."""
     spare = list(rows.shape)
     spare[axis] = size - rows.shape[axis]

@@ -34,9 +34,9 @@ _PEAK = 1.25
 # What the wheels do within a step moves the body by the angle that is integrated to first order,
 # times this and the turn of the step.
 _COUPLING = 0.1
-# Rows a step that are tried: few, for each is another program; every size that slews of
-# `_FEW_ROWS` are padded to is a multiple.
-_ROWS = (128, 64, 32, 16, 8, 4, 2, 1)
+# Rows a step that are tried: few, for each is another program. Every size that slews of `_FEW_ROWS`
+# are padded to is a multiple of all (`padded_size`).
+_ROWS = (96, 48, 24, 12, 6, 3, 1)
 # One step of the integrator takes as long as so many rows of dense output.
 _ROWS_WORTH_A_STEP = 20.0
 # Slews of fewer rows are integrated row by row: steps of several rows take longer to compile than

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -78,7 +78,7 @@ def _slew(k: int, rows: np.ndarray) -> Array:
     return on_device(rows[k : k + 1])
 
 
-def _padded(rows: np.ndarray) -> np.ndarray:
+def _padded(rows: Any) -> Any:
     return repeated(rows, padded_size(rows.shape[1])) if rows.shape[1] else rows
 
 
@@ -86,13 +86,18 @@ def _padded_inputs(slews: SlewInput) -> SlewInput:
     context = slews.context
     given = {key: getattr(context, key) for key in _ON_GRID}
     on_grid = {key: _padded(rows) for key, rows in given.items() if rows is not None}
-    environment = (slews.magnetic_field_N, slews.position_N)
-    return SlewInput(context._replace(**on_grid), *map(_padded, (slews.momentum, *environment)))
+    return slews._replace(
+        context=context._replace(**on_grid),
+        momentum=_padded(slews.momentum),
+        magnetic_field_N=_padded(slews.magnetic_field_N),
+        position_N=_padded(slews.position_N),
+    )
 
 
 def _padded_telemetry(arrays: Arrays) -> Telemetry:
     telemetry, projection = arrays.telemetry, arrays.telemetry.projection
-    padded = Telemetry(*map(_padded, telemetry[:-1]))
+    alone = telemetry._replace(projection=None)
+    padded: Telemetry = jax.tree.map(_padded, alone)
     if projection is None:
         return padded
     # As many integration steps as the grid has; the model's rows there count nothing.
