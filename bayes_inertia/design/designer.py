@@ -5,6 +5,8 @@ exact derivatives of goal and limits, averaged over draws of J and K from what i
 is flown: margins of every limit come from closed-loop flights with noise, each with its own truth.
 
 What a design searches for: the problem, its limits, the plan to compare with, the truths.
+
+The best of the plans found, in digits that an operator can read.
 """
 
 from __future__ import annotations
@@ -26,8 +28,7 @@ from bayes_inertia.design.goals import Goal, parse_goal
 from bayes_inertia.design.information_forecast import prepare_forecast
 from bayes_inertia.design.limits import Limits, hardware_limits
 from bayes_inertia.design.margins import Margin, broken_limits, flown_margins, planned_margins
-from bayes_inertia.design.operator_plan import best_plan
-from bayes_inertia.design.plan_arrays import slew_arrays
+from bayes_inertia.design.plan_arrays import planned_slews, slew_arrays
 from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.design.plan_search import improved_plans, random_plans
 from bayes_inertia.errors import DesignError
@@ -36,6 +37,7 @@ from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
 from bayes_inertia.flight.plan_flight import fly
 from bayes_inertia.flight.planned_telemetry import planned_campaign
+from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.named_effects import effects_named
@@ -456,3 +458,108 @@ def paper_like_reference(base: Plan, region: FeasibleRegion, n: int, total_time:
             break
         share *= _REDUCTION
     return plan
+
+
+# How far rounding to an operator's digits may reach into a reserve [fraction of the limit].
+_ROUNDING_SLACK = 2e-3
+
+
+def best_plan(
+    problem: PlanProblem,
+    candidates: Sequence[np.ndarray],
+    base: Plan,
+    spacecraft: Spacecraft,
+    limits: Limits,
+) -> Plan:
+    """The first of several plans that keeps all limits, in an operator's digits.
+
+    Parameters
+    ----------
+    problem : PlanProblem
+        What was searched for.
+    candidates : sequence of (slews, 5) arrays
+        Design variables of the plans found, best first.
+    base : Plan
+        Name, start, telemetry and rests; its slews are not used.
+    spacecraft : Spacecraft
+        J, wheels and sensors.
+    limits : Limits
+        What the plan must respect.
+
+    Returns
+    -------
+    Plan
+        With rounded slews if these keep the limits, else with exact ones.
+
+    Raises
+    ------
+    DesignError
+        If none keeps the limits; it names the one that binds.
+    """
+    nearest = (-math.inf, "", base)
+    for x in candidates:
+        exact = planned_slews(problem.slews(x))
+        for slews in (rounded_slews(exact, problem), exact):
+            plan = replace(base, slews=slews)
+            slacks = problem.least_slacks(problem.variables(slew_arrays(plan)))
+            binding = min(slacks, key=slacks.__getitem__)
+            enough = slacks[binding] >= -_ROUNDING_SLACK
+            if enough and not broken_limits(planned_margins(plan, spacecraft, limits)):
+                return plan
+            nearest = max(nearest, (slacks[binding], binding, plan), key=lambda n: n[0])
+    slack, binding, plan = nearest
+    margins = planned_margins(plan, spacecraft, limits)
+    said = [margin.says for margin in margins if _kind_of(margin.limit) == binding]
+    what = "no plan was found that keeps it; the nearest misses it, with its reserve, by"
+    raise DesignError(
+        f"{what} {-100 * slack:.2g} %" + (f" ({said[0]})" if said else ""),
+        where=f"limit {binding}",
+        advice="loosen it, or ask for fewer slews or more time",
+    )
+
+
+def rounded_slews(slews: Sequence[PlannedSlew], problem: PlanProblem) -> tuple[PlannedSlew, ...]:
+    """Slews with axes to 3 digits, angles to 0.1 deg, rates and accelerations rounded down.
+
+    Parameters
+    ----------
+    slews : sequence of PlannedSlew
+        Exact slews.
+    problem : PlanProblem
+        Where it gives the end attitude, the last slew stays exact.
+
+    Returns
+    -------
+    tuple of PlannedSlew
+        Slews that an operator can read.
+    """
+    out = [
+        PlannedSlew(
+            (round(x, 3), round(y, 3), round(z, 3)),
+            max(_rounded_down(slew.angle, 1), math.radians(0.1)),
+            _rounded_down(slew.rate, 3) or slew.rate,
+            _rounded_down(slew.acceleration, 4) or slew.acceleration,
+        )
+        for slew in slews
+        for x, y, z in [slew.axis_B]
+    ]
+    if problem.end_attitude is not None:
+        x = problem.variables(slew_arrays(replace(paper_like_plan(), slews=tuple(out))))
+        out[-1] = planned_slews(problem.slews(x))[-1]
+    return tuple(out)
+
+
+def _rounded_down(value: float, digits: int) -> float:
+    """A value [rad, or with time] rounded down to digits after the point in degrees."""
+    return math.radians(math.floor(math.degrees(value) * 10**digits + 1e-9) / 10**digits)
+
+
+def _kind_of(limit: str) -> str:
+    """A margin's name as `constraint_slacks` calls its kind.
+
+    >>> _kind_of("torque of wheel_x"), _kind_of("keep-out Sun"), _kind_of("rate")
+    ('wheel torque', 'keep-out', 'rate')
+    """
+    first = limit.partition(" of ")[0].partition(" ")[0]
+    kinds = {"torque": "wheel torque", "momentum": "wheel momentum", "keep-out": "keep-out"}
+    return kinds.get(first, limit)

@@ -1,4 +1,7 @@
-"""From raw files and a mapping to a campaign folder: the whole way."""
+"""From raw files and a mapping to a campaign folder: the whole way.
+
+High-rate streams of an imported campaign as block means, where the mapping asks for it.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +13,12 @@ from pathlib import Path, PurePath
 
 import numpy as np
 
+from bayes_inertia.campaign.block_means import reduced
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.held import held_readings
 from bayes_inertia.campaign.known_offsets import known_offset
 from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes, text_of, write_new_files
 from bayes_inertia.importing.common_clock import Logs
@@ -31,7 +36,6 @@ from bayes_inertia.importing.logged_stream import MOST_LEFT_OUT, LoggedStream
 from bayes_inertia.importing.mapped_lines import RECORD_FILE
 from bayes_inertia.importing.mapping import parse_mapping, streams_that_hold
 from bayes_inertia.importing.mapping_schema import MappingPart
-from bayes_inertia.importing.reduction import reduced_content
 from bayes_inertia.importing.rest_noise import RestNoise, rest_noise
 from bayes_inertia.importing.slew_cutting import SlewCut, cut_into_slews
 from bayes_inertia.importing.slew_tables import slew_tables
@@ -259,3 +263,43 @@ def _require_noises(mapping: MappingPart, noises: Sequence[RestNoise], label: st
         else "take it from the data sheet: the rests of the log do not show it"
     )
     raise CampaignError("missing key", where=f"{label}, key {part}.{key}", advice=advice)
+
+
+DESCRIPTION = "campaign.toml"
+
+
+def reduced_content(
+    content: Mapping[str, bytes], campaign: Campaign
+) -> tuple[dict[str, bytes], Campaign]:
+    """A campaign folder with block means in place of its high-rate readings.
+
+    Parameters
+    ----------
+    content : mapping of str to bytes
+        The folder's files.
+    campaign : Campaign
+        What they hold.
+
+    Returns
+    -------
+    content : dict of str to bytes
+        The files of the reduced campaign; other files (pictures, records) stay.
+    campaign : Campaign
+        What they hold: the same campaign where blocks of two readings are too long.
+    """
+    means = reduced(campaign)
+    if means is campaign:
+        return dict(content), campaign
+    sigma = campaign.rate_sensor.sigma[0] / means.rate_sensor.sigma[0]
+    readings = round(sigma**2)
+    with tempfile.TemporaryDirectory() as folder:
+        write_campaign(means, folder)
+        written = {path.name: path.read_bytes() for path in Path(folder).iterdir()}
+        campaign = read_campaign(folder)
+    said = (
+        f"# Rates and wheel momentum are means of {readings} readings each, because the mapping\n"
+        '# says reduce = "block_means"; their noise is smaller by the root of that.\n'
+    )
+    written[DESCRIPTION] = said.encode() + written[DESCRIPTION]
+    kept = {name: data for name, data in content.items() if not name.endswith((".csv", ".toml"))}
+    return kept | written, campaign

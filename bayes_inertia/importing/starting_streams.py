@@ -1,18 +1,28 @@
-"""One `[[streams]]` of a mapping to be filled in."""
+"""One `[[streams]]` of a mapping to be filled in.
+
+What names of columns say by a notation that a simulator defines; suggestions, said as such.
+
+Basilisk writes the frame into the name: omega_BN_B is the rate of B against N in axes of B,
+sigma_BN the modified Rodrigues parameters of B from N; its wheelSpeeds are relative to the body
+[rad/s], and its motorTorque acts on the wheel [N m]. 42's wbn is in axes of the body, its Hwhl the
+whole momentum about the spin axis. ROS (REP 103) and PX4 write rates in rad/s and the quaternion
+that takes vectors of the body to the world; PX4 begins it with the scalar and counts microseconds.
+Names with _B or "body" say that the axes are the body's.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from bayes_inertia.importing.clock_guess import ClockGuess, guessed_clock
 from bayes_inertia.importing.column_families import ColumnFamily
-from bayes_inertia.importing.known_notation import notation_of
 from bayes_inertia.importing.mapping_text import mapping_comment, mapping_entry, mapping_value
 from bayes_inertia.importing.questions import UNKNOWN, question_at
 from bayes_inertia.importing.stated_facts import stated_attitude
@@ -217,3 +227,65 @@ def _time(group: FileGroup, path: tuple[str, ...]) -> list[str]:
     ]
     line = f"time = {mapping_value(entry)}"
     return [*questions, f"{line}  # {guess.why}" if guess.why else line]
+
+
+_NOTATIONS: tuple[tuple[str, re.Pattern[str], str, Mapping[str, str]], ...] = tuple(
+    (holds, re.compile(pattern), why, MappingProxyType(says))
+    for holds, pattern, why, says in (
+        ("rate", r"omega_BN_B", "Basilisk's", {"unit": "rad/s", "frame": "body"}),
+        (
+            "attitude",
+            r"sigma_BN",
+            "Basilisk's",
+            {"maps": "inertial_to_body", "frame": "body"},
+        ),
+        ("wheel_speed", r"wheelSpeeds", "Basilisk's", {"unit": "rad/s", "relative_to": "body"}),
+        ("wheel_torque", r"motorTorque", "Basilisk's", {"unit": "N m", "acts_on": "wheel"}),
+        ("rate", r"wbn\[", "42's", {"frame": "body"}),
+        ("wheel_momentum", r"Hwhl\[", "42's", {"relative_to": "inertial"}),
+        (
+            "rate",
+            r"vehicle_angular_velocity|gyro_rad",
+            "PX4's",
+            {"unit": "rad/s", "frame": "body"},
+        ),
+        ("rate", r"angular_velocity", "ROS's", {"unit": "rad/s"}),
+        (
+            "attitude",
+            r"vehicle_attitude",
+            "PX4's",
+            {"scalar": "first", "maps": "inertial_to_body", "frame": "body"},
+        ),
+        ("attitude", r"orientation", "ROS's", {"maps": "inertial_to_body"}),
+        ("time", r"timestamp_sample|vehicle_[a-z_]+_\d+/timestamp", "PX4's", {"kind": "us"}),
+        ("rate", r"_B(\b|_|\[)|[Bb]ody", "a usual", {"frame": "body"}),
+        ("magnetic_field", r"_(N|eci|ECI)(\b|_|\[)|inertial", "a usual", {"frame": "inertial"}),
+        ("position", r"_(N|eci|ECI)(\b|_|\[)|inertial", "a usual", {"frame": "inertial"}),
+    )
+)
+
+
+def notation_of(holds: str, name: str) -> dict[str, tuple[str, str]]:
+    """What a name says by its notation.
+
+    Parameters
+    ----------
+    holds : str
+        What the column seems to hold, as a mapping says it.
+    name : str
+        The column.
+
+    Returns
+    -------
+    dict of str to tuple of str
+        For keys of the stream a value, and whose notation says it; the first that fits.
+
+    Examples
+    --------
+    >>> notation_of("rate", "omega_BN_B[0]")["frame"], notation_of("rate", "gx_dps")
+    (('body', "Basilisk's notation"), {})
+    """
+    for of, pattern, whose, says in _NOTATIONS:
+        if of == holds and pattern.search(name):
+            return {key: (value, f"{whose} notation") for key, value in says.items()}
+    return {}

@@ -1,25 +1,41 @@
-"""The sections of a run's report, each a function of the posterior."""
+"""The sections of a run's report, each a function of the posterior.
+
+The section of a fit's report that shows effects without a fixed shape over time.
+
+The sections of a fit on its parameters: the tables, and what the campaign determines.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
+
 from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.report.criteria import Criteria, criteria_of
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
 from bayes_inertia.report.dirt_wording import dirt_rows
-from bayes_inertia.report.formatting import typeset
-from bayes_inertia.report.parameter_sections import determination_section, parameters_section
+from bayes_inertia.report.formatting import NOT_GIVEN, listed, number, plain, typeset, unit_text
+from bayes_inertia.report.parameter_wording import averaged_over, correlation_sentences, meaning
 from bayes_inertia.report.pictures.chains import draw_chains
-from bayes_inertia.report.pictures.posterior_data import n_slews
-from bayes_inertia.report.residual_sections import (
-    residuals_section,
-    telemetry_section,
-)
+from bayes_inertia.report.pictures.equivalent_signal import draw_signal
+from bayes_inertia.report.pictures.pairs import draw_pairs
+from bayes_inertia.report.pictures.posterior_data import n_slews, values_of
+from bayes_inertia.report.pictures.priors import draw_priors
+from bayes_inertia.report.residual_sections import residuals_section, telemetry_section
 from bayes_inertia.report.result_section import result_sections
 from bayes_inertia.report.section import Picture, Section, packaged
 from bayes_inertia.report.settings_section import settings_section
-from bayes_inertia.report.signal_sections import signals_section
+from bayes_inertia.report.uncertainty import (
+    contraction,
+    contraction_text,
+    determination,
+    exponents_of,
+    interval_90,
+    names_by_determination,
+    sd_in_print,
+)
 
 
 def standard_sections(
@@ -139,3 +155,165 @@ def limits_section(posterior: Posterior) -> Section:
         "n_slews": n_slews(posterior),
     }
     return Section("Limits", packaged("limits.html"), context)
+
+
+_TEMPLATE = (
+    "<p>These have no fixed shape: in each slew they are free to be what the data ask for. "
+    "What they may have done is taken from the information on J and K. "
+    "Where a band holds zero, nothing is missing there.</p>"
+)
+
+
+def signals_section(posterior: Posterior) -> Section | None:
+    """Torques and errors of free shape over time, slew by slew.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        A finished fit.
+
+    Returns
+    -------
+    Section or None
+        One picture an effect; None where all effects have a fixed shape.
+    """
+    if "signal" not in posterior.tree:
+        return None
+    pictures = tuple(_picture(posterior, str(name)) for name in posterior.tree["signal"].data_vars)
+    return Section("What has no fixed shape", _TEMPLATE, {}, pictures)
+
+
+def _picture(posterior: Posterior, name: str) -> Picture:
+    """One effect: mean and band over time."""
+    draws = values_of(posterior, "signal", name)
+    variable = posterior.tree["signal"][name]
+    # Files of version 0.3 and before do not name their signals.
+    title = variable.attrs.get("long_name", plain(name))
+    signal = {
+        "time": values_of(posterior, "constant_data", "signal_time"),
+        "mean": draws.mean((0, 1)),
+        "sd": draws.std((0, 1)),
+        "slews": [str(slew) for slew in values_of(posterior, "estimate", "slew")],
+        "components": [str(c) for c in np.asarray(variable[f"{name}_component"])],
+        "unit": variable.attrs["units"],
+        "source": variable.attrs.get("quantity", plain(name)),
+    }
+    caption = (
+        f"{title[0].upper()}{title[1:]}: mean (lines) and ±2 sd (bands) of the posterior, "
+        "sizes included that the data leave open."
+    )
+    figure = draw_signal(signal, whole_band=True)
+    return Picture(figure, caption, f"{title} over time, slew by slew")
+
+
+_MOST_PARAMETERS_DRAWN = 16
+
+
+def parameters_section(posterior: Posterior) -> Section:
+    """The table of parameters and principal moments, prior against posterior.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        A finished fit.
+
+    Returns
+    -------
+    Section
+        With one picture.
+    """
+    summary, criteria = posterior.summary(), criteria_of(posterior.attributes)
+    prior_mean = values_of(posterior, "estimate", "prior_mean")
+    powers = exponents_of(summary["parameters"] | summary["derived"])
+    rows = [
+        _parameter_row(name, row, powers[name], float(center), criteria)
+        for (name, row), center in zip(summary["parameters"].items(), prior_mean, strict=True)
+    ]
+    picture = Picture(
+        draw_priors(posterior),
+        "Posterior of each parameter (blue). Bars below: mean ± the model's sd and, "
+        "where it is wider, ± the quoted sd. "
+        "Where the data sharpen the prior more than eightfold, the panel shows only the posterior, "
+        "and the grey strip above it shows the prior over ±3 sd "
+        "with the posterior's place as a blue mark; elsewhere prior and posterior share the axis.",
+        "Prior and posterior densities of every parameter",
+        folded=True,
+    )
+    context = {
+        "rows": rows,
+        "moments": [
+            _value_cells(name, row, powers[name]) for name, row in summary["derived"].items()
+        ],
+        "trusted": posterior.trusted,
+        "quoted": posterior.quoted_factor is not None,
+        "factor": posterior.quoted_factor or 1.0,
+        "averaged": averaged_over(summary),
+        "criteria": criteria,
+    }
+    return Section("Parameters", packaged("parameters.html"), context, (picture,))
+
+
+def _value_cells(name: str, row: Mapping[str, Any], power: int) -> dict[str, str]:
+    """Mean, quoted sd and the model's sd of one row, in one power of ten."""
+    quoted, sd = row["quoted_sd"], sd_in_print(row)
+    interval = interval_90(row) if "q05" in row else None
+    ends = [number(end, sd, power) for end in interval or ()]
+    return {
+        "name": name,
+        "mean": number(row["mean"], sd, power),
+        "interval": " … ".join(ends) or (NOT_GIVEN if "q05" in row else ""),
+        "quoted_sd": NOT_GIVEN if quoted is None else number(quoted, quoted, power),
+        "sd": number(row["sd"], row["sd"], power),
+        "unit": unit_text(row["unit"], power),
+    }
+
+
+def _parameter_row(
+    name: str, row: Mapping[str, Any], power: int, prior_mean: float, criteria: Criteria
+) -> dict[str, str]:
+    prior, prior_sd = (number(x, row["prior_sd"], power) for x in (prior_mean, row["prior_sd"]))
+    share = contraction(sd_in_print(row), row["prior_sd"])
+    return _value_cells(name, row, power) | {
+        "meaning": meaning(name),
+        "prior": f"{prior} ± {prior_sd}",
+        "contraction": contraction_text(share, criteria),
+        "determined": determination(share, criteria),
+    }
+
+
+def determination_section(posterior: Posterior) -> Section:
+    """What the campaign determines, in words, and the pair plot.
+
+    Parameters
+    ----------
+    posterior : Posterior
+        A finished fit.
+
+    Returns
+    -------
+    Section
+        With one picture.
+    """
+    rows, names = posterior.summary()["parameters"], posterior.names
+    matrix = np.atleast_2d(np.corrcoef(posterior.samples.T)).tolist()
+    only_some = (
+        f" Only the {_MOST_PARAMETERS_DRAWN} most correlated of {len(names)} parameters are drawn."
+    )
+    picture = Picture(
+        draw_pairs(posterior, _MOST_PARAMETERS_DRAWN),
+        "Every pair of parameters: posterior draws (shading) with the ellipse that holds 90 % "
+        "of a normal distribution of the same covariance (blue)."
+        " At the left of each row: middle ± half width of "
+        "its cells (3.4 sd), and the unit. "
+        "Numbers: correlations, framed beyond ±0.9."
+        f"{only_some if len(names) > _MOST_PARAMETERS_DRAWN else ''}",
+        "Pair plot of the posterior with correlations",
+        folded=True,
+    )
+    context = {
+        "groups": names_by_determination(rows, criteria_of(posterior.attributes)),
+        "correlations": correlation_sentences(names, matrix),
+        "listed": listed,
+    }
+    title = "What this campaign determines"
+    return Section(title, packaged("determination.html"), context, (picture,))

@@ -1,4 +1,7 @@
-"""The page: sections, style sheet, scripts and pictures in one offline HTML file."""
+"""The page: sections, style sheet, scripts and pictures in one offline HTML file.
+
+Cells that know their column: a narrow screen shows rows as cards, each number with its name.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,6 @@ from markupsafe import Markup
 
 from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.posterior import Posterior
-from bayes_inertia.report.column_labels import with_column_labels
 from bayes_inertia.report.fit_sections import standard_sections
 from bayes_inertia.report.section import Section, data_uri, packaged
 
@@ -186,3 +188,47 @@ def write_report(
         write_report(Posterior.load("my_run/posterior.nc"), "my_run/report.html")
     """
     return write_atomically(path, render(posterior, sections))
+
+
+_TABLE = re.compile(r"<table.*?</table>", re.S)
+_HEADING = re.compile(r'<th scope="col"[^>]*>(.*?)</th>', re.S)
+_CELL = re.compile(r"<td(?=[\s>])")
+_TAG = re.compile(r"<[^>]*>")
+
+
+def with_column_labels(html: str) -> str:
+    """A section's body whose cells carry the heading of their column.
+
+    Parameters
+    ----------
+    html : str
+        With tables: a row of `<th scope="col">`, then rows of one `<th scope="row">` and cells.
+
+    Returns
+    -------
+    str
+        The same with `data-label` at each cell; tables without such headings are left as they are.
+
+    Examples
+    --------
+    >>> head = '<tr><th scope="col">name</th><th scope="col">sd</th></tr>'
+    >>> row = '<tr><th scope="row">Jxx</th><td>1</td></tr>'
+    >>> with_column_labels(f"<table>{head}{row}</table>")[-39:]
+    '<td data-label="sd">1</td></tr></table>'
+    """
+    return _TABLE.sub(lambda table: _labelled(table[0]), html)
+
+
+def _labelled(table: str) -> str:
+    headings = [
+        _TAG.sub(" ", heading).strip().replace('"', "&quot;") for heading in _HEADING.findall(table)
+    ][1:]
+    if not headings:
+        return table
+    rows = table.split("<tr")
+    return "<tr".join(_labelled_row(row, headings) for row in rows)
+
+
+def _labelled_row(row: str, headings: list[str]) -> str:
+    labels = iter(headings)
+    return _CELL.sub(lambda _: f'<td data-label="{next(labels, "")}"', row)
