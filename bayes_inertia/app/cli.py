@@ -61,13 +61,7 @@ COMMANDS: dict[str, Callable[..., None]] = {
 
 
 def command_line() -> typer.Typer:
-    """The command with all its subcommands.
-
-    Returns
-    -------
-    typer.Typer
-        To be called with the arguments.
-    """
+    """The command with all its subcommands."""
     app = typer.Typer(
         name="bayes-inertia",
         help="Inertia tensor and rate-sensor scale factors of a spacecraft from slew telemetry, "
@@ -121,10 +115,7 @@ def _options(
 def main(arguments: list[str] | None = None) -> None:
     """Run the command and exit with its code.
 
-    Parameters
-    ----------
-    arguments : list of str or None
-        What follows the command's name; None for those of the process.
+    `arguments`: what follows the command's name; None for those of the process.
     """
     words = sys.argv[1:] if arguments is None else arguments
     # The interpreter would look at every object once more before it ends, for most of a second.
@@ -175,15 +166,7 @@ _ALLOCATION_FAILED = ("RESOURCE_EXHAUSTED", "Out of memory", "Unable to allocate
 def failure_message(error: Exception) -> str | None:
     """What an exception says that the machine caused and not the program.
 
-    Parameters
-    ----------
-    error : Exception
-        That ended a command.
-
-    Returns
-    -------
-    str or None
-        What is wrong and what to do; None if the program is at fault.
+    Returns: what is wrong and what to do; None if the program is at fault.
 
     Examples
     --------
@@ -212,15 +195,7 @@ def failure_message(error: Exception) -> str | None:
 def disk_failure(error: Exception) -> str:
     """The reason that the HDF5 library gives in the middle of its words.
 
-    Parameters
-    ----------
-    error : Exception
-        That it raised.
-
-    Returns
-    -------
-    str
-        Such as "No space left on device"; empty if the disk is not at fault.
+    Returns: such as "No space left on device"; empty if the disk is not at fault.
 
     Examples
     --------

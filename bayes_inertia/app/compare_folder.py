@@ -31,34 +31,8 @@ def run_compare(
 ) -> tuple[Contender, ...]:
     """Compare plans and write compare.json, compare.png and compare.html.
 
-    Parameters
-    ----------
-    campaign : Path
-        Folder of the campaign whose spacecraft flies.
-    plans : sequence of str
-        Plan files, or the word `paper` for five slews like the paper's.
-    folder : Path
-        Where to write.
-    simulated : int
-        Campaigns to fly and fit for each plan.
-    seed : int
-        Of those.
-    execution : Execution or None
-        Where campaigns are fitted, and who is told; None: in this process.
-
-    Returns
-    -------
-    tuple of Contender
-        One a plan.
-
-    Raises
-    ------
-    CampaignError
-        If campaign or a plan is no good.
-    OutputError
-        If the folder holds something else.
-    StudyError
-        If a simulated campaign could not be fitted, or the workers are lost.
+    `plans`: plan files, or the word `paper` for five slews like the paper's. `execution`: where
+    campaigns are fitted, and who is told; None: in this process.
     """
     flown, digest = read_campaign(campaign), campaign_sha256(campaign)
     named = plans_named(plans, flown)

@@ -45,31 +45,6 @@ def run_design(
     It begins where the campaign ended, with its telemetry period and, unless one is given, its
     largest rate. The wheel momentum at the start is that of the tachometers; without them that of
     the fit (`after`), or zero where nothing was fitted, which the results then say.
-
-    Parameters
-    ----------
-    campaign : Path
-        Folder of the campaign that was flown.
-    folder : Path
-        Where to write.
-    request : DesignRequest
-        Goal, limits, seed.
-    progress : callable
-        Called with (stage, done, of).
-
-    Returns
-    -------
-    Design
-        The plan and what to expect of it.
-
-    Raises
-    ------
-    CampaignError, EffectError
-        If campaign or request is no good. Nothing is written then.
-    DesignError
-        If no plan keeps the limits. Nothing is written then.
-    OutputError
-        If the folder holds something else.
     """
     flown, digest = read_campaign(campaign), campaign_sha256(campaign)
     parse_goal(request.goal)

@@ -164,18 +164,7 @@ def diagnose_and_fit(
 
 
 def next_fit(investigation: Investigation) -> NextFit:
-    """What an investigation wants fitted in full.
-
-    Parameters
-    ----------
-    investigation : Investigation
-        The diagnosis and its alternatives.
-
-    Returns
-    -------
-    NextFit
-        The same that `diagnosis_json.next_fit_from` reads from its JSON.
-    """
+    """What an investigation wants fitted in full."""
     diagnosis = investigation.diagnosis
     return NextFit(
         diagnosis.verdict,
@@ -189,17 +178,9 @@ def next_fit(investigation: Investigation) -> NextFit:
 def fitted_effects(diagnosis: Diagnosis) -> tuple[Effect, ...]:
     """The effects that a full fit after a diagnosis holds, with the settings they were found with.
 
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-        With its steps and its final model.
-
-    Returns
-    -------
-    tuple of Effect
-        Those added, in their order. Where no candidate explains the data, those of fixed shape
-        among them; where names only imitate what is there, a torque and a rate error of free
-        shape instead.
+    Returns: those added, in their order. Where no candidate explains the data, those of fixed shape
+    among them; where names only imitate what is there, a torque and a rate error of free shape
+    instead.
     """
     if diagnosis.why_unknown == "imitation":
         return REMAINDERS
@@ -225,29 +206,10 @@ def fit_after_diagnosis(
     are fitted along or averaged over: the uncertainties of J and K then hold what they may have
     done.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        What was flown, with the noise as stated.
-    choice : NextFit
-        What the diagnosis wants fitted.
-    drive : {"commanded", "measured"} or None
-        What drives the model; None for the campaign's best.
-    settings : Settings
-        Of the sampler; its seed fixes everything.
-    chains : Path or None
-        Folder in which the chains are kept while they grow.
-    campaign_sha256 : str or None
-        Digest of the campaign's files, kept with the result.
-    as_stated : bool
-        Take telemetry and noise as they are stated.
-    progress : callable or None
-        Called with (stage, done, of); `of` is 0 where a stage is not counted.
-
-    Returns
-    -------
-    Posterior
-        With a group `averaged` more where there is something to average over.
+    `drive`: what drives the model; None for the campaign's best. `chains`: folder in which the
+    chains are kept while they grow. `campaign_sha256`: digest of the campaign's files, kept with
+    the result. `progress`: called with (stage, done, of); `of` is 0 where a stage is not counted.
+    Returns: with a group `averaged` more where there is something to average over.
     """
     context, treatment = FitContext(campaign_sha256, verdict=choice.verdict), choice.treatment
     if choice.verdict == "unknown":

@@ -44,24 +44,8 @@ def exported_result(
 ) -> ExportedResult:
     """Read a finished run.
 
-    Parameters
-    ----------
-    run : Path
-        Folder of the run.
-    with_correction : bool
-        Whether to forecast the correction slew, which takes seconds.
-    progress : callable
-        Called with (stage, done, of).
-
-    Returns
-    -------
-    ExportedResult
-        With a warning's reasons where the result is not trusted.
-
-    Raises
-    ------
-    CampaignError
-        If the folder holds no finished run, or a file of it is damaged.
+    `with_correction`: whether to forecast the correction slew, which takes seconds. Returns: with a
+    warning's reasons where the result is not trusted.
     """
     stored = run / "posterior.nc"
     posterior = Posterior.load(stored)
@@ -93,44 +77,14 @@ def exported_result(
 def write_export(result: ExportedResult, form: ExportFormat, path: Path) -> Path:
     """Write a result in one format.
 
-    Parameters
-    ----------
-    result : ExportedResult
-        Of `exported_result`.
-    form : ExportFormat
-        The format.
-    path : Path
-        Of the file; its folder is made if absent.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    OutputError
-        If another content is in the way, or the file cannot be written.
+    `path`: of the file; its folder is made if absent.
     """
     write_new_files(path.parent, {path.name: form.text(result).encode()}, holds="file")
     return path
 
 
 def forecast_of(posterior: Posterior, campaign: Campaign) -> UpdateForecast | None:
-    """The error of the next slew with the old and with the new J and K on board, in seconds.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-    campaign : Campaign
-        That was fitted.
-
-    Returns
-    -------
-    UpdateForecast or None
-        None where it cannot be forecast.
-    """
+    """The error of the next slew with the old and with the new J and K on board, in seconds."""
     samples = posterior.averaged_samples[:, :N_BASE]
     draws = samples[np.linspace(0, len(samples) - 1, _FORECAST_DRAWS).astype(int)]
     rows: Any = posterior.summary()["parameters"]

@@ -185,15 +185,7 @@ def fit_many(
 def fits_json(result: WorkResult) -> dict[str, Any]:
     """What `fit-many --json` prints.
 
-    Parameters
-    ----------
-    result : WorkResult
-        Of `fit_many`.
-
-    Returns
-    -------
-    dict
-        A row a campaign, and the failures with their reasons.
+    Returns: A row a campaign, and the failures with their reasons.
     """
     rows = [{k: v for k, v in row.items() if k != "task" and v is not None} for row in result.rows]
     failures = [
@@ -203,18 +195,7 @@ def fits_json(result: WorkResult) -> dict[str, Any]:
 
 
 def campaign_of(failure: TaskFailure) -> str:
-    """The campaign that could not be fitted.
-
-    Parameters
-    ----------
-    failure : TaskFailure
-        Of `fit_many`.
-
-    Returns
-    -------
-    str
-        Its folder, below the folder of all.
-    """
+    """The campaign that could not be fitted."""
     return failure.task.rpartition(_AT)[0]
 
 

@@ -154,20 +154,8 @@ def separating_slews(
 ) -> tuple[Separation, ...]:
     """For every ambiguous set the slew that best tells its first two apart, where there is one.
 
-    Parameters
-    ----------
-    diagnosis : Diagnosis
-        With its ambiguous sets.
-    library : sequence of Effect
-        Where effects are looked up that the final model does not hold.
-    seed : int
-        Of the searches.
-
-    Returns
-    -------
-    tuple of Separation
-        None for a set without a feasible slew, or of effects that have states of their own or no
-        fixed shape.
+    `library`: where effects are looked up that the final model does not hold. Returns: none for a
+    set without a feasible slew, or of effects that have states of their own or no fixed shape.
     """
     instances = {e.name: e for e in (*library, *diagnosis.final.model.effects)}
     slews = []

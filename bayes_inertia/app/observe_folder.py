@@ -61,35 +61,9 @@ def run_observe(
 ) -> ObservedCampaign:
     """Estimate, ask what is observable, and write observability.json, .png and .html.
 
-    Parameters
-    ----------
-    campaign : Path
-        The campaign's folder.
-    folder : Path
-        Where to write. A posterior.nc of the same data, effects and drive there is compared.
-    effects : sequence of str
-        Names of effects to fit along.
-    drive : {"commanded", "measured"} or None
-        What drives the model; None for the campaign's best.
-    seed : int
-        Of the optimizer's starts.
-    both_drives : bool
-        Whether to estimate in the other drive too, where the campaign allows it: what are the
-        commands worth?
-    progress : callable
-        Called with (stage, done, of).
-
-    Returns
-    -------
-    ObservedCampaign
-        What was found.
-
-    Raises
-    ------
-    CampaignError, EffectError
-        If the input is no good. Nothing is written then.
-    OutputError
-        If the folder holds results of another campaign.
+    `folder`: where to write. A posterior.nc of the same data, effects and drive there is compared.
+    `drive`: what drives the model; None for the campaign's best. `both_drives`: whether to estimate
+    in the other drive too, where the campaign allows it: what are the commands worth?
     """
     flown, names = read_campaign(campaign), pinned_names(effects)
     instances = effects_named(names)

@@ -28,41 +28,12 @@ _ADVICE = "choose another folder; nothing was overwritten"
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> Path:
-    """Write a JSON document of results, atomically.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    content : dict
-        What `json.dumps` accepts, without NaN.
-
-    Returns
-    -------
-    Path
-        Of the file.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    """
+    """Write a JSON document of results, atomically."""
     return write_atomically(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
 
 def origin(campaign: Path) -> dict[str, str]:
-    """When a result is made, and of which folder: what its page says of its origin.
-
-    Parameters
-    ----------
-    campaign : Path
-        The campaign's folder, or its description.
-
-    Returns
-    -------
-    dict of str to str
-        `date` (UTC) and `data`.
-    """
+    """When a result is made, and of which folder: what its page says of its origin."""
     place = campaign.resolve()
     name = place.parent.name if place.is_file() else place.name
     return {"date": datetime.now(UTC).date().isoformat(), "data": name}
@@ -76,33 +47,7 @@ def write_page(
     sections: Sequence[Section],
     sha256: str,
 ) -> Path:
-    """Write the page of a result, with its origin in the head.
-
-    Parameters
-    ----------
-    path : Path
-        Of the page.
-    title : str
-        Its heading.
-    mission : sequence of (str, str)
-        Of the campaign.
-    campaign : Path
-        Where it was read.
-    sections : sequence of Section
-        What the page consists of.
-    sha256 : str
-        Digest of the campaign.
-
-    Returns
-    -------
-    Path
-        Of the page.
-
-    Raises
-    ------
-    OutputError
-        If it cannot be written.
-    """
+    """Write the page of a result, with its origin in the head."""
     from bayes_inertia.report.page import page_facts, render_page
 
     facts = page_facts(dict(mission), sha256=sha256, version=__version__, origin=origin(campaign))
@@ -160,16 +105,7 @@ class ResultFolder:
     def holds_this_work(self) -> bool:
         """Whether the folder holds this very work; False if it is free. Writes nothing.
 
-        Returns
-        -------
-        bool
-            True: the work goes on, or is done again, there.
-
-        Raises
-        ------
-        OutputError
-            If the folder cannot be written, holds other work (the error says what differs), or
-            holds files that the work would overwrite.
+        Returns: true: the work goes on, or is done again, there.
         """
         check_folder(self.path)
         if not (self.path / self.claim_file).exists():
@@ -193,16 +129,8 @@ class ResultFolder:
     def claim(self, content: Mapping[str, Any] | None = None) -> None:
         """Make the folder if need be, and say in it whose it is.
 
-        Parameters
-        ----------
-        content : dict or None
-            What else the claim's file holds, such as the results of a command that writes them
-            there.
-
-        Raises
-        ------
-        OutputError
-            As `holds_this_work`.
+        `content`: what else the claim's file holds, such as the results of a command that writes
+        them there.
         """
         self.holds_this_work()
         make_folder(self.path)

@@ -79,18 +79,7 @@ class Run:
     noise: NoiseModel = field(default_factory=NoiseModel)
 
     def owner(self, folder: Path) -> ResultFolder:
-        """The claim of this run on a folder.
-
-        Parameters
-        ----------
-        folder : Path
-            The folder.
-
-        Returns
-        -------
-        ResultFolder
-            Whose claim is run.json.
-        """
+        """The claim of this run on a folder."""
         options = asdict(self)
         digest = options.pop("campaign_sha256")
         return ResultFolder(
@@ -111,23 +100,7 @@ class Run:
 
 
 def read_run(folder: Path) -> Run:
-    """The run that a folder holds.
-
-    Parameters
-    ----------
-    folder : Path
-        That `fit -o` or `diagnose -o` wrote.
-
-    Returns
-    -------
-    Run
-        What is fitted there.
-
-    Raises
-    ------
-    CampaignError
-        If the folder holds no run.
-    """
+    """The run that a folder holds."""
     path = folder / "run.json"
     if not path.is_file():
         raise CampaignError(
@@ -175,38 +148,12 @@ def start(
 ) -> Run:
     """Begin a run in a folder, or find the same run there (then it goes on).
 
-    Parameters
-    ----------
-    campaign : Path
-        The campaign's folder.
-    folder : Path
-        Of the run; made if absent.
-    effects : sequence of str
-        Names of effects to fit along, see `effects_named`; of a run of the kind "diagnose", of
-        candidates beyond the library.
-    drive : {"commanded", "measured"} or None
-        What drives the model; None for the campaign's best.
-    settings : Settings or None
-        Of the sampler, seed included; None for the usual ones.
-    kind : {"fit", "diagnose"}
-        Whether to fit what is given, or what a diagnosis names.
-    as_stated : bool
-        Take telemetry and noise as they are stated: no dirt is looked for in residuals.
-    noise : NoiseModel or None
-        The noise of each channel; None for Gaussian noise of the stated sigma.
-
-    Returns
-    -------
-    Run
-        What `finish` will fit.
-
-    Raises
-    ------
-    CampaignError, EffectError
-        If the campaign, an effect's name, or an effect or drive with this campaign is no good.
-        Nothing is written then.
-    OutputError
-        If the folder holds another run, or files that a run would overwrite.
+    `effects`: names of effects to fit along, see `effects_named`; of a run of the kind "diagnose",
+    of candidates beyond the library. `drive`: what drives the model; None for the campaign's best.
+    `settings`: of the sampler, seed included; None for the usual ones. `kind`: whether to fit what
+    is given, or what a diagnosis names. `as_stated`: take telemetry and noise as they are stated:
+    no dirt is looked for in residuals. `noise`: the noise of each channel; None for Gaussian noise
+    of the stated sigma.
     """
     names, noise = pinned_names(effects), noise or NoiseModel()
     settings = settings or usual_settings(effects_named(names))
@@ -226,26 +173,7 @@ def start(
 def finish(folder: Path, *, report: bool = True, progress: Progress | None = None) -> Posterior:
     """Bring a run to its end: optimize, sample (going on where its chains end), write all results.
 
-    Parameters
-    ----------
-    folder : Path
-        Of the run.
-    report : bool
-        Whether to write report.html.
-    progress : callable or None
-        Called with (stage, done, of); `of` is 0 where a stage is not counted.
-
-    Returns
-    -------
-    Posterior
-        Also written as posterior.nc and summary.json.
-
-    Raises
-    ------
-    CampaignError
-        If the folder holds no run, or its copy of the campaign was changed.
-    OutputError
-        If another process works in the folder, or it cannot be written.
+    `progress`: called with (stage, done, of); `of` is 0 where a stage is not counted.
     """
     run = read_run(folder)
     with working_in(folder):
@@ -322,24 +250,7 @@ def _diagnosed(
 
 
 def effects_of_run(folder: Path, run: Run) -> tuple[Effect, ...]:
-    """The effects that a run names.
-
-    Parameters
-    ----------
-    folder : Path
-        Of the run.
-    run : Run
-        What `read_run` read there.
-
-    Returns
-    -------
-    tuple of Effect
-
-    Raises
-    ------
-    EffectError
-        If one of them is nowhere; the message names the run's file.
-    """
+    """The effects that a run names."""
     try:
         return effects_named(run.effects)
     except EffectError as error:

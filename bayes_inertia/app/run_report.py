@@ -20,22 +20,7 @@ _NEW_RUN = "start a new run in another folder"
 def run_summary(posterior: Posterior, folder: Path) -> dict[str, Any]:
     """The content of a run's summary.json.
 
-    Parameters
-    ----------
-    posterior : Posterior
-        Of the run.
-    folder : Path
-        Of the run; its diagnosis has a say in the verdict.
-
-    Returns
-    -------
-    dict
-        `Posterior.summary` with the verdict in one sentence.
-
-    Raises
-    ------
-    CampaignError
-        If the diagnosis cannot be read.
+    `folder`: of the run; its diagnosis has a say in the verdict.
     """
     content = read_diagnosis(folder)
     if content is None:
@@ -49,26 +34,8 @@ def run_page(
 ) -> str:
     """The report of a run: of its fit, and of its diagnosis if it has one.
 
-    Parameters
-    ----------
-    posterior : Posterior
-        Of the run.
-    folder : Path
-        Of the run.
-    intact : bool
-        Whether the posterior is known to be what was written.
-    promise : PlanPromise or None
-        What the plan promised whose flight was fitted, for a section of its own.
-
-    Returns
-    -------
-    str
-        An HTML page.
-
-    Raises
-    ------
-    CampaignError
-        If the diagnosis, or a posterior that may be damaged, cannot be shown.
+    `intact`: whether the posterior is known to be what was written. `promise`: what the plan
+    promised whose flight was fitted, for a section of its own.
     """
     # Plots take half a second to load: not before sampling.
     from bayes_inertia.report.fit_sections import standard_sections
@@ -111,28 +78,8 @@ def write_run_report(
 ) -> Path:
     """Write report.html in a run folder.
 
-    Parameters
-    ----------
-    posterior : Posterior
-        Of the run.
-    folder : Path
-        Of the run.
-    intact : bool
-        Whether the posterior is known to be what was written.
-    promise : PlanPromise or None
-        What the plan promised whose flight was fitted, for a section of its own.
-
-    Returns
-    -------
-    Path
-        Of the page.
-
-    Raises
-    ------
-    CampaignError
-        If the diagnosis, or a posterior that may be damaged, cannot be shown.
-    OutputError
-        If it cannot be written.
+    `intact`: whether the posterior is known to be what was written. `promise`: what the plan
+    promised whose flight was fitted, for a section of its own.
     """
     page = run_page(posterior, folder, intact=intact, promise=promise)
     return write_atomically(folder / "report.html", page)

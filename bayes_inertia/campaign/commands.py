@@ -54,23 +54,12 @@ def with_known_torques(
 ) -> tuple[list[Channels], list[tuple[Dirt, np.ndarray]]]:
     """The channels of a slew, in parts if need be, in which every torque is known or none is given.
 
-    Parameters
-    ----------
-    channels : dict of str to array
-        Channels (n, width) by the name of `Slew`, with "time"; NaN where no command was recorded.
-    every_wheel_is_read : bool
-        Whether every wheel has a tachometer of known noise.
-    negligible : float
-        Error of the wheels' momentum that does not matter [N m s].
-    largest : float, optional
-        The largest torque of a wheel [N m]; by default the largest command.
-
-    Returns
-    -------
-    parts : list of dict of str to array
-        The slew, or its parts; none if too little is left.
-    dirt : list of (Dirt, array)
-        What was done, without slew and rows, and the times [s] that it concerns.
+    `channels`: channels (n, width) by the name of `Slew`, with "time"; NaN where no command was
+    recorded. `every_wheel_is_read`: whether every wheel has a tachometer of known noise.
+    `negligible`: error of the wheels' momentum that does not matter [N m s]. `largest`: the largest
+    torque of a wheel [N m]; by default the largest command. Returns `parts`: the slew, or its
+    parts; none if too little is left; `dirt`: what was done, without slew and rows, and the times
+    [s] that it concerns.
 
     Examples
     --------
@@ -168,24 +157,12 @@ def with_lost_commands(
 ) -> Channels | None:
     """Channels with a row for every lost command, a guess of it, and how far it may be off.
 
-    Parameters
-    ----------
-    channels : dict of str to array
-        Channels (n, width) by the name of `Slew`, with "time" and "wheel_torque"; NaN where no
-        command was recorded.
-    intervals : sequence of (float, float)
-        Times of the known commands before and after each gap [s].
-    step : float
-        Between two commands [s].
-    largest : float
-        The largest torque of a wheel [N m]: what it may be off by where too few rows tell.
-
-    Returns
-    -------
-    dict of str to array or None
-        The same with new rows, NaN but for their time and torque, with the pieces of gaps under
-        "lost_command" (n,), 0 where the command is known, and sds [N m] under "lost_command_sd"
-        (n, wheels). None where there are too many gaps to be modelled.
+    `step` [s]. `channels`: channels (n, width) by the name of `Slew`, with "time" and
+    "wheel_torque"; NaN where no command was recorded. `intervals`: times of the known commands
+    before and after each gap [s]. `largest`: the largest torque of a wheel [N m]: what it may be
+    off by where too few rows tell. Returns: the same with new rows, NaN but for their time and
+    torque, with the pieces of gaps under "lost_command" (n,), 0 where the command is known, and sds
+    [N m] under "lost_command_sd" (n, wheels). None where there are too many gaps to be modelled.
 
     Examples
     --------

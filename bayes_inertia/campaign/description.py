@@ -48,20 +48,7 @@ _WHEEL_KEYS = ("wheel_torque", "wheel_momentum", "wheel_speed")
 
 
 def check_consistency(campaign: CampaignPart, label: str) -> None:
-    """Refuse entries that contradict each other or the hardware.
-
-    Parameters
-    ----------
-    campaign : CampaignPart
-        The description, each key checked.
-    label : str
-        The file, as messages name it.
-
-    Raises
-    ------
-    CampaignError
-        If two entries contradict each other; the error names the key.
-    """
+    """Refuse entries that contradict each other or the hardware."""
     _check_wheels(campaign, label)
     given = campaign.columns.given()
     if "attitude" in given and campaign.star_tracker is None:

@@ -32,21 +32,8 @@ def known_offset(
 ) -> tuple[float, str, int] | None:
     """The known offset that puts readings beside slews which they all miss.
 
-    Parameters
-    ----------
-    times : (n,) array
-        Times of the readings [s].
-    spans : sequence of (float, float)
-        Start and end of each slew [s].
-
-    Returns
-    -------
-    seconds : float
-        What is to be added to the times.
-    why : str
-        What differs by it.
-    inside : int
-        How many readings then lie in a slew.
+    `times` (n,) [s]; `spans` [s]. Returns `seconds`: what is to be added to the times; `inside`:
+    how many readings then lie in a slew.
 
     Examples
     --------
@@ -69,12 +56,7 @@ def known_offset(
 def likely_offsets() -> Iterator[tuple[float, str]]:
     """What clocks differ by: scales, time zones, and both.
 
-    Yields
-    ------
-    seconds : float
-        An offset, the most common first [s].
-    why : str
-        What differs by it.
+    Returns `seconds`: an offset, the most common first [s].
 
     Examples
     --------

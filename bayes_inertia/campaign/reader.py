@@ -76,22 +76,8 @@ def read_campaign(path: str | Path) -> Campaign:
 def read_unmasked(path: str | Path, *, keep_commands: bool = False) -> Campaign:
     """The campaign in a folder with every reading as it was written, believable or not.
 
-    Parameters
-    ----------
-    path : str or Path
-        As for `read_campaign`.
-    keep_commands : bool, optional
-        Whether commands with gaps are kept although tachometers make them unnecessary.
-
-    Returns
-    -------
-    Campaign
-        The campaign before impossible and stuck readings are masked.
-
-    Raises
-    ------
-    CampaignError
-        As `read_campaign`.
+    `keep_commands`: whether commands with gaps are kept although tachometers make them unnecessary.
+    Returns: the campaign before impossible and stuck readings are masked.
     """
     description = description_path(path)
     parsed = parse_description(text_of(read_bytes(description), str(description)), str(description))
@@ -124,21 +110,6 @@ def campaign_sha256(path: str | Path) -> str:
 
     It changes with any byte of those files, and with nothing else: not with the folder's place,
     not with other files in it.
-
-    Parameters
-    ----------
-    path : str or Path
-        As for `read_campaign`.
-
-    Returns
-    -------
-    str
-        SHA-256 as 64 hexadecimal digits.
-
-    Raises
-    ------
-    CampaignError
-        If the description is invalid or a table is missing.
     """
     digest = hashlib.sha256()
     for name, data in _files(path):
@@ -151,24 +122,7 @@ def campaign_sha256(path: str | Path) -> str:
 def copy_campaign(path: str | Path, folder: str | Path) -> Path:
     """Copy a campaign's description and the tables it names, byte for byte.
 
-    Parameters
-    ----------
-    path : str or Path
-        As for `read_campaign`.
-    folder : str or Path
-        Where to; made if absent. Identical files may be there already.
-
-    Returns
-    -------
-    Path
-        The folder.
-
-    Raises
-    ------
-    CampaignError
-        If the description is invalid or a table is missing.
-    OutputError
-        If the folder cannot be written, or holds a file of another content.
+    `folder`: where to; made if absent. Identical files may be there already.
     """
     folder = Path(folder)
     wanted = {folder / name: data for name, data in _files(path)}

@@ -209,17 +209,7 @@ def _table(**entries: Any) -> Any:
 
 
 def array_of_tables(parts: Iterable[Any]) -> Any:
-    """An array of tables of TOML.
-
-    Parameters
-    ----------
-    parts : iterable of tomlkit.items.Table
-        The tables.
-
-    Returns
-    -------
-    tomlkit.items.AoT
-    """
+    """An array of tables of TOML."""
     import tomlkit
 
     listed = tomlkit.aot()

@@ -221,23 +221,7 @@ def _all_readings(campaign: Campaign, channel: str) -> np.ndarray:
 
 
 def refuse_impossible(campaign: Campaign | str | Path) -> ConventionsCheck:
-    """Raise an error if data are impossible under the stated conventions; quick where they are not.
-
-    Parameters
-    ----------
-    campaign : Campaign, str or Path
-        A campaign, or its folder.
-
-    Returns
-    -------
-    ConventionsCheck
-        That is consistent or doubtful.
-
-    Raises
-    ------
-    CampaignError
-        That says which change of convention makes the data consistent.
-    """
+    """Raise an error if data are impossible as stated; quick where they are not."""
     check = check_conventions(campaign, quick=True)
     if check.verdict == "wrong":
         where = "" if isinstance(campaign, Campaign) else str(description_path(campaign))
@@ -370,19 +354,8 @@ def _changes(mending: Sequence[Remedy]) -> tuple[ConventionChange, ...]:
 def with_companions(mistake: Mistake, campaign: Campaign, written: Mapping[str, Any]) -> Mistake:
     """A mistake together with the keys that share its unit.
 
-    Parameters
-    ----------
-    mistake : Mistake
-        What is to be mended.
-    campaign : Campaign
-        As it states itself.
-    written : mapping
-        Content of campaign.toml; empty for a campaign that was built in memory.
-
-    Returns
-    -------
-    Mistake
-        With more changes, where noises or products are in the same wrong unit.
+    `written`: content of campaign.toml; empty for a campaign that was built in memory. Returns:
+    with more changes, where noises or products are in the same wrong unit.
     """
     more = [
         change for mended in mistake.changes for change in _companions(mended, campaign, written)
@@ -453,17 +426,8 @@ def stated_columns(
 ) -> dict[str, Mapping[str, Any]]:
     """The entries of `[columns]`.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        The campaign.
-    description : CampaignPart, optional
-        Its campaign.toml; None for a campaign that was built in memory, which is in SI units.
-
-    Returns
-    -------
-    dict of str to mapping
-        By quantity: names, unit, senses.
+    `description`: its campaign.toml; None for a campaign that was built in memory, which is in SI
+    units.
 
     Examples
     --------

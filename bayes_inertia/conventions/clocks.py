@@ -71,19 +71,7 @@ class Clocks:
 def clocks(misfits: Misfits, reading: Reading, columns: Columns) -> Clocks:
     """Look for streams that are late against each other.
 
-    Parameters
-    ----------
-    misfits : Misfits
-        The telemetry.
-    reading : Reading
-        Conventions as stated.
-    columns : mapping
-        The campaign's `[columns]`.
-
-    Returns
-    -------
-    Clocks
-        What is wrong, and what is physical.
+    `columns` [columns].
     """
     told = {
         law: late
@@ -110,22 +98,7 @@ def clocks(misfits: Misfits, reading: Reading, columns: Columns) -> Clocks:
 
 
 def shifted_misfit(misfits: Misfits, reading: Reading, remedy: Remedy) -> float:
-    """The worst misfit of all laws with a proposal's offsets.
-
-    Parameters
-    ----------
-    misfits : Misfits
-        The telemetry.
-    reading : Reading
-        Conventions as stated.
-    remedy : Remedy
-        A proposal of `clocks`.
-
-    Returns
-    -------
-    float
-        In standard deviations.
-    """
+    """The worst misfit of all laws with a proposal's offsets."""
     shifts = {}
     for change in remedy.mistake.changes:
         entry = change.key.split(".")[1]
@@ -138,19 +111,7 @@ def shifted_misfit(misfits: Misfits, reading: Reading, remedy: Remedy) -> float:
 def known_offsets(misfits: Misfits, reading: Reading, columns: Columns) -> tuple[Remedy, ...]:
     """Clocks that are off by what clocks of different kinds differ by, tried by name.
 
-    Parameters
-    ----------
-    misfits : Misfits
-        The telemetry.
-    reading : Reading
-        Conventions as stated, which the data break.
-    columns : mapping
-        The campaign's `[columns]`.
-
-    Returns
-    -------
-    tuple of Remedy
-        Those that make all laws hold, the most common offset first.
+    `columns` [columns]. Returns: those that make all laws hold, the most common offset first.
     """
     campaign, laws = misfits.campaign, misfits.of(reading)
     before = worst(laws)
@@ -200,17 +161,7 @@ def _turned(slews: SampledSlews) -> float:
 def streams_apart(campaign: Campaign, columns: Columns) -> tuple[str, ...]:
     """Streams all of whose readings lie before or after the rates, and the offset that is known.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        As it was read.
-    columns : mapping
-        Its `[columns]`.
-
-    Returns
-    -------
-    tuple of str
-        One a stream, without full stop.
+    `columns` [columns].
     """
     said = []
     for entry, (channel, _) in _CHANNEL.items():
@@ -243,21 +194,8 @@ def apart_in_words(
 ) -> str:
     """That a stream lies outside every slew, and with which known offset it would not.
 
-    Parameters
-    ----------
-    entry : str
-        Of `[columns]`, such as "attitude".
-    count : int
-        How many readings it has.
-    pairs : sequence of (array, array)
-        Times of its readings and of the rates [s], slew by slew.
-    stated : float, optional
-        The offset that is stated [s].
-
-    Returns
-    -------
-    str
-        Without full stop.
+    `entry` [columns]; `stated` [s]. `pairs`: times of its readings and of the rates [s], slew by
+    slew.
 
     Examples
     --------
@@ -321,15 +259,7 @@ def _one(first: float, second: float) -> bool:
 def fixes_in_motion(misfits: Misfits) -> bool:
     """Whether some star-tracker fixes are taken while the body turns.
 
-    Parameters
-    ----------
-    misfits : Misfits
-        The telemetry.
-
-    Returns
-    -------
-    bool
-        True if there are at least two in a slew with a fifth of its largest rate.
+    Returns: true if there are at least two in a slew with a fifth of its largest rate.
     """
     slews = misfits.slews
     speed = np.sqrt((slews.rate**2).sum(axis=-1))
@@ -418,19 +348,7 @@ def lateness(misfits: Misfits, reading: Reading, law: str) -> Lateness | None:
 
     Closure shifts the star tracker, conservation the wheels, the drive the torque commands.
 
-    Parameters
-    ----------
-    misfits : Misfits
-        The telemetry.
-    reading : Reading
-        Conventions that agree with the data.
-    law : str
-        "closure", "conservation" or "drive".
-
-    Returns
-    -------
-    Lateness or None
-        None if the law cannot be tested, or no shift is better than none.
+    Returns: none if the law cannot be tested, or no shift is better than none.
     """
     channels = channels_of(misfits, law)
     data = misfits.law(law, reading)
@@ -467,19 +385,7 @@ def lateness(misfits: Misfits, reading: Reading, law: str) -> Lateness | None:
 def with_known_offset(misfits: Misfits, reading: Reading, late: Lateness) -> Lateness:
     """The offset that clocks are known for, where it explains a law as well as a lateness does.
 
-    Parameters
-    ----------
-    misfits : Misfits
-        The telemetry.
-    reading : Reading
-        Conventions that agree with the data.
-    late : Lateness
-        As the law tells it; fixes at rest tell only a range.
-
-    Returns
-    -------
-    Lateness
-        With a known offset, or as it is.
+    `late`: as the law tells it; fixes at rest tell only a range.
     """
     if abs(late.seconds) <= _NO_DELAY:
         return late
@@ -500,20 +406,7 @@ def _left(misfits: Misfits, reading: Reading, law: str, seconds: float) -> float
 
 
 def channels_of(misfits: Misfits, law: str) -> tuple[str, ...]:
-    """The channels that a law holds against its first stream.
-
-    Parameters
-    ----------
-    misfits : Misfits
-        The telemetry.
-    law : str
-        Which law.
-
-    Returns
-    -------
-    tuple of str
-        Fields of `Slew`.
-    """
+    """The channels that a law holds against its first stream."""
     if law == CLOSURE:
         return ("attitude",)
     if law == DRIVE:
@@ -534,17 +427,8 @@ def _shift(data: LawData) -> tuple[float, float]:
 def gross_lateness(campaign: Campaign, lag: bool) -> float:
     """The lateness beyond which a clock is wrong [s].
 
-    Parameters
-    ----------
-    campaign : Campaign
-        Its slews' duration is what the library measures lateness in.
-    lag : bool
-        Whether wheels follow their commands late, which they do more than sensors.
-
-    Returns
-    -------
-    float
-        Lateness [s].
+    `campaign`: its slews' duration is what the library measures lateness in. `lag`: whether wheels
+    follow their commands late, which they do more than sensors.
 
     Examples
     --------

@@ -67,37 +67,14 @@ class Judgement:
     reading: Reading
 
     def mended(self, stated: Reading) -> Reading:
-        """The conventions that agree best with the data.
-
-        Parameters
-        ----------
-        stated : Reading
-            Conventions as stated.
-
-        Returns
-        -------
-        Reading
-            With the first remedy, if there is one.
-        """
+        """The conventions that agree best with the data."""
         return self.remedies[0].mistake.mend(stated) if self.remedies else self.reading
 
 
 def judged(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> Judgement:
     """What makes inconsistent data consistent: nothing, a stale bias, mistakes, or both.
 
-    Parameters
-    ----------
-    misfits : Misfits
-        The telemetry and its laws.
-    stated : Reading
-        Conventions as stated.
-    singles : sequence of Mistake
-        The mistakes to try.
-
-    Returns
-    -------
-    Judgement
-        Pairs only where no single mistake explains the data.
+    Returns: pairs only where no single mistake explains the data.
     """
     before = worst(misfits.of(stated))
     if before <= limits.SUSPICIOUS:
@@ -242,18 +219,7 @@ def _scales(mistake: Mistake) -> bool:
 
 
 def misfit_of(fits: dict[str, LinearFit]) -> dict[str, float]:
-    """The misfit of each law [sd].
-
-    Parameters
-    ----------
-    fits : dict of str to LinearFit
-        By law.
-
-    Returns
-    -------
-    dict of str to float
-        By law.
-    """
+    """The misfit of each law [sd]."""
     return {law: float(np.round(fit.worst, 3)) for law, fit in fits.items()}
 
 
@@ -270,17 +236,7 @@ _RARITY = 5
 def turned_sensor(misfits: Misfits, reading: Reading) -> list[Mistake]:
     """The rotation of the rate sensor's frame that the data themselves propose.
 
-    Parameters
-    ----------
-    misfits : Misfits
-        The telemetry.
-    reading : Reading
-        Conventions as stated, perhaps with other mistakes mended.
-
-    Returns
-    -------
-    list of Mistake
-        One from the fixes, one from the wheels' momentum, as far as the telemetry tells.
+    Returns: one from the fixes, one from the wheels' momentum, as far as the telemetry tells.
     """
     axes = misfits.campaign.rate_sensor.axes
     words = "the rates are along other axes"
@@ -296,18 +252,6 @@ def turned_beside_bias(misfits: Misfits, reading: Reading) -> list[Mistake]:
     """The rotation that the data propose where the rate bias is stale as well.
 
     Rotation and bias are estimated by turns.
-
-    Parameters
-    ----------
-    misfits : Misfits
-        The telemetry and its laws.
-    reading : Reading
-        Conventions as stated.
-
-    Returns
-    -------
-    list of Mistake
-        One at most.
     """
     best: list[Mistake] = []
     for _ in range(_ROUNDS):
@@ -330,15 +274,7 @@ def _whole(rotation: np.ndarray) -> bool:
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
     """The rotation nearest to a matrix.
 
-    Parameters
-    ----------
-    matrix : (3, 3) array
-        Any matrix.
-
-    Returns
-    -------
-    (3, 3) array
-        A proper rotation.
+    `matrix` (3, 3). Returns (3, 3).
 
     Examples
     --------
@@ -412,17 +348,7 @@ _Told = tuple[np.ndarray, np.ndarray]
 def with_own_bias(misfits: Misfits, reading: Reading) -> Reading:
     """A reading with the constant rate bias that the telemetry tells under it.
 
-    Parameters
-    ----------
-    misfits : Misfits
-        The telemetry and its laws.
-    reading : Reading
-        Conventions, stated or supposed.
-
-    Returns
-    -------
-    Reading
-        With another bias; the reading itself where no bias makes it agree with the data.
+    Returns: with another bias; the reading itself where no bias makes it agree with the data.
     """
     drive = misfits.fit(DRIVE, reading)
     if drive is not None and drive.worst > limits.ORDINARY:
@@ -471,17 +397,7 @@ def _told_by(misfits: Misfits, law: str, reading: Reading, before: _Told) -> _To
 def beside_stale_bias(misfits: Misfits, mistake: Mistake) -> Mistake:
     """A mistake in a campaign whose stated rate bias is stale as well.
 
-    Parameters
-    ----------
-    misfits : Misfits
-        The telemetry and its laws.
-    mistake : Mistake
-        What else is wrong.
-
-    Returns
-    -------
-    Mistake
-        With the same changes; the bias stands in the reading that it mends to.
+    Returns: with the same changes; the bias stands in the reading that it mends to.
     """
     return replace(
         mistake,

@@ -76,25 +76,8 @@ def assess_plan(
 ) -> Contender:
     """What to expect of a plan, and what is left of every limit.
 
-    Parameters
-    ----------
-    name : str
-        The plan's name in the comparison.
-    plan : Plan
-        What would be flown.
-    mission : Mission
-        At the mean of its prior.
-    limits : Limits
-        That the plan should keep.
-    seed : int, optional
-        Of the flights that expected sds are averaged over.
-    achieved : AchievedErrors or None, optional
-        What fits to simulated campaigns of the plan achieved.
-
-    Returns
-    -------
-    Contender
-        The plan, assessed.
+    `seed`: of the flights that expected sds are averaged over. `achieved`: what fits to simulated
+    campaigns of the plan achieved.
     """
     margins = planned_margins(plan, mission.spacecraft, limits)
     peaks = {

@@ -95,27 +95,8 @@ def correction_forecast(
     what remains in `updated` is what only a change of the on-board software, or a repair, would
     take away. Noise is left out.
 
-    Parameters
-    ----------
-    base : Estimate
-        The fit without the effects found.
-    final : Estimate
-        The fit with them.
-    seed : int, optional
-        Of the draws.
-    draws : int, optional
-        How many.
-
-    Returns
-    -------
-    CorrectionForecast or None
-        None without star tracker or wheels about three axes, or where a predicted slew does not
-        end.
-
-    Raises
-    ------
-    CampaignError
-        If hardly any tensor within an estimate's uncertainty is one of a body.
+    Returns: none without star tracker or wheels about three axes, or where a predicted slew does
+    not end.
     """
     campaign = final.model.campaign
     if not _can_slew(campaign):
@@ -143,20 +124,9 @@ def correction_with_update(
 
     Every draw is the truth once. Effects and noise are left out.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        What was flown.
-    draws : (n, 9) array
-        Draws of J's elements [kg m^2] and K from a posterior, as the campaign's prior names them.
-    old, new : (9,) array
-        J and K that the controller knows before and after.
-
-    Returns
-    -------
-    UpdateForecast or None
-        None without star tracker or wheels about three axes, or where a predicted slew does not
-        end.
+    `old` and `new` (9,). `draws` (n, 9): draws of J's elements [kg m^2] and K from a posterior, as
+    the campaign's prior names them. Returns: none without star tracker or wheels about three axes,
+    or where a predicted slew does not end.
     """
     if not _can_slew(campaign):
         return None

@@ -360,36 +360,9 @@ def set_up_design(
 ) -> DesignSetup:
     """Set up the search for a plan.
 
-    Parameters
-    ----------
-    mission : Mission
-        Wheels, sensors and prior.
-    goal : Goal
-        What the plan is to determine.
-    limits : Limits
-        What it must respect; without a total time, that of slews like the paper's is taken.
-    base : Plan
-        Start, telemetry and rests; its slews are not used.
-    n_slews : int
-        How many slews the plan has.
-    seed : int
-        Of the truths.
-    draws : int
-        How many truths.
-    after : Estimate, optional
-        The fit of a campaign flown before; what it tells counts.
-    effects : sequence of str, optional
-        Names of effects that are fitted along.
-
-    Returns
-    -------
-    DesignSetup
-        What `improved_plans` needs.
-
-    Raises
-    ------
-    DesignError
-        If no plan can keep the limits.
+    `limits`: what it must respect; without a total time, that of slews like the paper's is taken.
+    `base`: start, telemetry and rests; its slews are not used. `after`: the fit of a campaign flown
+    before; what it tells counts.
     """
     spacecraft = mission.spacecraft
     known = np.array(spacecraft.rate_sensor.scale_factor_sigma) if after is None else after.sd[6:9]
@@ -428,21 +401,9 @@ def _nulls(effects: tuple[Effect, ...], campaign: Campaign) -> np.ndarray:
 def paper_like_reference(base: Plan, region: FeasibleRegion, n: int, total_time: float) -> Plan:
     """Slews about the paper's axes at the largest rate, with its gentle ramps.
 
-    Parameters
-    ----------
-    base : Plan
-        Start, telemetry and rests; its slews are not used.
-    region : FeasibleRegion
-        It holds largest rate, acceleration and angle.
-    n : int
-        How many slews.
-    total_time : float
-        What the plan may last [s]; angles are reduced until it fits.
-
-    Returns
-    -------
-    Plan
-        The plan with the largest angles that fit, or with very small ones if none do.
+    `base`: start, telemetry and rests; its slews are not used. `total_time`: what the plan may last
+    [s]; angles are reduced until it fits. Returns: the plan with the largest angles that fit, or
+    with very small ones if none do.
     """
     paper = [paper_like_plan().slews[i % 5] for i in range(n)]
     acceleration = min(_PAPER_ACCELERATION, region.acceleration)
@@ -473,28 +434,8 @@ def best_plan(
 ) -> Plan:
     """The first of several plans that keeps all limits, in an operator's digits.
 
-    Parameters
-    ----------
-    problem : PlanProblem
-        What was searched for.
-    candidates : sequence of (slews, 5) arrays
-        Design variables of the plans found, best first.
-    base : Plan
-        Name, start, telemetry and rests; its slews are not used.
-    spacecraft : Spacecraft
-        J, wheels and sensors.
-    limits : Limits
-        What the plan must respect.
-
-    Returns
-    -------
-    Plan
-        With rounded slews if these keep the limits, else with exact ones.
-
-    Raises
-    ------
-    DesignError
-        If none keeps the limits; it names the one that binds.
+    `candidates` (slews, 5). `base`: name, start, telemetry and rests; its slews are not used.
+    Returns: with rounded slews if these keep the limits, else with exact ones.
     """
     nearest = (-math.inf, "", base)
     for x in candidates:
@@ -521,17 +462,7 @@ def best_plan(
 def rounded_slews(slews: Sequence[PlannedSlew], problem: PlanProblem) -> tuple[PlannedSlew, ...]:
     """Slews with axes to 3 digits, angles to 0.1 deg, rates and accelerations rounded down.
 
-    Parameters
-    ----------
-    slews : sequence of PlannedSlew
-        Exact slews.
-    problem : PlanProblem
-        Where it gives the end attitude, the last slew stays exact.
-
-    Returns
-    -------
-    tuple of PlannedSlew
-        Slews that an operator can read.
+    `problem`: where it gives the end attitude, the last slew stays exact.
     """
     out = [
         PlannedSlew(

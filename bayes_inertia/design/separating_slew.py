@@ -232,19 +232,8 @@ def _search(
 def noncentrality(matrix: np.ndarray, effect: np.ndarray, imitator: np.ndarray) -> float:
     """Mean chi^2 that an effect drawn from its prior leaves when another has taken what it can.
 
-    Parameters
-    ----------
-    matrix : (k, k) array
-        Information on the parameters of both effects, in prior sds.
-    effect : (m,) array of int
-        Where the effect's parameters stand.
-    imitator : (n,) array of int
-        Where those of the other one stand.
-
-    Returns
-    -------
-    float
-        Trace of the Schur complement.
+    `effect` (m,); `imitator` (n,). `matrix` (k, k): information on the parameters of both effects,
+    in prior sds.
 
     Examples
     --------
@@ -281,16 +270,8 @@ class SeparationForecast:
     def projected_information(self, information: np.ndarray) -> np.ndarray:
         """Information on both effects, projected off everything else that is fitted.
 
-        Parameters
-        ----------
-        information : (d + 3, d + 3) array
-            Of the slew to come; zero for none.
-
-        Returns
-        -------
-        (k, k) array
-            In prior sds, without the effects' own priors; the first effect's k1 parameters before
-            those of the second.
+        `information` (d + 3, d + 3). Returns (k, k): in prior sds, without the effects' own priors;
+        the first effect's k1 parameters before those of the second.
         """
         sd = np.asarray(self.forecast.arrays.prior_sd)
         effects = np.concatenate([np.arange(*group) for group in self.groups])
@@ -308,22 +289,7 @@ class SeparationForecast:
 def forecast_separation(estimate: Estimate, a: Effect, b: Effect) -> SeparationForecast:
     """The forecast of one more slew after a campaign, with two effects fitted together.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        The campaign's fit; what it fitted is fitted along.
-    a, b : Effect
-        The two effects.
-
-    Returns
-    -------
-    SeparationForecast
-        With what the campaign told as its prior.
-
-    Raises
-    ------
-    EffectError
-        If an effect has no parameters in this campaign.
+    `estimate`: the campaign's fit; what it fitted is fitted along.
     """
     campaign = estimate.model.campaign
     fitted = _names_of_fitted_effects(estimate) - {a.name, b.name}

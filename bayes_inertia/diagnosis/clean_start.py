@@ -101,27 +101,7 @@ def clean_start(
 ) -> CleanStart:
     """Fit the model without effects, dirt kept away.
 
-    Parameters
-    ----------
-    model : Model
-        With all candidate effects.
-    seed : int
-        Of the optimizer's starts.
-    as_stated : bool
-        Only the level of the noise is measured.
-    coloured : bool
-        Whether noise may be correlated in time.
-    stochastic : sequence of StochasticEffect
-        Candidates without a fixed shape: correlated noise must explain more than they do.
-
-    Returns
-    -------
-    CleanStart
-
-    Raises
-    ------
-    EstimateError
-        If the base model cannot be fitted.
+    `stochastic`: candidates without a fixed shape: correlated noise must explain more than they do.
     """
     with ThreadPoolExecutor(1) as pool:
         compiled = pool.submit(precompile, model)
@@ -249,20 +229,9 @@ def measured_again(
 ) -> CleanStart | None:
     """What dirt is once effects are named: they are not in the way any more.
 
-    Parameters
-    ----------
-    start : CleanStart
-        Where the search began.
-    final : Estimate
-        Where it ended: the fit with everything named.
-    weighed : sequence of StochasticCandidate
-        What has no fixed shape, at that fit: correlated noise must explain more than it does.
-
-    Returns
-    -------
-    CleanStart or None
-        Where to search on: at the same effects with other noise or other masks, or without any
-        where the noise has another shape. None where nothing changed.
+    `weighed`: what has no fixed shape, at that fit: correlated noise must explain more than it
+    does. Returns: where to search on: at the same effects with other noise or other masks, or
+    without any where the noise has another shape. None where nothing changed.
     """
     if start.as_stated:
         return None if final is start.estimate else _with_level(start, final)
@@ -333,20 +302,6 @@ def at_measured_level(start: CleanStart, final: Estimate) -> tuple[CleanStart, E
     A strong process beside noise that seemed louder than it is has a wrong size at first: fit and
     level are repeated until they agree. The fit may have stopped early, as one that is compared
     with others; it is brought to its end.
-
-    Parameters
-    ----------
-    start : CleanStart
-        Where the search began.
-    final : Estimate
-        Where it ended.
-
-    Returns
-    -------
-    start : CleanStart
-        With that level.
-    final : Estimate
-        The fit with it.
     """
     at_level = final
     for _ in range(_ROUNDS_OF_LEVEL):
@@ -373,11 +328,6 @@ def precompile(model: Model) -> None:
 
     Wait for it before the model is used: two threads that call the same new function compile it
     twice.
-
-    Parameters
-    ----------
-    model : Model
-        The model with all candidate effects.
     """
     theta, local = model.space.nulls, np.zeros((model.n_slews, model.structure.n_local))
     point, white = Point(theta, np.zeros(N_BIAS), local), whitening(model, theta)

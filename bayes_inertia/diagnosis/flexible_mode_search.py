@@ -43,19 +43,8 @@ def oscillator_columns(
 ) -> np.ndarray:
     """Compute the changes of the residuals by unit modes.
 
-    Parameters
-    ----------
-    response : TorqueResponse
-        Of the fit without a mode.
-    frequencies : (f,) array
-        Of the modes [Hz].
-    scale : float
-        Size of a unit product of the coupling's components [kg m^2].
-
-    Returns
-    -------
-    (slews, numbers, 6 f) array
-        For each frequency the six products `PAIRS`.
+    `frequencies` (f,) [Hz]. `scale`: size of a unit product of the coupling's components [kg m^2].
+    Returns (slews, numbers, 6 f).
     """
     torque_B = np.zeros((*response.rate_B.shape, len(frequencies), len(PAIRS)))
     for s, (time, rate_B) in enumerate(zip(response.time, response.rate_B, strict=True)):
@@ -144,17 +133,7 @@ class FlexibleModeCandidate(NonlinearCandidate):
 def theta_with_mode(estimate: Estimate, mode: FlexibleModeCandidate) -> np.ndarray:
     """Put a mode's coupling and frequency into the parameters of a fit.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        Of a model that holds the effect.
-    mode : FlexibleModeCandidate
-        The mode.
-
-    Returns
-    -------
-    (d,) array
-        `estimate.theta` with the mode.
+    Returns (d,).
     """
     space = estimate.model.space
     part, theta = space.slice_of(mode.name), estimate.theta.copy()
@@ -170,15 +149,7 @@ def restarted_with_mode(estimate: Estimate) -> Estimate:
     Zero coupling is a stationary point of the posterior, where an optimizer stays, and far from the
     right frequency there is another.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        A fit.
-
-    Returns
-    -------
-    Estimate
-        The better of the two fits; the given one if its model has no free flexible mode.
+    Returns: the better of the two fits; the given one if its model has no free flexible mode.
     """
     space, effects = estimate.model.space, estimate.model.effects
     mode = next((e for e in effects if isinstance(e, FlexibleMode)), None)
@@ -196,15 +167,8 @@ def restarted_with_mode(estimate: Estimate) -> Estimate:
 def frequencies(response: TorqueResponse) -> np.ndarray:
     """List the frequencies to try.
 
-    Parameters
-    ----------
-    response : TorqueResponse
-        Of the fit.
-
-    Returns
-    -------
-    (n,) array
-        From two periods in a slew to the fastest that the telemetry's sampling shows well [Hz].
+    Returns (n,): from two periods in a slew to the fastest that the telemetry's sampling shows well
+    [Hz].
     """
     duration = float(np.median(response.time[:, -1] - response.time[:, 0]))
     slews = response.estimate.model.campaign.slews
@@ -219,21 +183,8 @@ def best_flexible_mode(
 ) -> FlexibleModeCandidate:
     """Find the flexible mode that would gain most.
 
-    Parameters
-    ----------
-    name : str
-        Of the effect.
-    response : TorqueResponse
-        Of the fit without a mode.
-    fit : LinearisedFit
-        The same fit, ready to project columns off it.
-    scale : float
-        Square of the prior sd of the coupling's components [kg m^2].
-
-    Returns
-    -------
-    FlexibleModeCandidate
-        Its frequency, coupling, score and evidence.
+    `fit`: the same fit, ready to project columns off it. `scale`: square of the prior sd of the
+    coupling's components [kg m^2].
     """
     tried = frequencies(response)
     gains = _gains(response, fit, scale, tried)

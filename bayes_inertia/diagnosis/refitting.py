@@ -86,21 +86,8 @@ def best_step(
 ) -> Step | None:
     """Refit the most promising significant candidates and take the one with the best evidence.
 
-    Parameters
-    ----------
-    scored : ScoredRound
-        All candidates, scored.
-    dropped : set of str
-        Effects that were found needless before and are not tried again.
-    rules : Rules
-        The thresholds.
-    say : callable
-        Called with (stage, done, of).
-
-    Returns
-    -------
-    Step or None
-        The effect added, with its alternatives; None if no candidate is needed.
+    `dropped`: effects that were found needless before and are not tried again. Returns: the effect
+    added, with its alternatives; None if no candidate is needed.
     """
     remaining = [c for c in scored.candidates if c.effect not in dropped]
     refits = _refitted(scored, _promising(remaining, scored.threshold, rules), rules, say)
@@ -142,19 +129,8 @@ def _refitted(
 def refit(scored: ScoredRound, candidate: Candidate, rules: Rules) -> Refit:
     """Fit one candidate more, begun at its first-order amplitude.
 
-    Parameters
-    ----------
-    scored : ScoredRound
-        The fit without it, and the score tests there.
-    candidate : Candidate
-        What to add.
-    rules : Rules
-        How far from its prior an effect may lie before that is widened.
-
-    Returns
-    -------
-    Refit
-        The fit with it and its evidence.
+    `scored`: the fit without it, and the score tests there. `rules`: how far from its prior an
+    effect may lie before that is widened.
     """
     mode = scored.tests.nonlinear.get(candidate.effect)
     if isinstance(mode, FlexibleModeCandidate) and scored.flexible_mode is not None:

@@ -104,22 +104,9 @@ def scan_residuals(
 ) -> Disagreement:
     """Scan the residuals of a fit for windows that noise does not explain.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        The fit.
-    seed : int
-        Of the simulated fits.
-    stated : bool
-        Compare with the noise that the campaign states, or (False) with the noise as used.
-    replicates : int
-        Simulated fits behind the p-values. Smaller p-values than they reach follow from the tail
-        of a Gumbel distribution.
-
-    Returns
-    -------
-    Disagreement
-        The windows, and what the picture needs.
+    `stated`: compare with the noise that the campaign states, or (False) with the noise as used.
+    `replicates`: simulated fits behind the p-values. Smaller p-values than they reach follow from
+    the tail of a Gumbel distribution.
     """
     fit, rng = estimate.linearised(), np.random.default_rng([seed, 5])
     noise = fit.weight if stated else np.ones_like(fit.weight)
@@ -145,20 +132,7 @@ def scan_residuals(
 
 
 def component_names(estimate: Estimate, channel: str) -> tuple[str, ...]:
-    """Name the components of a channel.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        Its campaign names the wheels.
-    channel : {"rate", "attitude", "momentum"}
-        Which channel.
-
-    Returns
-    -------
-    tuple of str
-        One name a component.
-    """
+    """Name the components of a channel."""
     if channel == "momentum":
         return tuple(wheel.name for wheel in estimate.model.campaign.wheels)
     if channel == "rate":
@@ -256,17 +230,8 @@ _MAX_WINDOWS = 20_000
 def scan_windows(rows: int, shortest: int) -> tuple[np.ndarray, np.ndarray]:
     """List the windows of a scan.
 
-    Parameters
-    ----------
-    rows : int
-        Of the series.
-    shortest : int
-        Rows of the shortest windows, a power of two.
-
-    Returns
-    -------
-    start, stop : (w,) arrays of int
-        First row, and row after the last, of all windows.
+    `shortest`: rows of the shortest windows, a power of two. Returns `start, stop` (w,): first row,
+    and row after the last, of all windows.
 
     Examples
     --------
@@ -310,15 +275,8 @@ class ChannelScan:
     def scores(self, residuals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Score the windows of k sets of residuals.
 
-        Parameters
-        ----------
-        residuals : (slews, rows, components, k) array
-            Whitened.
-
-        Returns
-        -------
-        shift, energy : (slews, w, components, k) arrays
-            Normal scores of the mean's shift and of too large a mean square.
+        `residuals` (slews, rows, components, k). Returns `shift, energy` (slews, w, components, k):
+        normal scores of the mean's shift and of too large a mean square.
         """
         shift = (
             np.abs(_sums(residuals, self.start, self.stop))
@@ -339,18 +297,9 @@ class ChannelScan:
 def channel_scans(fit: LinearisedFit, noise: np.ndarray) -> dict[str, ChannelScan]:
     """Prepare the scan of every channel that measured anything.
 
-    Parameters
-    ----------
-    fit : LinearisedFit
-        The fit, whose columns tell what share of the noise it takes.
-    noise : (slews, numbers) array
-        Standard deviation of the noise in units of the noise as used; one for all numbers of a
-        channel and slew.
-
-    Returns
-    -------
-    dict
-        {channel: ChannelScan}.
+    `fit`: the fit, whose columns tell what share of the noise it takes. `noise` (slews, numbers):
+    standard deviation of the noise in units of the noise as used; one for all numbers of a channel
+    and slew.
     """
     channels = {name: c for name, c in fit.channels.items() if c.valid.any()}
     numbers = sum(c.valid.size for c in channels.values())

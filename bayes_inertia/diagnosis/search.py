@@ -239,19 +239,8 @@ def drop_needless(
 ) -> list[Step]:
     """Drop effects, other than the newest, that the fit can do without.
 
-    Parameters
-    ----------
-    steps : sequence of Step
-        What was added, in order.
-    flexible_mode : FlexibleMode or None
-        The candidate that has a model of its own.
-    rules : Rules
-        The thresholds.
-
-    Returns
-    -------
-    list of Step
-        The steps that remain, as if the others had not been taken.
+    `flexible_mode`: the candidate that has a model of its own. Returns: the steps that remain, as
+    if the others had not been taken.
     """
     kept = list(steps)
     i = 0
@@ -267,18 +256,6 @@ def is_needless(estimate: Estimate, effect: str) -> bool:
     """Test whether the amplitudes fitted for an effect are within their noise (Wald's test).
 
     Only directions that the campaign can see count.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        A fit with the effect.
-    effect : str
-        Its name.
-
-    Returns
-    -------
-    bool
-        Whether the fit can do without it.
     """
     space = estimate.model.space
     part = space.slice_of(effect)

@@ -138,23 +138,9 @@ def stochastic_candidates(
 ) -> tuple[StochasticCandidate, ...]:
     """Weigh effects without a fixed shape, and shapes without a name, at a fit.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        The fit.
-    effects : sequence of StochasticEffect
-        The first parameter of each scales its signal, the others give it its shape.
-    fit : LinearisedFit, optional
-        `estimate.linearised()`, if it is known already.
-    response : TorqueResponse, optional
-        `torque_response(estimate)`, likewise.
-    nameless : bool, optional
-        Whether shapes without a name are weighed too: they take as long again.
-
-    Returns
-    -------
-    tuple of StochasticCandidate
-        Best evidence first; effects that the campaign cannot have or see are left out.
+    `effects`: the first parameter of each scales its signal, the others give it its shape.
+    `nameless`: whether shapes without a name are weighed too: they take as long again. Returns:
+    best evidence first; effects that the campaign cannot have or see are left out.
     """
     forget_surplus(PROGRAMS)
     fit, response = fit or estimate.linearised(), response or torque_response(estimate)
@@ -190,15 +176,7 @@ def stochastic_candidates(
 def p_values_decide(weighed: Sequence[StochasticCandidate]) -> bool:
     """Whether bounds of the p-values leave open what is significant.
 
-    Parameters
-    ----------
-    weighed : sequence of StochasticCandidate
-        Of one fit.
-
-    Returns
-    -------
-    bool
-        False where the largest evidence is weak, or so clear that its bound is enough.
+    Returns: false where the largest evidence is weak, or so clear that its bound is enough.
 
     Examples
     --------
@@ -219,23 +197,8 @@ def with_p_values(
 ) -> tuple[StochasticCandidate, ...]:
     """Simulate how probable such evidence is where nothing is random.
 
-    Parameters
-    ----------
-    weighed : sequence of StochasticCandidate
-        What `stochastic_candidates` returned at the fit.
-    effects : sequence of StochasticEffect
-        All candidates.
-    fit : LinearisedFit
-        Of the fit.
-    response : TorqueResponse
-        Of the fit.
-    rng : numpy.random.Generator
-        Source of the simulated campaigns.
-
-    Returns
-    -------
-    tuple of StochasticCandidate
-        The same with p-values; in campaigns of very many slews they stay bounds, to save memory.
+    Returns: the same with p-values; in campaigns of very many slews they stay bounds, to save
+    memory.
     """
     kept = usable(effects, fit.model, fit.residual.size)
     counts = [e.coefficient_count(fit.model.campaign) for e in kept]
@@ -260,18 +223,7 @@ def usable(
 ) -> tuple[StochasticEffect, ...]:
     """Those that the campaign can have and that are not fitted or stated already.
 
-    Parameters
-    ----------
-    effects : sequence of StochasticEffect
-        Candidates.
-    model : Model
-        Of the fit. What its campaign states is integrated out at the stated size.
-    numbers : int
-        Residuals of the fit, of all channels.
-
-    Returns
-    -------
-    tuple of StochasticEffect
+    `model`: of the fit. What its campaign states is integrated out at the stated size.
 
     Examples
     --------
@@ -292,14 +244,7 @@ def usable(
 def medians(model: Model) -> np.ndarray:
     """The centre of the prior of all parameters.
 
-    Parameters
-    ----------
-    model : Model
-
-    Returns
-    -------
-    (d,) array
-        Physical units.
+    Returns (d,).
     """
     constants = model.space.constants()
     mean, logarithmic = np.asarray(constants["mean"]), np.asarray(constants["logarithmic"])
@@ -454,19 +399,7 @@ def candidate_roots(
 ) -> CandidateRoots:
     """The roots of an effect.
 
-    Parameters
-    ----------
-    effect : StochasticEffect
-    p : mapping of str to Array
-        Its parameters.
-    slews : SlewContext
-        With the slews as leading axis.
-    blocks : (slews, b, m, m) array
-        Of each slew: diagonal blocks of `coefficient_root`.
-
-    Returns
-    -------
-    CandidateRoots
+    `blocks` (slews, b, m, m).
     """
     across = effect.covariance_across_slews(p, slews)
     if across is None:
@@ -479,13 +412,7 @@ def candidate_roots(
 def dense(blocks: np.ndarray) -> np.ndarray:
     """Block-diagonal matrices of their diagonal blocks.
 
-    Parameters
-    ----------
-    blocks : (slews, b, m, m) array
-
-    Returns
-    -------
-    (slews, b m, b m) array
+    `blocks` (slews, b, m, m). Returns (slews, b m, b m).
 
     Examples
     --------

@@ -115,15 +115,7 @@ def unexplained_signal(estimate: Estimate) -> UnexplainedSignal:
     All that was fitted is integrated out with its priors, so that only what J, K, start states,
     bias and the effects of the model cannot produce is shown. To first order around the estimate.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        A fit.
-
-    Returns
-    -------
-    UnexplainedSignal
-        The torque, or the sensor's error, and what it looks like.
+    Returns: the torque, or the sensor's error, and what it looks like.
     """
     fit, response = estimate.linearised(), torque_response(estimate)
     torque = infer_signal(fit, body_torque(fit, response))
@@ -271,17 +263,7 @@ class Spectrum:
 def spectrum_of(time: np.ndarray, signal: np.ndarray) -> Spectrum:
     """Average the periodograms of all slews (Hann window, padded), each with its own spacing.
 
-    Parameters
-    ----------
-    time : (slews, n) array
-        Evenly spaced in each slew [s].
-    signal : (slews, n) array
-        Its values.
-
-    Returns
-    -------
-    Spectrum
-        With its strongest frequency.
+    `time` (slews, n) [s]; `signal` (slews, n).
 
     Examples
     --------

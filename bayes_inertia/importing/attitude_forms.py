@@ -67,17 +67,8 @@ class AttitudeConvention:
 def to_quaternions(values: np.ndarray, convention: AttitudeConvention) -> np.ndarray:
     """Quaternions of attitudes in any form.
 
-    Parameters
-    ----------
-    values : (n, columns) array
-        The columns; NaN throughout a row without a fix. Rows must be good (`bad_attitude`).
-    convention : AttitudeConvention
-        What they are.
-
-    Returns
-    -------
-    (n, 4) array
-        Body from inertial, scalar last; NaN in rows without a fix.
+    `values` (n, columns): the columns; NaN throughout a row without a fix. Rows must be good
+    (`bad_attitude`). Returns (n, 4): body from inertial, scalar last; NaN in rows without a fix.
 
     Examples
     --------
@@ -114,19 +105,8 @@ def without_solution(
 
     That is one number in all columns which no attitude has there, such as 0 0 0 0 or -9999.
 
-    Parameters
-    ----------
-    values : (n, columns) array
-        The columns.
-    convention : AttitudeConvention
-        What they are.
-    marked : (n, columns) array of bool
-        Cells that hold what the mapping calls a mark.
-
-    Returns
-    -------
-    (n,) array of bool
-        Which rows hold no fix.
+    `values` (n, columns). `marked` (n, columns): cells that hold what the mapping calls a mark.
+    Returns (n,).
 
     Examples
     --------
@@ -151,17 +131,7 @@ def standing_mark(quaternions: np.ndarray, time: np.ndarray) -> np.ndarray:
 
     To one and the same attitude, to the last digit, the rows jump again and again and back.
 
-    Parameters
-    ----------
-    quaternions : (n, 4) array
-        Attitudes; NaN throughout a row without a fix.
-    time : (n,) array
-        Their times [s].
-
-    Returns
-    -------
-    (n,) array of bool
-        Which rows hold no fix.
+    `quaternions` (n, 4); `time` (n,) [s]. Returns (n,).
 
     Examples
     --------
@@ -194,19 +164,8 @@ def rounding_of_attitudes(
 ) -> float:
     """Standard deviation of an attitude about any axis from rounding of its columns.
 
-    Parameters
-    ----------
-    values : (n, columns) array
-        The columns; NaN throughout a row without a fix.
-    convention : AttitudeConvention
-        What they are.
-    sigmas : (columns,) array
-        Standard deviation of the rounding of each column.
-
-    Returns
-    -------
-    float
-        [rad]; 0 without a fix.
+    `sigmas` (columns,). `values` (n, columns): the columns; NaN throughout a row without a fix.
+    Returns [rad].
 
     Examples
     --------
@@ -231,17 +190,7 @@ def rounding_of_attitudes(
 def bad_attitude(values: np.ndarray, convention: AttitudeConvention) -> tuple[int, str] | None:
     """The first row that is neither empty nor an attitude.
 
-    Parameters
-    ----------
-    values : (n, columns) array
-        The columns.
-    convention : AttitudeConvention
-        What they are.
-
-    Returns
-    -------
-    tuple of int and str, or None
-        The row and what is wrong with it; None if all rows are good.
+    `values` (n, columns). Returns: the row and what is wrong with it; None if all rows are good.
 
     Examples
     --------
@@ -271,17 +220,8 @@ def bad_attitude(values: np.ndarray, convention: AttitudeConvention) -> tuple[in
 def from_tracker_axes(quaternions: np.ndarray, body_from_tracker: np.ndarray) -> np.ndarray:
     """Attitudes of the body from those of a star tracker: v_B = R v_T.
 
-    Parameters
-    ----------
-    quaternions : (n, 4) array
-        Tracker from inertial, scalar last; NaN in rows without a fix.
-    body_from_tracker : (3, 3) array
-        R.
-
-    Returns
-    -------
-    (n, 4) array
-        Body from inertial, scalar last.
+    `body_from_tracker` (3, 3). `quaternions` (n, 4): tracker from inertial, scalar last; NaN in
+    rows without a fix. Returns (n, 4).
 
     Examples
     --------

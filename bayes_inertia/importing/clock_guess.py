@@ -43,17 +43,7 @@ class ClockGuess:
 def guessed_clock(table: RawTable, names: Sequence[str]) -> ClockGuess:
     """The clock of the columns of the time, as far as they show it.
 
-    Parameters
-    ----------
-    table : RawTable
-        The table.
-    names : sequence of str
-        The columns that seem to hold the time.
-
-    Returns
-    -------
-    ClockGuess
-        Its kind; "?" where name, unit and size leave more than one.
+    Returns: its kind; "?" where name, unit and size leave more than one.
 
     Examples
     --------

@@ -87,17 +87,8 @@ class ColumnFamily:
 def families(table: RawTable, file: str) -> list[ColumnFamily]:
     """The quantities that a table seems to hold.
 
-    Parameters
-    ----------
-    table : RawTable
-        The table.
-    file : str
-        Name of its file, which may say what the columns do not.
-
-    Returns
-    -------
-    list of ColumnFamily
-        In the order of the columns; none for columns that are not recognised.
+    `file`: name of its file, which may say what the columns do not. Returns: in the order of the
+    columns; none for columns that are not recognised.
 
     Examples
     --------

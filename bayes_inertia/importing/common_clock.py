@@ -47,29 +47,7 @@ class Logs:
 def on_one_clock(
     shares: Sequence[FileShare], mapping: MappingPart, label: str, unused: Sequence[str] = ()
 ) -> Logs:
-    """Streams on a clock that starts with the first reading.
-
-    Parameters
-    ----------
-    shares : sequence of FileShare
-        All files of all streams.
-    mapping : MappingPart
-        What the streams are.
-    label : str
-        The mapping, as messages name it.
-    unused : sequence of str, optional
-        Files that no stream names.
-
-    Returns
-    -------
-    Logs
-        The streams.
-
-    Raises
-    ------
-    CampaignError
-        If clocks with a known date and clocks with an unknown zero are mixed.
-    """
+    """Streams on a clock that starts with the first reading."""
     shares = counted_on(shares)
     own = [share.stream.time.epoch == ZERO_OF_FILE for share in shares]
     absolute = [share.stamps.absolute for share in shares]
@@ -204,17 +182,7 @@ def relative_to_body(
     times that. The rates come between their own readings on straight lines: this is a small term of
     a reading, not a reading.
 
-    Parameters
-    ----------
-    streams : dict of str to LoggedStream
-        All streams.
-    mapping : MappingPart
-        What they are.
-
-    Returns
-    -------
-    dict of str to LoggedStream
-        All streams; a note says what was taken out.
+    Returns: all streams; a note says what was taken out.
     """
     result = dict(streams)
     for holds in ("wheel_momentum", "wheel_speed"):

@@ -42,20 +42,7 @@ class _Period:
 def counted_on(shares: Sequence[FileShare]) -> list[FileShare]:
     """Shares whose counters do not begin anew.
 
-    Parameters
-    ----------
-    shares : sequence of FileShare
-        All files of all streams.
-
-    Returns
-    -------
-    list of FileShare
-        The same, with a note where a counter wrapped.
-
-    Raises
-    ------
-    CampaignError
-        If a pause is so long that a counter may have wrapped more than once in it.
+    Returns: the same, with a note where a counter wrapped.
     """
     result = list(shares)
     for group in _groups(shares):

@@ -52,16 +52,5 @@ class FileShare:
         return self.stamps.ns[~self.stamps.missing] - self.stamps.zero_ns
 
     def place(self, row: int) -> str:
-        """Where a row is, for a message.
-
-        Parameters
-        ----------
-        row : int
-            The row, counted from 0.
-
-        Returns
-        -------
-        str
-            File and line (or row from 1).
-        """
+        """Where a row is, for a message."""
         return f"{self.file}, {row_name(self.lines, row)}"

@@ -273,19 +273,8 @@ def reduced_content(
 ) -> tuple[dict[str, bytes], Campaign]:
     """A campaign folder with block means in place of its high-rate readings.
 
-    Parameters
-    ----------
-    content : mapping of str to bytes
-        The folder's files.
-    campaign : Campaign
-        What they hold.
-
-    Returns
-    -------
-    content : dict of str to bytes
-        The files of the reduced campaign; other files (pictures, records) stay.
-    campaign : Campaign
-        What they hold: the same campaign where blocks of two readings are too long.
+    Returns `content`: the files of the reduced campaign; other files (pictures, records) stay;
+    `campaign`: what they hold: the same campaign where blocks of two readings are too long.
     """
     means = reduced(campaign)
     if means is campaign:

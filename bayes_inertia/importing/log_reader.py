@@ -69,30 +69,7 @@ def _wanted(stream: MappedStream) -> tuple[str, ...]:
 def read_logs(
     files: Sequence[str | Path], mapping: MappingPart, label: str, say: Progress = silent
 ) -> Logs:
-    """All streams of a mapping, read from raw files.
-
-    Parameters
-    ----------
-    files : sequence of str or Path
-        The raw files, in any order.
-    mapping : MappingPart
-        What they hold.
-    label : str
-        The mapping, as messages name it.
-    say : callable
-        Called with (stage, done, of).
-
-    Returns
-    -------
-    Logs
-        The streams.
-
-    Raises
-    ------
-    CampaignError
-        If no file fits a stream, a file cannot be read, a column is missing or means something
-        else than the mapping says, or clocks cannot be brought together.
-    """
+    """All streams of a mapping, read from raw files."""
     paths = sorted({Path(file) for file in files}, key=_natural)
     for path in paths:
         if not path.is_file():
@@ -125,27 +102,7 @@ def _natural(path: Path) -> list:
 
 
 def files_of(stream: MappedStream, paths: Sequence[Path], label: str) -> list[Path]:
-    """The files that a stream names.
-
-    Parameters
-    ----------
-    stream : MappedStream
-        The stream.
-    paths : sequence of Path
-        All raw files.
-    label : str
-        The mapping, as messages name it.
-
-    Returns
-    -------
-    list of Path
-        At least one.
-
-    Raises
-    ------
-    CampaignError
-        If there is none.
-    """
+    """The files that a stream names."""
     matched = [
         path
         for path in paths
@@ -318,23 +275,6 @@ def _first_day(epoch: str, where: str) -> int:
 
 def utc_ns(text: str, where: str) -> int:
     """A date in UTC on the common scale.
-
-    Parameters
-    ----------
-    text : str
-        Such as "2026-03-01T12:00:00Z".
-    where : str
-        The key that holds it, for messages.
-
-    Returns
-    -------
-    int
-        Nanoseconds of TAI since 1958.
-
-    Raises
-    ------
-    CampaignError
-        If it is no date.
 
     Examples
     --------

@@ -20,18 +20,9 @@ _OTHER_KEYS = MappingProxyType({"axes": ("mounting", "body_from_sensor")})
 def mapped_lines(folder: Path, key: str) -> list[str]:
     """The lines of the mapping that a key of an imported campaign.toml comes from.
 
-    Parameters
-    ----------
-    folder : Path
-        A campaign folder.
-    key : str
-        Path of the key, such as "columns.rate.unit" or "wheels.x.axis".
-
-    Returns
-    -------
-    list of str
-        Such as 'mapping.toml, line 30: unit = "deg/s"'; empty for a folder that was not imported,
-        and for what the mapping does not state.
+    `key`: path of the key, such as "columns.rate.unit" or "wheels.x.axis". Returns: such as
+    'mapping.toml, line 30: unit = "deg/s"'; empty for a folder that was not imported, and for what
+    the mapping does not state.
     """
     try:
         mapping = _record(folder)["mapping"]
@@ -44,16 +35,8 @@ def mapped_lines(folder: Path, key: str) -> list[str]:
 def streams_outside(folder: Path) -> dict[str, tuple[int, list[float], list[float]]]:
     """Streams that were imported, none of whose readings lies in a slew.
 
-    Parameters
-    ----------
-    folder : Path
-        A campaign folder.
-
-    Returns
-    -------
-    dict of str to (int, list, list)
-        By what the stream holds: how many readings, first and last time of the stream and of all
-        slews [s]; empty for a folder that was not imported.
+    Returns: by what the stream holds: how many readings, first and last time of the stream and of
+    all slews [s]; empty for a folder that was not imported.
     """
     try:
         record = _record(folder)

@@ -269,36 +269,12 @@ def _check_attitude(stream: AttitudeStream, where: str) -> None:
 
 
 def streams_that_hold(mapping: MappingPart, holds: str) -> list[MappedStream]:
-    """The streams of a mapping that hold a quantity.
-
-    Parameters
-    ----------
-    mapping : MappingPart
-        The mapping.
-    holds : str
-        The quantity.
-
-    Returns
-    -------
-    list of MappedStream
-        In the order of the mapping.
-    """
+    """The streams of a mapping that hold a quantity."""
     return [stream for stream in mapping.streams if stream.holds == holds]
 
 
 def rate_sensor_axes(mapping: MappingPart) -> Any:
-    """C_rate, the rows of which are the axes of the rate sensor in body axes.
-
-    Parameters
-    ----------
-    mapping : MappingPart
-        The mapping.
-
-    Returns
-    -------
-    list of list of float
-        Three rows.
-    """
+    """C_rate, the rows of which are the axes of the rate sensor in body axes."""
     stream = next(stream for stream in mapping.streams if isinstance(stream, RateStream))
     if stream.mounting is not None:
         return stream.mounting
@@ -313,23 +289,6 @@ _OF_TYPE = ("spin_inertia", "max_torque", "max_momentum", "momentum_sigma")
 
 def with_alike_wheels(document: dict[str, Any], label: str) -> dict[str, Any]:
     """A mapping whose wheels all say themselves what `same_as` took from another.
-
-    Parameters
-    ----------
-    document : dict
-        The content of the mapping.
-    label : str
-        The file, as messages name it.
-
-    Returns
-    -------
-    dict
-        The content without the key.
-
-    Raises
-    ------
-    CampaignError
-        If `same_as` names no wheel above.
 
     Examples
     --------
@@ -380,22 +339,7 @@ _NUMBER_WITH_UNIT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\
 def with_si_hardware(document: dict[str, Any], label: str) -> dict[str, Any]:
     """A mapping whose hardware is stated in SI units and radians.
 
-    Parameters
-    ----------
-    document : dict
-        The content of the mapping.
-    label : str
-        The file, as messages name it.
-
-    Returns
-    -------
-    dict
-        The same with numbers in place of texts such as "5 arcsec".
-
-    Raises
-    ------
-    CampaignError
-        If a text is no number with a unit of its quantity.
+    Returns: the same with numbers in place of texts such as "5 arcsec".
 
     Examples
     --------

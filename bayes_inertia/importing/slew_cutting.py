@@ -111,25 +111,6 @@ def cut_into_slews(logs: Logs, mapping: MappingPart, label: str) -> SlewCut:
     Stated `[[slews]]` are taken as they are; of several files with rates each is one slew; one
     file, or files that overlap, is cut where the body rests, as far as `[cut]` does not say
     otherwise.
-
-    Parameters
-    ----------
-    logs : Logs
-        The streams.
-    mapping : MappingPart
-        What the mapping says.
-    label : str
-        The mapping, as messages name it.
-
-    Returns
-    -------
-    SlewCut
-        The slews.
-
-    Raises
-    ------
-    CampaignError
-        If no slew is left.
     """
     rate, cut = logs.streams["rate"], mapping.cut
     pause = cut.gap_s or max(_PAUSE_S, _PAUSE_STEPS * rate.step)

@@ -39,17 +39,7 @@ def slew_tables(window: SlewWindow, streams: dict[str, LoggedStream]) -> SlewTab
 
     The command in force when the slew begins stands in its first row.
 
-    Parameters
-    ----------
-    window : SlewWindow
-        The part of the log.
-    streams : dict of str to LoggedStream
-        The whole log.
-
-    Returns
-    -------
-    SlewTables
-        Only the streams that have a reading in the slew.
+    Returns: only the streams that have a reading in the slew.
 
     Examples
     --------

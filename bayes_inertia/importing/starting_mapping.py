@@ -86,27 +86,7 @@ class StartingMapping:
 
 
 def write_starting_mapping(files: Sequence[str | Path], path: str | Path) -> StartingMapping:
-    """Write a mapping with a question at everything that the files do not say.
-
-    Parameters
-    ----------
-    files : sequence of str or Path
-        Raw files.
-    path : str or Path
-        The mapping to write; must not exist.
-
-    Returns
-    -------
-    StartingMapping
-        What was written.
-
-    Raises
-    ------
-    CampaignError
-        If a file cannot be read.
-    OutputError
-        If the mapping exists, or cannot be written.
-    """
+    """Write a mapping with a question at everything that the files do not say."""
     path = Path(path)
     if path.exists():
         raise OutputError(
@@ -118,23 +98,7 @@ def write_starting_mapping(files: Sequence[str | Path], path: str | Path) -> Sta
 
 
 def starting_mapping(files: Sequence[Path]) -> StartingMapping:
-    """A mapping with a question at everything that the files do not say.
-
-    Parameters
-    ----------
-    files : sequence of Path
-        Raw files.
-
-    Returns
-    -------
-    StartingMapping
-        Its text, and what was recognised.
-
-    Raises
-    ------
-    CampaignError
-        If a file cannot be read.
-    """
+    """A mapping with a question at everything that the files do not say."""
     groups = _groups(files)
     streams: list[tuple[FileGroup, ColumnFamily]] = []
     for group in groups:
@@ -245,15 +209,7 @@ _AXES = {"x": [1.0, 0.0, 0.0], "y": [0.0, 1.0, 0.0], "z": [0.0, 0.0, 1.0]}
 def wheel_words(names: Sequence[str]) -> list[str]:
     """What tells the columns of the wheels from each other.
 
-    Parameters
-    ----------
-    names : sequence of str
-        One column a wheel.
-
-    Returns
-    -------
-    list of str
-        A word a wheel: "x" of "cmd_wheel_x", else its number.
+    Returns: A word a wheel: "x" of "cmd_wheel_x", else its number.
 
     Examples
     --------
@@ -277,21 +233,8 @@ def _shared(texts: Sequence[str]) -> int:
 def hardware_text(name: str, wheels: Sequence[str], *, tracker: bool, epoch: str = "") -> str:
     """Format, name and hardware of a mapping to be filled in.
 
-    Parameters
-    ----------
-    name : str
-        A name for the campaign.
-    wheels : sequence of str
-        What tells the wheels apart, as `wheel_words` says it; none without wheels.
-    tracker : bool
-        Whether a stream holds attitudes.
-    epoch : str
-        Zero of the clocks that count; "?" asks, "" where no stream has one.
-
-    Returns
-    -------
-    str
-        TOML with comments.
+    `wheels`: what tells the wheels apart, as `wheel_words` says it; none without wheels. `epoch`:
+    zero of the clocks that count; "?" asks, "" where no stream has one.
     """
     lines = [
         '# What the raw logs hold. Answer every question: replace each "?" and delete what does',

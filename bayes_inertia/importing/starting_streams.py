@@ -63,19 +63,7 @@ class FileGroup:
 def stream_text(group: FileGroup, family: ColumnFamily, *, commented: bool = False) -> str:
     """A stream of a mapping, with a question at everything that the files do not say.
 
-    Parameters
-    ----------
-    group : FileGroup
-        Where its columns are.
-    family : ColumnFamily
-        The columns.
-    commented : bool, optional
-        Whether it is a second candidate, which the user must choose.
-
-    Returns
-    -------
-    str
-        TOML with comments.
+    `commented`: whether it is a second candidate, which the user must choose.
     """
     path = ("streams", family.holds)
     stated = family.holds == "attitude" and group.table.attitude is not None
@@ -101,15 +89,7 @@ def stream_text(group: FileGroup, family: ColumnFamily, *, commented: bool = Fal
 def counts_from_zero(group: FileGroup) -> bool:
     """Whether the stamps count from a zero of their own.
 
-    Parameters
-    ----------
-    group : FileGroup
-        The files.
-
-    Returns
-    -------
-    bool
-        False where the file or the stamps say the date.
+    Returns: false where the file or the stamps say the date.
     """
     table = group.table
     if table.time_names and table.time_kind and table.time_kind not in FREE_CLOCKS:
@@ -268,17 +248,8 @@ _NOTATIONS: tuple[tuple[str, re.Pattern[str], str, Mapping[str, str]], ...] = tu
 def notation_of(holds: str, name: str) -> dict[str, tuple[str, str]]:
     """What a name says by its notation.
 
-    Parameters
-    ----------
-    holds : str
-        What the column seems to hold, as a mapping says it.
-    name : str
-        The column.
-
-    Returns
-    -------
-    dict of str to tuple of str
-        For keys of the stream a value, and whose notation says it; the first that fits.
+    `holds`: what the column seems to hold, as a mapping says it. Returns: for keys of the stream a
+    value, and whose notation says it; the first that fits.
 
     Examples
     --------

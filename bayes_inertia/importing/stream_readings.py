@@ -54,27 +54,7 @@ class TableReadings:
 
 
 def readings_of(part: MappedStream, table: RawTable, where: str) -> TableReadings:
-    """The readings of a stream in one table.
-
-    Parameters
-    ----------
-    part : MappedStream
-        What the mapping says of the stream.
-    table : RawTable
-        The table.
-    where : str
-        The stream's key of the mapping, for messages.
-
-    Returns
-    -------
-    TableReadings
-        One row for each row of the table.
-
-    Raises
-    ------
-    CampaignError
-        If a column is absent or no number, a row is no attitude, or mapping and file contradict.
-    """
+    """The readings of a stream in one table."""
     flagged = np.zeros((1, 1), dtype=bool)
     notes = []
     if part.valid is not None:

@@ -80,25 +80,7 @@ class CleanFit:
 
 
 def clean_fit(estimate: Estimate, *, seed: int = 0) -> CleanFit:
-    """Look for dirt in an estimate's residuals, and repeat the estimate without it.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        Of a campaign as stated.
-    seed : int
-        Of the optimizer's starts.
-
-    Returns
-    -------
-    CleanFit
-        With the same estimate where nothing was found.
-
-    Raises
-    ------
-    EstimateError
-        If the optimizer finds no usable estimate.
-    """
+    """Look for dirt in an estimate's residuals, and repeat the estimate without it."""
     repeat = partial(_repeated, estimate.model, seed=seed)
     stated = estimate.model.campaign
     fit = without_outliers(CleanFit(estimate, DirtTreatment()), stated, repeat)
@@ -125,19 +107,7 @@ def _repeated(stated: Model, fit: CleanFit, treatment: DirtTreatment, *, seed: i
 def refitted(previous: Estimate, campaign: Campaign, *, weak_data_first: bool = False) -> Estimate:
     """An estimate repeated with other readings, or another noise, of the same slews.
 
-    Parameters
-    ----------
-    previous : Estimate
-        Where the optimizer begins.
-    campaign : Campaign
-        With the slews of the old one.
-    weak_data_first : bool
-        As in `optimizer.re_estimate`.
-
-    Returns
-    -------
-    Estimate
-        The same object if its campaign is that already.
+    Returns: the same object if its campaign is that already.
     """
     old = previous.model
     if campaign is old.campaign:
@@ -152,22 +122,7 @@ def refitted(previous: Estimate, campaign: Campaign, *, weak_data_first: bool = 
 def without_outliers(
     fit: CleanFit, stated: Campaign, repeat: Callable[[CleanFit, DirtTreatment], CleanFit]
 ) -> CleanFit:
-    """The fit with every outlier masked.
-
-    Parameters
-    ----------
-    fit : CleanFit
-        Where outliers are looked for.
-    stated : Campaign
-        As stated.
-    repeat : callable
-        Repeats a fit with another treatment.
-
-    Returns
-    -------
-    CleanFit
-        The same object where there are none.
-    """
+    """The fit with every outlier masked."""
     for _ in range(_ROUNDS_OF_MASKS):
         masked = masks_at(fit.estimate, stated, fit.treatment)
         if masked == fit.treatment.masked:
@@ -180,20 +135,6 @@ def masks_at(estimate: Estimate, stated: Campaign, treatment: DirtTreatment) -> 
     """All outliers at an estimate, among readings that are masked already as among the others.
 
     What an earlier, worse fit took for an outlier need not be one.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        A fit.
-    stated : Campaign
-        As stated.
-    treatment : DirtTreatment
-        What was done to it for this fit.
-
-    Returns
-    -------
-    tuple of Dirt
-        One record a channel and slew.
     """
     if not treatment.masked:
         return with_masks((), outliers_in(estimate))
@@ -209,17 +150,7 @@ def masks_at(estimate: Estimate, stated: Campaign, treatment: DirtTreatment) -> 
 
 
 def with_masks(old: tuple[Dirt, ...], new: tuple[Dirt, ...]) -> tuple[Dirt, ...]:
-    """Masks of both, one record a channel and slew.
-
-    Parameters
-    ----------
-    old, new : tuple of Dirt
-        Outliers.
-
-    Returns
-    -------
-    tuple of Dirt
-    """
+    """Masks of both, one record a channel and slew."""
     rows: dict[tuple[str, str], set[int]] = {}
     for mask in (*old, *new):
         rows.setdefault((mask.channel, mask.slew), set()).update(mask.rows)
@@ -240,15 +171,7 @@ def with_masks(old: tuple[Dirt, ...], new: tuple[Dirt, ...]) -> tuple[Dirt, ...]
 def outliers_in(estimate: Estimate) -> tuple[Dirt, ...]:
     """Outliers among an estimate's residuals.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        A fit; what its campaign masks already is not looked at.
-
-    Returns
-    -------
-    tuple of Dirt
-        One a channel and slew.
+    `estimate`: A fit; what its campaign masks already is not looked at.
     """
     slews, series = estimate.model.campaign.slews, plain_series(estimate)
     steps, hit = rounding_steps(estimate.model.campaign), {}
@@ -271,16 +194,9 @@ def outliers_in(estimate: Estimate) -> tuple[Dirt, ...]:
 def rounded_channels(estimate: Estimate) -> dict[str, float]:
     """Channels whose noise is larger than stated because their readings are rounded.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        A fit of the campaign with its noise as stated.
-
-    Returns
-    -------
-    dict of float
-        By channel, the factor on its noise. Not among them where the stated noise holds the
-        rounding already, and where the noise is louder than that.
+    `estimate`: A fit of the campaign with its noise as stated. Returns: by channel, the factor on
+    its noise. Not among them where the stated noise holds the rounding already, and where the noise
+    is louder than that.
     """
     measured, rounded = noise_factors(estimate), {}
     for channel, steps in rounding_steps(estimate.model.campaign).items():
@@ -311,16 +227,6 @@ def colour_of_rounding(estimate: Estimate) -> Colour | None:
     """The noise of coarsely rounded rates: their errors last while the readings stay the same.
 
     They do so longer at rest than in motion.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        A fit.
-
-    Returns
-    -------
-    Colour or None
-        None where the rounding is fine.
     """
     campaign = estimate.model.campaign
     if not has_one_error(rounding_steps(campaign)["rate"]):
@@ -341,18 +247,8 @@ def _with_colour(fit: CleanFit) -> DirtTreatment:
 def colour_seen(estimate: Estimate, *, slow: bool = False) -> Colour | None:
     """Correlated noise of the rate sensor in an estimate's residuals.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        A fit.
-    slow : bool
-        As in `colour_of`.
-
-    Returns
-    -------
-    Colour or None
-        In the sigmas of the estimate's campaign; None where the residuals are white, or where what
-        they are is not alike everywhere.
+    Returns: in the sigmas of the estimate's campaign; None where the residuals are white, or where
+    what they are is not alike everywhere.
     """
     tests = estimate.tests["rate"]
     if tests.p_white is None or tests.p_white >= REJECT_BELOW:
@@ -393,23 +289,10 @@ def outlying_fixes(
 ) -> list[np.ndarray]:
     """Star-tracker fixes that stand out from the others of their burst.
 
-    Parameters
-    ----------
-    slews : sequence of (fixes, 3) arrays
-        Residuals, NaN where there is no fix.
-    bursts : sequence of sequences of arrays of int
-        By slew, the fixes of each burst.
-    times : sequence of (fixes,) arrays, optional
-        Of the fixes [s]; evenly spaced by default.
-    turns : sequence of (fixes, 3) arrays, optional
-        How the rate sensor saw the body turn beyond what is predicted, in the unit of the
-        residuals; not at all by default.
-
-    Returns
-    -------
-    list of (fixes,) arrays of bool
-        None of a burst of less than three fixes, where nobody can say which is wrong, and never
-        more than a third of a burst.
+    `slews` (fixes, 3); `times` (fixes,) [s]. `turns` (fixes, 3): how the rate sensor saw the body
+    turn beyond what is predicted, in the unit of the residuals; not at all by default. Returns
+    (fixes,): none of a burst of less than three fixes, where nobody can say which is wrong, and
+    never more than a third of a burst.
     """
     times = [np.arange(float(len(slew))) for slew in slews] if times is None else times
     turns = [np.zeros(slew.shape) for slew in slews] if turns is None else turns
@@ -462,17 +345,8 @@ def _distances(burst: np.ndarray, unturned: np.ndarray, time: np.ndarray) -> np.
 def fix_outliers(estimate: Estimate, series: dict[str, list[np.ndarray]]) -> list[np.ndarray]:
     """Outliers among the fixes of an estimate's campaign.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        A fit.
-    series : dict of list of (rows, components) arrays
-        Its residuals by channel and slew, in stated sigmas, noise that is correlated as it is.
-
-    Returns
-    -------
-    list of arrays of int
-        By slew, the rows of its telemetry.
+    `series` (rows, components): its residuals by channel and slew, in stated sigmas, noise that is
+    correlated as it is.
     """
     slews = estimate.model.campaign.slews
     rows = [np.flatnonzero(slew.fixes) for slew in slews]

@@ -35,13 +35,6 @@ def forget_surplus(
     of a function's programs, and `jax.clear_caches` would forget those of all functions: hence
     `_cache_size`.
 
-    Parameters
-    ----------
-    programs : iterable of compiled functions
-        Of JAX.
-    most : int
-        That a function may keep.
-
     Examples
     --------
     >>> forget_surplus()

@@ -84,15 +84,7 @@ class NoiseEstimate(Estimate):
 def with_noise_model(fitted: Estimate) -> Estimate:
     """The estimate with the noise that its model was asked for.
 
-    Parameters
-    ----------
-    fitted : Estimate
-        With Gaussian noise of the stated sigma.
-
-    Returns
-    -------
-    Estimate
-        The very object where the noise is as stated.
+    Returns: the very object where the noise is as stated.
     """
     model = fitted.model
     if model.noise.is_stated:
@@ -195,23 +187,8 @@ def noise_tests(
 ) -> dict[str, ChannelTest]:
     """Test every channel, and the total.
 
-    Parameters
-    ----------
-    model : Model
-        Its noise says how the residuals are distributed.
-    theta : (d,) array
-        Where; noise parameters among it.
-    series : dict of list of (rows, components) arrays
-        Residuals in stated sigmas by channel and slew, NaN where nothing was measured.
-    numbers : (3,) array
-        How many were measured, by channel.
-    parameters : (3,) array
-        How many parameters each channel pays for.
-
-    Returns
-    -------
-    dict of ChannelTest
-        By channel, and "total".
+    `theta` (d,); `numbers` (3,); `parameters` (3,). `series` (rows, components): residuals in
+    stated sigmas by channel and slew, NaN where nothing was measured.
     """
     tests, total, unordered = {}, np.zeros(2), _without_test_of_whiteness(model)
     rules = channel_rules(model)

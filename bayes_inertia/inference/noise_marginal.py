@@ -90,14 +90,7 @@ class NuisanceOptimum(NamedTuple):
 def noise_marginal(estimate: Estimate) -> NoiseMarginal:
     """What the marginal log posterior needs, frozen at an estimate.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        Of all parameters, with the noise that its model was asked for.
-
-    Returns
-    -------
-    NoiseMarginal
+    `estimate`: of all parameters, with the noise that its model was asked for.
     """
     base, rules = marginal(estimate), channel_rules(estimate.model)
     root = np.sqrt(estimate.discount)
@@ -182,16 +175,7 @@ def nuisance_optimum(
 ) -> NuisanceOptimum:
     """Bring the nuisances to their best values at one theta.
 
-    Parameters
-    ----------
-    structure : Structure
-    rules : tuple of ChannelRule
-    frozen : NoiseMarginal
-    theta : (d,) array
-
-    Returns
-    -------
-    NuisanceOptimum
+    `theta` (d,).
     """
     base = frozen.base
     point = point_on_ridge(base, theta)
@@ -236,17 +220,7 @@ def log_posterior_with_noise(
 ) -> Array:
     """Marginal log posterior density of one theta, noise parameters included, up to a constant.
 
-    Parameters
-    ----------
-    structure : Structure
-    rules : tuple of ChannelRule
-    frozen : NoiseMarginal
-    theta : (d,) array
-
-    Returns
-    -------
-    () array
-        -inf where J is unphysical or a prior ends.
+    `theta` (d,). Returns: -inf where J is unphysical or a prior ends.
     """
     density = log_prior(frozen.base.prior, theta)
     allowed = inertia_tensor.is_physical(theta[:6]) & jnp.isfinite(density)
@@ -272,15 +246,7 @@ def conditional_point_with_noise(
 ) -> Callable[[np.ndarray, np.ndarray], Point]:
     """How nuisances are drawn from their posterior given theta (Laplace's normal distribution).
 
-    Parameters
-    ----------
-    estimate : Estimate
-    frozen : NoiseMarginal
-
-    Returns
-    -------
-    callable
-        From theta (d,) and standard normal numbers (3 + slews n_local,) to a point.
+    Returns: from theta (d,) and standard normal numbers (3 + slews n_local,) to a point.
     """
     structure, rules = estimate.model.structure, channel_rules(estimate.model)
 
@@ -294,17 +260,7 @@ def conditional_point_with_noise(
 def log_density_with_noise(estimate: Estimate, *, batch: int) -> LogDensity:
     """The compiled marginal log posterior for arrays of numpy of any length.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        With the noise that its model was asked for.
-    batch : int
-        Draws evaluated at once.
-
-    Returns
-    -------
-    callable
-        From thetas (n, d) to log densities (n,).
+    `estimate`: with the noise that its model was asked for.
     """
     structure, rules = estimate.model.structure, channel_rules(estimate.model)
     return in_batches(partial(_log_density, structure, rules, noise_marginal(estimate)), batch)
@@ -341,16 +297,7 @@ class ArrowFactor(NamedTuple):
 def factored(blocks: Array, shared: int) -> ArrowFactor:
     """Factor the normal matrix of nuisances with unit prior precision.
 
-    Parameters
-    ----------
-    blocks : (slews, k, k) array
-        Information of each slew on (shared nuisances, its own), without priors.
-    shared : int
-        How many are shared.
-
-    Returns
-    -------
-    ArrowFactor
+    `blocks` (slews, k, k): information of each slew on (shared nuisances, its own), without priors.
 
     Examples
     --------
@@ -381,16 +328,7 @@ def _backward(factor: Array, right: Array) -> Array:
 def solved(factor: ArrowFactor, shared: Array, own: Array) -> tuple[Array, Array]:
     """Solve for a right-hand side.
 
-    Parameters
-    ----------
-    factor : ArrowFactor
-    shared : (b,) array
-    own : (slews, m) array
-
-    Returns
-    -------
-    shared : (b,) array
-    own : (slews, m) array
+    `shared` (b,); `own` (slews, m). Returns `shared` (b,); `own` (slews, m).
     """
     inside = _forward(factor.inner, own[..., None])[..., 0]
     left = shared - jnp.einsum("sib,si->b", factor.across, inside)
@@ -402,17 +340,7 @@ def solved(factor: ArrowFactor, shared: Array, own: Array) -> tuple[Array, Array
 def drawn(factor: ArrowFactor, shared: Array, own: Array) -> tuple[Array, Array]:
     """Turn standard normal numbers into draws whose covariance is the inverse of the matrix.
 
-    Parameters
-    ----------
-    factor : ArrowFactor
-    shared : (b,) array
-    own : (slews, m) array
-        Standard normal numbers.
-
-    Returns
-    -------
-    shared : (b,) array
-    own : (slews, m) array
+    `shared` (b,); `own` (slews, m). Returns `shared` (b,); `own` (slews, m).
     """
     x = _backward(factor.shared, shared[:, None])[:, 0]
     rest = own - jnp.einsum("sib,b->si", factor.across, x)

@@ -137,23 +137,8 @@ def re_estimate(
 ) -> Estimate:
     """The maximum with other parameters free, from nuisances and noise of an earlier estimate.
 
-    Parameters
-    ----------
-    previous : Estimate
-        Of the same model.
-    theta : (d,) array
-        Where to begin.
-    free : (f,) array of int
-        Indices of the parameters that may move.
-    weak_data_first : bool
-        Guess the nuisances afresh and descend with the data counted weakly first, which finds the
-        way out of a local optimum.
-    tolerance : float
-        Of the objective, as in `dogleg`.
-
-    Returns
-    -------
-    Estimate
+    `theta` (d,); `free` (f,). `weak_data_first`: guess the nuisances afresh and descend with the
+    data counted weakly first, which finds the way out of a local optimum.
     """
     model, discount = previous.model, previous.discount
     point, free = replace(previous.point, theta=np.asarray(theta, float)), np.asarray(free)
@@ -167,18 +152,7 @@ def re_estimate(
 
 
 def without_effect(previous: Estimate, name: str) -> Estimate:
-    """The estimate repeated with an effect held at its null.
-
-    Parameters
-    ----------
-    previous : Estimate
-    name : str
-        Of an effect of its model.
-
-    Returns
-    -------
-    Estimate
-    """
+    """The estimate repeated with an effect held at its null."""
     space, theta = previous.model.space, previous.theta.copy()
     part = space.slice_of(name)
     theta[part] = space.nulls[part]
@@ -187,19 +161,7 @@ def without_effect(previous: Estimate, name: str) -> Estimate:
 
 
 def move_to(previous: Estimate, model: Model) -> Estimate:
-    """The same point in a model with other effects, those that are new held at their null.
-
-    Parameters
-    ----------
-    previous : Estimate
-    model : Model
-        Of the same campaign and drive.
-
-    Returns
-    -------
-    Estimate
-        Nothing is fitted anew.
-    """
+    """The same point in a model with other effects, those that are new held at their null."""
     theta, names = model.space.nulls, previous.model.space.names
     fitted_values = dict(zip(names, previous.theta, strict=True))
     free_names = {names[i] for i in previous.free}
@@ -237,16 +199,7 @@ def _nuisances_in(previous: Estimate, model: Model) -> np.ndarray:
 def with_noise(previous: Estimate, factors: dict[str, float]) -> Estimate:
     """The estimate repeated with other noise.
 
-    Parameters
-    ----------
-    previous : Estimate
-    factors : dict of float
-        What each channel's stated noise is multiplied by.
-
-    Returns
-    -------
-    Estimate
-        The same object if its noise is that already.
+    Returns: the same object if its noise is that already.
     """
     model, free = previous.model, previous.free
     discount = np.tile([factors[c] ** -2.0 for c in CHANNELS], (model.n_slews, 1))
@@ -375,16 +328,7 @@ def distinct_optima(model: Model, descents: list[tuple[float, Point]]) -> list[t
 
     While the data count weakly an objective hardly tells two optima apart; places do.
 
-    Parameters
-    ----------
-    model : Model
-    descents : list of (float, Point)
-        Objective and end of each descent.
-
-    Returns
-    -------
-    list of (Point, int)
-        Ends not far worse than the best, best first, and how often each was reached.
+    Returns: ends not far worse than the best, best first, and how often each was reached.
     """
     descents = sorted(descents, key=lambda descent: descent[0])
     groups: list[list[Point]] = []

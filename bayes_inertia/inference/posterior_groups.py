@@ -78,19 +78,8 @@ def build_posterior(
 ) -> Posterior:
     """Assemble the result of an estimate and its samples.
 
-    Parameters
-    ----------
-    estimate : Estimate
-    chains : Chains
-        Samples around it.
-    context : FitContext
-        Where the fit comes from: what a diagnosis said before changes the gates and their words.
-    seed : int
-        Of the draws of prior, nuisances and predicted noise.
-
-    Returns
-    -------
-    Posterior
+    `context`: where the fit comes from: what a diagnosis said before changes the gates and their
+    words. `seed`: of the draws of prior, nuisances and predicted noise.
     """
     from arviz_base import from_dict
 
@@ -268,17 +257,7 @@ _INSTANTS = 101
 
 
 def drawable(estimate: Estimate) -> tuple[StochasticEffect, ...]:
-    """Effects of a fit whose signal over time can be drawn.
-
-    Parameters
-    ----------
-    estimate : Estimate
-
-    Returns
-    -------
-    tuple of StochasticEffect
-        In the model's order.
-    """
+    """Effects of a fit whose signal over time can be drawn."""
     effects = estimate.model.effects
     return tuple(e for e in effects if isinstance(e, StochasticEffect) and e.signal_components)
 
@@ -286,14 +265,7 @@ def drawable(estimate: Estimate) -> tuple[StochasticEffect, ...]:
 def signal_times(estimate: Estimate) -> np.ndarray:
     """Instants at which signals are kept.
 
-    Parameters
-    ----------
-    estimate : Estimate
-
-    Returns
-    -------
-    (slews, instants) array
-        From each slew's own zero [s].
+    Returns (slews, instants) [s].
     """
     slews = estimate.model.campaign.slews
     return np.stack([np.linspace(s.time[0], s.time[-1], _INSTANTS) for s in slews])
@@ -304,18 +276,8 @@ def stochastic_signals(
 ) -> dict[str, np.ndarray]:
     """Draws of each signal over time, from thinned draws with their nuisances.
 
-    Parameters
-    ----------
-    estimate : Estimate
-    chains : Chains
-        Samples around it.
-    rng : numpy.random.Generator
-        Source of draws and nuisances.
-
-    Returns
-    -------
-    dict of (ensembles, draws, slews, instants, components) arrays
-        By effect, in its `signal_unit`; empty without such effects.
+    Returns (ensembles, draws, slews, instants, components): by effect, in its `signal_unit`; empty
+    without such effects.
     """
     effects = drawable(estimate)
     if not effects:

@@ -36,20 +36,9 @@ def predicted_telemetry(
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """Predicted telemetry and pointwise log likelihoods for thinned draws with their nuisances.
 
-    Parameters
-    ----------
-    estimate : Estimate
-    chains : Chains
-        Samples around it.
-    rng : numpy.random.Generator
-        Source of draws, nuisances and measurement noise.
-
-    Returns
-    -------
-    predicted : dict of (ensembles, draws, slews, rows, components) arrays
-        By channel, with measurement noise; NaN where nothing was measured.
-    pointwise : dict of (ensembles, draws, slews, rows) arrays
-        Log densities of the measurements, under "rate_point", "attitude_point", "momentum_point".
+    Returns `predicted` (ensembles, draws, slews, rows, components): by channel, with measurement
+    noise; NaN where nothing was measured; `pointwise` (ensembles, draws, slews, rows): log
+    densities of the measurements, under "rate_point", "attitude_point", "momentum_point".
     """
     thinned = thinned_draws(chains, rng)
     shape = (len(chains.samples), _DRAWS_OF_EACH_ENSEMBLE)
@@ -118,14 +107,7 @@ def _noise_of(
 def drawn_nuisances(estimate: Estimate) -> Callable[[np.ndarray, np.ndarray], Point]:
     """How nuisances are drawn given theta.
 
-    Parameters
-    ----------
-    estimate : Estimate
-
-    Returns
-    -------
-    callable
-        From theta (d,) and standard normal numbers (3 + slews n_local,) to a point.
+    Returns: from theta (d,) and standard normal numbers (3 + slews n_local,) to a point.
     """
     if not estimate.model.noise.is_stated:
         return conditional_point_with_noise(estimate, noise_marginal(estimate))
@@ -143,16 +125,7 @@ def _losses(estimate: Estimate, theta: np.ndarray, channel: str, z: np.ndarray) 
 def thinned_draws(chains: Chains, rng: np.random.Generator) -> np.ndarray:
     """Some draws of each ensemble, evenly over its steps, of random walkers.
 
-    Parameters
-    ----------
-    chains : Chains
-    rng : numpy.random.Generator
-        Chooses the walkers.
-
-    Returns
-    -------
-    (ensembles draws, d) array
-        theta.
+    Returns (ensembles draws, d).
     """
     ensembles, walkers, draws, _ = chains.samples.shape
     steps = np.linspace(0, draws - 1, _DRAWS_OF_EACH_ENSEMBLE).astype(int)
@@ -211,22 +184,9 @@ def with_measurement_noise(
 ) -> dict[str, np.ndarray]:
     """Predictions with the noise that the likelihood counts.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        Its campaign states the noise; in the measured drive its J and K say how tachometer noise
-        shakes the rates.
-    predicted : dict of (..., slews, rows, components) arrays
-        By channel.
-    rng : numpy.random.Generator
-        Source of the noise.
-    unit : callable, optional
-        Noise in stated sigmas, of a channel and a shape; standard normal unless given.
-
-    Returns
-    -------
-    dict of arrays
-        As `predicted`; NaN where nothing was measured.
+    `predicted` (..., slews, rows, components). `estimate`: its campaign states the noise; in the
+    measured drive its J and K say how tachometer noise shakes the rates. `unit`: noise in stated
+    sigmas, of a channel and a shape; standard normal unless given.
     """
     telemetry, campaign = estimate.model.data.arrays.telemetry, estimate.model.campaign
     unit = unit or (lambda channel, shape: rng.standard_normal(shape))
@@ -263,20 +223,8 @@ def unit_noise(
 ) -> np.ndarray:
     """Noise of one channel in stated sigmas.
 
-    Parameters
-    ----------
-    rules : tuple of ChannelRule
-    thetas : (n, d) array
-        Draws whose scale and degrees of freedom count, in the order of the first axes.
-    channel : {"rate", "attitude", "momentum"}
-    shape : tuple of int
-        (ensembles, draws, ...) of the noise, ensembles times draws being n.
-    rng : numpy.random.Generator
-
-    Returns
-    -------
-    array
-        Of this shape.
+    `thetas` (n, d): draws whose scale and degrees of freedom count, in the order of the first axes.
+    `shape`: (ensembles, draws, ...) of the noise, ensembles times draws being n.
     """
     c = CHANNELS.index(channel)
     rows = [noise_values(rules, theta) for theta in thetas]
@@ -293,20 +241,8 @@ def losses(
 ) -> np.ndarray:
     """Minus the log densities of one channel's measurements, less those of its stated sigmas.
 
-    Parameters
-    ----------
-    rules : tuple of ChannelRule
-    theta : (d,) array
-    channel : {"rate", "attitude", "momentum"}
-    z : (slews, rows, components) array
-        Residuals in stated sigmas.
-    valid : (slews, rows, components) array of bool
-        What was measured.
-
-    Returns
-    -------
-    (slews, rows) array
-        Summed over the components of each row, without log(2 pi)/2 and log sigma.
+    `theta` (d,); `z` (slews, rows, components); `valid` (slews, rows, components). Returns (slews,
+    rows): summed over the components of each row, without log(2 pi)/2 and log sigma.
     """
     c = CHANNELS.index(channel)
     scales, degrees = noise_values(rules, theta)

@@ -63,16 +63,7 @@ class IndependenceMove(MHMove):
     def log_density(self, x: np.ndarray, degrees: float | None = None) -> np.ndarray:
         """Log density of proposals, up to a constant.
 
-        Parameters
-        ----------
-        x : (n, d) array
-            Points.
-        degrees : float, optional
-            Of freedom; those of this move where none are given.
-
-        Returns
-        -------
-        (n,) array
+        `x` (n, d). `degrees`: of freedom; those of this move where none are given. Returns (n,).
         """
         degrees = self.degrees if degrees is None else degrees
         y = self._unfolded(x)
@@ -81,34 +72,14 @@ class IndependenceMove(MHMove):
         return of_logarithms - np.sum(y[:, self.logarithmic], axis=1)
 
     def with_degrees(self, degrees: float) -> IndependenceMove:
-        """The same centre and scale, with lighter or heavier tails.
-
-        Parameters
-        ----------
-        degrees : float
-            Of freedom.
-
-        Returns
-        -------
-        IndependenceMove
-        """
+        """The same centre and scale, with lighter or heavier tails."""
         return IndependenceMove(*self._shape, degrees, self.logarithmic)
 
     def draw(self, random: np.random.RandomState, n: int, *, stretch: float = 1.0) -> np.ndarray:
         """Draw from the t distribution.
 
-        Parameters
-        ----------
-        random : numpy.random.RandomState
-            Source of the draws.
-        n : int
-            How many.
-        stretch : float
-            Multiplies their distance from the mean (for over-dispersed starts).
-
-        Returns
-        -------
-        (n, d) array
+        `stretch`: multiplies their distance from the mean (for over-dispersed starts). Returns (n,
+        d).
         """
         z = random.standard_normal((n, len(self.mean)))
         radius = np.sqrt(self.degrees / random.chisquare(self.degrees, size=(n, 1)))
@@ -158,27 +129,8 @@ def find_proposal(
 
     Where stochastic effects have sizes: the Laplace approximation given the sizes.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        Gives the Laplace approximation.
-    log_density : callable
-        The density to be sampled, from thetas (n, d) to (n,).
-    random : numpy.random.RandomState
-        Source of draws and of the pilot.
-
-    Returns
-    -------
-    move : IndependenceMove or EvidenceMove
-    share : float
-        Of the sampler's steps that it should get.
-    evaluations : int
-        Of the density, spent here.
-
-    Raises
-    ------
-    EstimateError
-        If the density is not finite around the maximum.
+    `log_density`: the density to be sampled, from thetas (n, d) to (n,). Returns `share`: of the
+    sampler's steps that it should get; `evaluations`: of the density, spent here.
     """
     logarithmic = np.array([p.logarithmic for p in estimate.model.space.priors])
     move: Proposal = IndependenceMove(estimate.theta, estimate.covariance, logarithmic=logarithmic)
@@ -242,25 +194,7 @@ def finite_starts(
 ) -> np.ndarray:
     """Over-dispersed points with finite density (emcee accepts others without a word).
 
-    Parameters
-    ----------
-    move : IndependenceMove or EvidenceMove
-        From which they are drawn, more widely.
-    log_density : callable
-        From thetas (n, d) to (n,).
-    random : numpy.random.RandomState
-        Source of the draws.
-    n : int
-        How many.
-
-    Returns
-    -------
-    (n, d) array
-
-    Raises
-    ------
-    EstimateError
-        If hardly any draw has a finite density.
+    Returns (n, d).
     """
     kept: list[np.ndarray] = []
     for _ in range(_MOST_DRAWS):
@@ -276,17 +210,6 @@ def finite_starts(
 
 def walkers_needed(requested: int, d: int) -> int:
     """Walkers of an ensemble: emcee's moves need twice as many as there are dimensions.
-
-    Parameters
-    ----------
-    requested : int
-        How many are wanted.
-    d : int
-        Dimensions.
-
-    Returns
-    -------
-    int
 
     Examples
     --------

@@ -74,15 +74,7 @@ class Chains:
 def batch_size(estimate: Estimate) -> int:
     """Draws evaluated at once: few enough that their trajectories stay in the processor's cache.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        Its telemetry's size counts.
-
-    Returns
-    -------
-    int
-        A power of two from 8 to 32; emcee's half-ensemble moves ask for 32 at a time.
+    Returns: A power of two from 8 to 32; emcee's half-ensemble moves ask for 32 at a time.
     """
     slews, rows = estimate.model.data.arrays.telemetry.rate.shape[:2]
     return _batch(slews * rows)
@@ -101,28 +93,8 @@ def sample(
 ) -> Chains:
     """Sample the marginal posterior around an estimate.
 
-    Parameters
-    ----------
-    estimate : Estimate
-        Of all parameters.
-    settings : Settings, optional
-        How to sample.
-    folder : Path, optional
-        Where the chains are kept while they grow; with chains of the same run in it the run goes
-        on.
-    progress : callable, optional
-        Called with (what, done, of).
-
-    Returns
-    -------
-    Chains
-
-    Raises
-    ------
-    EstimateError
-        If no finite starting points are found.
-    OutputError
-        If `folder` holds a chain that cannot be read, or one of another shape.
+    `folder`: where the chains are kept while they grow; with chains of the same run in it the run
+    goes on.
     """
     settings, began = settings or Settings(), perf_counter()
     log_density = log_density_at(estimate, most=settings.walkers // 2)
@@ -149,20 +121,7 @@ def sample(
 
 
 def log_density_at(estimate: Estimate, most: int = 32) -> LogDensity:
-    """The compiled density that is sampled around an estimate.
-
-    Parameters
-    ----------
-    estimate : Estimate
-        Of all parameters.
-    most : int
-        Draws that are evaluated at once, at most.
-
-    Returns
-    -------
-    callable
-        From thetas (n, d) to log densities (n,).
-    """
+    """The compiled density that is sampled around an estimate."""
     if not estimate.model.noise.is_stated:
         return log_density_with_noise(estimate, batch=min(most, batch_size(estimate)))
     structure = estimate.model.structure
@@ -174,17 +133,7 @@ def log_density_at(estimate: Estimate, most: int = 32) -> LogDensity:
 def steps_wanted(diagnostics: Diagnostics, settings: Settings) -> int:
     """How many steps each ensemble should have.
 
-    Parameters
-    ----------
-    diagnostics : Diagnostics
-        Of the steps that it has.
-    settings : Settings
-        What is wanted.
-
-    Returns
-    -------
-    int
-        No more than the steps that it has if the gates passed.
+    Returns: no more than the steps that it has if the gates passed.
 
     Examples
     --------

@@ -100,15 +100,6 @@ class DirtTreatment:
 def treatment_from(content: Mapping[str, Any]) -> DirtTreatment:
     """The treatment that its JSON describes.
 
-    Parameters
-    ----------
-    content : mapping
-        Of `DirtTreatment.json`.
-
-    Returns
-    -------
-    DirtTreatment
-
     Examples
     --------
     >>> treatment_from(DirtTreatment().json()) == DirtTreatment()
@@ -126,17 +117,7 @@ def treatment_from(content: Mapping[str, Any]) -> DirtTreatment:
 def records_of_dirt(campaign: Campaign, treatment: DirtTreatment) -> tuple[Dirt, ...]:
     """All that is wrong with a campaign's telemetry, and what was done about it.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        With the records of its reader.
-    treatment : DirtTreatment
-        What was done since.
-
-    Returns
-    -------
-    tuple of Dirt
-        A fault that was first ignored and then treated stands once.
+    Returns: A fault that was first ignored and then treated stands once.
     """
     done = {(dirt.kind, dirt.channel) for dirt in treatment.dirt}
     left = [d for d in campaign.dirt if d.treated != "ignored" or (d.kind, d.channel) not in done]
@@ -146,18 +127,7 @@ def records_of_dirt(campaign: Campaign, treatment: DirtTreatment) -> tuple[Dirt,
 def treated(campaign: Campaign, treatment: DirtTreatment, drive: Drive) -> Campaign:
     """A campaign without what is masked, its noise as it was measured, with records of both.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        As stated.
-    treatment : DirtTreatment
-    drive : {"commanded", "measured"}
-        What drove the model when the noise was measured.
-
-    Returns
-    -------
-    Campaign
-        The very object where the treatment is nothing.
+    `drive`: what drove the model when the noise was measured.
     """
     if treatment.is_nothing:
         return campaign
@@ -209,19 +179,8 @@ def with_measured_noise(
     In the measured drive tachometers have no channel of their own: their noise is in that of the
     rate sensor, and grows with it.
 
-    Parameters
-    ----------
-    campaign : Campaign
-        With the noise as stated.
-    factors : dict
-        {"rate", "attitude", "momentum": factor on the channel's sigma}.
-    drive : {"commanded", "measured"}
-        What drove the model when the factors were measured.
-
-    Returns
-    -------
-    Campaign
-        The same telemetry with the sigmas of its sensors multiplied.
+    `drive`: what drove the model when the factors were measured. Returns: the same telemetry with
+    the sigmas of its sensors multiplied.
     """
     factors = factors if drive == "commanded" else {**factors, "momentum": factors["rate"]}
     sensor, tracker = campaign.rate_sensor, campaign.star_tracker

@@ -19,20 +19,7 @@ def on_device(values: AnyArray) -> Array:
 
     `jnp.asarray` compiles a copy for every new shape, some 20 ms each; this compiles nothing.
 
-    Parameters
-    ----------
-    values : array_like
-        Numbers; they must not be changed afterwards, the array may share their memory.
-
-    Returns
-    -------
-    Array
-        Of the same shape and type.
-
-    Raises
-    ------
-    SettingsError
-        As `require_usable_jax`.
+    `values`: numbers; they must not be changed afterwards, the array may share their memory.
 
     Examples
     --------
@@ -49,16 +36,7 @@ def padded_size(n: int, least: int = _SMALLEST) -> int:
     Two sizes an octave: more would be compiled more often than they save (of a fit, compiled code
     runs for 4 s and is compiled for 30).
 
-    Parameters
-    ----------
-    n : int
-    least : int
-        The smallest size.
-
-    Returns
-    -------
-    int
-        At least n; less than 1.5 n from `least` on.
+    Returns: at least n; less than 1.5 n from `least` on.
 
     Examples
     --------

@@ -265,19 +265,8 @@ def inflation_by_group(
 
     A group that holds an unknown itself stands for the others in it.
 
-    Parameters
-    ----------
-    precision : (n, n) array
-        Inverse covariance H of all unknowns.
-    groups : sequence of arrays of int
-        Which unknowns each group holds.
-    count : int
-        How many of the unknowns, from the first, are asked about.
-
-    Returns
-    -------
-    (count, groups) array
-        Their product over groups is C_ii H_ii for C = H^-1.
+    `precision` (n, n). `count`: how many of the unknowns, from the first, are asked about. Returns
+    (count, groups): their product over groups is C_ii H_ii for C = H^-1.
 
     Examples
     --------

@@ -26,18 +26,7 @@ _VERDICTS = {
 
 
 def answer(observability: Observability) -> str:
-    """Which parameters a campaign determines, and which slew alone carries which of them.
-
-    Parameters
-    ----------
-    observability : Observability
-        What `observe` returned.
-
-    Returns
-    -------
-    str
-        A sentence or two.
-    """
+    """Which parameters a campaign determines, and which slew alone carries which of them."""
     groups: dict[str, list[str]] = {words: [] for words in _VERDICTS.values()}
     carried: dict[str, list[str]] = {slew: [] for slew in observability.slews}
     for p in observability.parameters:
@@ -54,20 +43,7 @@ def answer(observability: Observability) -> str:
 
 
 def sentence(observability: Observability, name: str) -> str:
-    """Why a parameter is as uncertain as it is.
-
-    Parameters
-    ----------
-    observability : Observability
-        What `observe` returned.
-    name : str
-        Of the parameter.
-
-    Returns
-    -------
-    str
-        One plain sentence.
-    """
+    """Why a parameter is as uncertain as it is."""
     p = observability[name]
     if p.signal < 1.0:
         return (

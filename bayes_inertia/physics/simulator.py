@@ -68,30 +68,12 @@ def simulate_slew(
 ) -> tuple[Trajectory, Components]:
     """Simulate one slew; a pure function that JAX can batch and differentiate.
 
-    Parameters
-    ----------
-    slew : SlewInput
-        What was commanded or measured.
-    start : Start
-        The state at the first row.
-    inertia_B : (3, 3) array
-        J of everything except the wheels' spin [kg m^2].
-    active : ActiveEffects, optional
-        What else acts; nothing by default.
-    drive : "commanded" or "measured", optional
-        Commanded: torques are the input, wheel momentum is an output. Measured: wheel momentum
-        is the input.
-    rows_per_step : int, optional
-        Grid points that one integration step spans; the grid's length is a multiple of it
-        (`integration_plan` finds how many the motion allows).
-
-    Returns
-    -------
-    trajectory : Trajectory
-        The slew on the grid, or where `slew.output` wants it (its `time` is always the grid's);
-        its `effect_states` is empty.
-    effect_states : tuple of (n, k) arrays
-        Each effect's own states.
+    `inertia_B` (3, 3): J of everything except the wheels' spin [kg m^2]. `drive`: commanded:
+    torques are the input, wheel momentum is an output. Measured: wheel momentum is the input.
+    `rows_per_step`: grid points that one integration step spans; the grid's length is a multiple of
+    it (`integration_plan` finds how many the motion allows). Returns `trajectory`: the slew on the
+    grid, or where `slew.output` wants it (its `time` is always the grid's); its `effect_states` is
+    empty; `effect_states` (n, k).
 
     Examples
     --------
@@ -150,22 +132,6 @@ def attitude_path(
 
     Only the attitude is integrated; no effect acts on it. Body-frame momentum between the ends of
     a step is a polynomial of its own, so that rates need no attitude.
-
-    Parameters
-    ----------
-    mass : MassProperties
-        The constants of this slew.
-    first : SlewState
-        The state at the first row.
-    known : KnownMomentum
-        Of the wheels.
-    drive : "commanded" or "measured"
-        What drives the model.
-
-    Returns
-    -------
-    MotionHistory
-        At the rows of the grid.
     """
     n, momentum_N = len(known.at_rows), first.momentum_N
     wheels = _WheelsInBody.of(mass, first, known, drive)
@@ -248,28 +214,7 @@ def full_path(
     active: ActiveEffects,
     drive: Drive,
 ) -> MotionHistory:
-    """The slew where momentum, wheels or own states change on the way.
-
-    Parameters
-    ----------
-    slew : SlewInput
-        What was commanded or measured.
-    mass : MassProperties
-        The constants of this slew.
-    first : SlewState
-        The state at the first row.
-    known : KnownMomentum
-        Of the wheels.
-    active : ActiveEffects
-        What else acts.
-    drive : "commanded" or "measured"
-        What drives the model.
-
-    Returns
-    -------
-    MotionHistory
-        At the rows of the grid.
-    """
+    """The slew where momentum, wheels or own states change on the way."""
     context, inputs = slew.context, _inputs(slew, known)
 
     def slope_of(fraction: Any, state: SlewState, step: StepInputs) -> SlewState:
@@ -402,17 +347,7 @@ Polynomial = tuple[Array, ...]
 def quintic(first: tuple[Any, Any, Any], last: tuple[Any, Any, Any]) -> Polynomial:
     """The quintic with given value, slope and curvature at both ends.
 
-    Parameters
-    ----------
-    first : tuple of three arrays
-        Value, first and second derivative at s = 0.
-    last : tuple of three arrays
-        The same at s = 1.
-
-    Returns
-    -------
-    tuple of six arrays
-        Coefficients of 1, s, ..., s^5.
+    `first`: value, first and second derivative at s = 0.
 
     Examples
     --------
@@ -434,18 +369,6 @@ def quintic(first: tuple[Any, Any, Any], last: tuple[Any, Any, Any]) -> Polynomi
 def cubic(first: tuple[Any, Any], last: tuple[Any, Any]) -> Polynomial:
     """The cubic with given value and slope at both ends.
 
-    Parameters
-    ----------
-    first : tuple of two arrays
-        Value and derivative at s = 0.
-    last : tuple of two arrays
-        The same at s = 1.
-
-    Returns
-    -------
-    tuple of four arrays
-        Coefficients of 1, s, s^2, s^3.
-
     Examples
     --------
     >>> cubic((0.0, 0.0), (1.0, 3.0))
@@ -461,19 +384,7 @@ def attitude_derivatives(
 ) -> list[tuple[Array, Array, Array]]:
     """Value, first and second derivative of a quaternion's components over a step.
 
-    Parameters
-    ----------
-    attitude : tuple of 4 Array
-        Unit quaternion, body from inertial.
-    rate : tuple of 3 Array
-        Body rate times the step's length [rad].
-    rate_change : tuple of 3 Array
-        Its derivative over the step [rad].
-
-    Returns
-    -------
-    list of 4 tuples of 3 Array
-        One a component.
+    `rate` [rad]; `rate_change` [rad].
 
     Examples
     --------
@@ -489,17 +400,7 @@ def attitude_derivatives(
 def turned(attitude: Components, angle: Components) -> Components:
     """A quaternion near the unit sphere, turned by a small angle and put on the sphere.
 
-    Parameters
-    ----------
-    attitude : tuple of 4 Array
-        Body from inertial.
-    angle : tuple of 3 Array
-        Rotation of the body in its own axes [rad]; its cube is neglected.
-
-    Returns
-    -------
-    tuple of 4 Array
-        Of unit length.
+    `angle`: rotation of the body in its own axes [rad]; its cube is neglected.
 
     Examples
     --------

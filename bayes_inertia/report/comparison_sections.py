@@ -29,18 +29,7 @@ from bayes_inertia.report.uncertainty import exponents_of, sd_in_print
 
 
 def comparison_page(comparison: RunComparison) -> str:
-    """Two runs side by side as one HTML page that needs nothing from outside.
-
-    Parameters
-    ----------
-    comparison : RunComparison
-        Of two runs.
-
-    Returns
-    -------
-    str
-        The page.
-    """
+    """Two runs side by side as one HTML page that needs nothing from outside."""
     sections = [
         _verdict_section(comparison),
         _parameters_section(comparison),

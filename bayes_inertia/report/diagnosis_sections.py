@@ -45,17 +45,9 @@ _MOST_ANSWERS_LISTED = 8
 def diagnosis_sections(content: Mapping[str, Any]) -> list[Section]:
     """The evidence of a diagnosis, for the report of the fit that follows it.
 
-    Parameters
-    ----------
-    content : mapping
-        The content of diagnosis.json.
-
-    Returns
-    -------
-    list of Section
-        Where the model disagrees, candidates, how probable each answer is, what naming changed,
-        what may be true instead, what may hide still, the torque that nothing explains. What this
-        diagnosis does not have is left out; its verdict stands with that of the fit.
+    Returns: where the model disagrees, candidates, how probable each answer is, what naming
+    changed, what may be true instead, what may hide still, the torque that nothing explains. What
+    this diagnosis does not have is left out; its verdict stands with that of the fit.
     """
     sections = (
         _disagreement_section(content),

@@ -43,15 +43,7 @@ _RARE_P_VALUE = 1e-3  # p-value below which "one campaign of so many" is no long
 def diagnosis_verdict(content: Mapping[str, Any]) -> Verdict:
     """What is missing, and what that means.
 
-    Parameters
-    ----------
-    content : mapping
-        The content of diagnosis.json.
-
-    Returns
-    -------
-    Verdict
-        The answer first, then where, how much, what to fly next, and what remains open.
+    Returns: the answer first, then where, how much, what to fly next, and what remains open.
     """
     sentences = [
         _on_disagreement(content),
@@ -75,16 +67,6 @@ def diagnosis_verdict(content: Mapping[str, Any]) -> Verdict:
 
 def headline(content: Mapping[str, Any]) -> str:
     """The verdict of a diagnosis in one line.
-
-    Parameters
-    ----------
-    content : mapping
-        The content of diagnosis.json.
-
-    Returns
-    -------
-    str
-        One to three short sentences.
 
     Examples
     --------
@@ -247,16 +229,6 @@ def _on_the_fit_below(content: Mapping[str, Any]) -> list[str]:
 def separating_text(slew: Mapping[str, Any]) -> str:
     """The slew that would tell two effects apart.
 
-    Parameters
-    ----------
-    slew : mapping
-        An entry of `separating` of diagnosis.json.
-
-    Returns
-    -------
-    str
-        One sentence.
-
     Examples
     --------
     >>> change = {"before": 10, "after": 40}
@@ -281,16 +253,6 @@ def separating_text(slew: Mapping[str, Any]) -> str:
 
 def correction_text(forecast: Mapping[str, Any]) -> str:
     """What becomes of the next correction slew.
-
-    Parameters
-    ----------
-    forecast : mapping
-        `correction_slew` of diagnosis.json.
-
-    Returns
-    -------
-    str
-        One sentence.
 
     Examples
     --------

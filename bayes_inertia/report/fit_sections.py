@@ -81,35 +81,13 @@ def standard_sections(
 
 
 def dirt_section(posterior: Posterior) -> Section | None:
-    """What is wrong with the telemetry, and what was done about it.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    Section or None
-        None where nothing is wrong.
-    """
+    """What is wrong with the telemetry, and what was done about it."""
     rows = dirt_rows(posterior.attributes.get("dirt", []))
     return Section("Dirt in the telemetry", packaged("dirt.html"), {"rows": rows}) if rows else None
 
 
 def gates_section(posterior: Posterior) -> Section:
-    """The gates and the state of the sampler.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    Section
-        Two tables and one picture.
-    """
+    """The gates and the state of the sampler."""
     attributes = posterior.attributes
     diagnostics = attributes["diagnostics"]
     numbers = [
@@ -134,18 +112,7 @@ def gates_section(posterior: Posterior) -> Section:
 
 
 def limits_section(posterior: Posterior) -> Section:
-    """What no fit of this campaign can tell, whatever its numbers say.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    Section
-        A list of sentences.
-    """
+    """What no fit of this campaign can tell, whatever its numbers say."""
     attributes, predicted = posterior.attributes, posterior.tree["posterior_predictive"]
     context = {
         "drive": attributes["drive"],
@@ -167,15 +134,7 @@ _TEMPLATE = (
 def signals_section(posterior: Posterior) -> Section | None:
     """Torques and errors of free shape over time, slew by slew.
 
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    Section or None
-        One picture an effect; None where all effects have a fixed shape.
+    Returns: one picture an effect; None where all effects have a fixed shape.
     """
     if "signal" not in posterior.tree:
         return None
@@ -210,18 +169,7 @@ _MOST_PARAMETERS_DRAWN = 16
 
 
 def parameters_section(posterior: Posterior) -> Section:
-    """The table of parameters and principal moments, prior against posterior.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    Section
-        With one picture.
-    """
+    """The table of parameters and principal moments, prior against posterior."""
     summary, criteria = posterior.summary(), criteria_of(posterior.attributes)
     prior_mean = values_of(posterior, "estimate", "prior_mean")
     powers = exponents_of(summary["parameters"] | summary["derived"])
@@ -282,18 +230,7 @@ def _parameter_row(
 
 
 def determination_section(posterior: Posterior) -> Section:
-    """What the campaign determines, in words, and the pair plot.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    Section
-        With one picture.
-    """
+    """What the campaign determines, in words, and the pair plot."""
     rows, names = posterior.summary()["parameters"], posterior.names
     matrix = np.atleast_2d(np.corrcoef(posterior.samples.T)).tolist()
     only_some = (

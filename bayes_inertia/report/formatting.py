@@ -28,17 +28,7 @@ _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 def exponent(mean: float, sd: float) -> int:
     """Power of ten that is factored out of a number in print.
 
-    Parameters
-    ----------
-    mean : float
-        The number.
-    sd : float
-        Its uncertainty, in the same unit.
-
-    Returns
-    -------
-    int
-        A multiple of three; 0 for numbers that read well as they are.
+    Returns: A multiple of three; 0 for numbers that read well as they are.
 
     Examples
     --------
@@ -55,15 +45,7 @@ def common_exponents(values: Mapping[str, tuple[str, float, float]]) -> dict[str
     Moments of inertia, products of inertia, scale factors and the parameters of one effect in one
     unit are a kind each. The largest of a kind decides.
 
-    Parameters
-    ----------
-    values : mapping of str to (str, float, float)
-        {name: (unit, mean, sd)}; sd may be anything else that is printed as large.
-
-    Returns
-    -------
-    dict of str to int
-        {name: power}, see `exponent`.
+    `values`: {name: (unit, mean, sd)}; sd may be anything else that is printed as large.
 
     Examples
     --------
@@ -92,19 +74,7 @@ def _kind(name: str) -> str:
 def number(value: float, sd: float, power: int = 0) -> str:
     """A value, rounded where its uncertainty has its second digit.
 
-    Parameters
-    ----------
-    value : float
-        The value.
-    sd : float
-        Its uncertainty, in the same unit; without a positive one, four digits are printed.
-    power : int
-        The value is printed in units of 10^power.
-
-    Returns
-    -------
-    str
-        The digits, without unit.
+    `sd`: its uncertainty, in the same unit; without a positive one, four digits are printed.
 
     Examples
     --------
@@ -121,17 +91,8 @@ def number(value: float, sd: float, power: int = 0) -> str:
 def unit_text(unit: str, power: int = 0) -> str:
     """A unit, with the power of ten that was factored out of the number.
 
-    Parameters
-    ----------
-    unit : str
-        As parameters carry it, "kg m^2"; empty for a pure number.
-    power : int
-        See `exponent`.
-
-    Returns
-    -------
-    str
-        A dash where there is neither unit nor power.
+    `unit`: as parameters carry it, "kg m^2"; empty for a pure number. Returns: A dash where there
+    is neither unit nor power.
 
     Examples
     --------
@@ -186,15 +147,7 @@ def sd_head(name: str, power: int) -> str:
 def value_text(value: Mapping[str, Any]) -> str:
     """A value with its sd and its unit.
 
-    Parameters
-    ----------
-    value : mapping
-        Its `mean`, `sd` and `unit`.
-
-    Returns
-    -------
-    str
-        All three, with a power of ten where that is shorter.
+    Returns: all three, with a power of ten where that is shorter.
 
     Examples
     --------
@@ -272,15 +225,7 @@ def with_minus_sign(text: str) -> str:
 def plain(name: str) -> str:
     """The name of an effect or a parameter in print.
 
-    Parameters
-    ----------
-    name : str
-        Its canonical name.
-
-    Returns
-    -------
-    str
-        Words with spaces; the frame that a name ends its quantity with is spelt out.
+    Returns: words with spaces; the frame that a name ends its quantity with is spelt out.
 
     Examples
     --------

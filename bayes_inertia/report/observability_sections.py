@@ -52,19 +52,7 @@ _DETERMINED = {
 def observability_sections(
     observability: Observability, comparison: Sequence[PosteriorComparison] | None = None
 ) -> list[Section]:
-    """What a campaign tells about each parameter, the answer first.
-
-    Parameters
-    ----------
-    observability : Observability
-        What `observe` returned.
-    comparison : sequence of PosteriorComparison or None
-        With the posterior of the same fit.
-
-    Returns
-    -------
-    list of Section
-    """
+    """What a campaign tells about each parameter, the answer first."""
     warnings = [
         f"{row.name}: {typeset(warning)}" for row in comparison or () for warning in row.warnings
     ]

@@ -32,20 +32,8 @@ def render(
 
     The same posterior always gives the same bytes.
 
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-    sections : sequence of Section, optional
-        What the page consists of, default `standard_sections(posterior)`.
-        Add your own to that list.
-    origin : mapping of str to str, optional
-        What else the head says: date and folder of the data.
-
-    Returns
-    -------
-    str
-        The page.
+    `sections`: what the page consists of, default `standard_sections(posterior)`. Add your own to
+    that list. `origin`: what else the head says: date and folder of the data.
     """
     chosen = standard_sections(posterior) if sections is None else sections
     attributes = posterior.attributes
@@ -67,21 +55,7 @@ def page_facts(
 ) -> dict[str, str]:
     """What the head of a page says of its origin; what is not known is left out.
 
-    Parameters
-    ----------
-    mission : mapping of str to str
-        `[mission]` of campaign.toml.
-    sha256 : str or None
-        Digest of the campaign.
-    version : str
-        Of this package.
-    origin : mapping of str to str, optional
-        Date of the result, and folder of the data.
-
-    Returns
-    -------
-    dict of str to str
-        In reading order.
+    `mission` [mission]. `origin`: date of the result, and folder of the data.
 
     Examples
     --------
@@ -101,19 +75,7 @@ def render_page(
     Only the page's own style sheet and scripts may act on it: a content security policy names
     their hashes.
 
-    Parameters
-    ----------
-    title : str
-        The page's heading.
-    sections : sequence of Section
-        What it consists of.
-    facts : mapping of str to str, optional
-        What the head says of its origin, see `page_facts`.
-
-    Returns
-    -------
-    str
-        The page.
+    `facts`: what the head says of its origin, see `page_facts`.
     """
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
@@ -199,15 +161,9 @@ _TAG = re.compile(r"<[^>]*>")
 def with_column_labels(html: str) -> str:
     """A section's body whose cells carry the heading of their column.
 
-    Parameters
-    ----------
-    html : str
-        With tables: a row of `<th scope="col">`, then rows of one `<th scope="row">` and cells.
-
-    Returns
-    -------
-    str
-        The same with `data-label` at each cell; tables without such headings are left as they are.
+    `html`: with tables: a row of `<th scope="col">`, then rows of one `<th scope="row">` and cells.
+    Returns: the same with `data-label` at each cell; tables without such headings are left as they
+    are.
 
     Examples
     --------

@@ -33,21 +33,7 @@ _BASE_UNITS = ("kg m^2",) * 6 + ("",) * 3
 def design_sections(
     content: Mapping[str, Any], contenders: Sequence[Contender], units: Mapping[str, str]
 ) -> list[Section]:
-    """A designed plan: each parameter's sd now and afterwards, its slews, its limits.
-
-    Parameters
-    ----------
-    content : mapping
-        The content of design.json.
-    contenders : sequence of Contender
-        The plan, and slews like the paper's.
-    units : mapping of str to str
-        {parameter: unit}.
-
-    Returns
-    -------
-    list of Section
-    """
+    """A designed plan: each parameter's sd now and afterwards, its slews, its limits."""
     return [
         _gain_section(content, contenders, units),
         _slews_section(contenders[:1]),
@@ -189,17 +175,7 @@ def _plain_table(
 
 
 def comparison_sections(contenders: Sequence[Contender]) -> list[Section]:
-    """Plans side by side: what they give, what they cost, what they fly.
-
-    Parameters
-    ----------
-    contenders : sequence of Contender
-        One a plan.
-
-    Returns
-    -------
-    list of Section
-    """
+    """Plans side by side: what they give, what they cost, what they fly."""
     return [_sds_section(contenders), _costs_section(contenders), _slews_section(contenders)]
 
 

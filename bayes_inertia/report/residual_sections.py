@@ -38,18 +38,7 @@ _MOST_SLEWS_LISTED = 40
 
 
 def residuals_section(posterior: Posterior) -> Section:
-    """Reduced chi^2 by channel, and by slew with the weight that each slew was given.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    Section
-        Two tables.
-    """
+    """Reduced chi^2 by channel, and by slew with the weight that each slew was given."""
     fit, criteria = posterior.attributes["fit"], criteria_of(posterior.attributes)
     n_data = values_of(posterior, "estimate", "slew_n_data")
     names = values_of(posterior, "estimate", "slew")
@@ -104,18 +93,7 @@ def _channel_row(channel: str, fit: Mapping[str, Any], criteria: Criteria) -> di
 
 
 def telemetry_section(posterior: Posterior) -> Section | None:
-    """Measured against simulated telemetry: residuals to choose, enlarge and read, and pictures.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    Section or None
-        None where nothing was predicted.
-    """
+    """Measured against simulated telemetry: residuals to choose, enlarge and read, and pictures."""
     pictures = [
         *_series_pictures(posterior),
         *_star_tracker_picture(posterior),
@@ -221,15 +199,7 @@ class ResidualChannel:
 def residual_channels(posterior: Posterior) -> list[ResidualChannel]:
     """The residuals of a fit, channel by channel.
 
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    list of ResidualChannel
-        Those that the fit predicted: rates, attitude, wheel momentum.
+    Returns: those that the fit predicted: rates, attitude, wheel momentum.
     """
     channels = []
     # 32-bit floats do not hold seconds from an epoch.
@@ -268,18 +238,8 @@ def explorer_data(
 ) -> dict[str, Any]:
     """Residuals as the page's script wants them.
 
-    Parameters
-    ----------
-    channels : list of ResidualChannel
-        At least one.
-    most_numbers : int
-        About how many residuals to keep at most.
-
-    Returns
-    -------
-    dict
-        To be written into the page as JSON: `channels`, the names of the `slews`, and where to
-        `start`, the channel and the slew whose residuals are largest.
+    Returns: to be written into the page as JSON: `channels`, the names of the `slews`, and where to
+    `start`, the channel and the slew whose residuals are largest.
     """
     share = most_numbers / max(1, sum(channel.size for channel in channels))
     return {

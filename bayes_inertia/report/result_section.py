@@ -29,19 +29,8 @@ def result_sections(
 ) -> list[Section]:
     """The answer, and why: one verdict, J and K, the error of the next slew; then the reasons.
 
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-    diagnosis : mapping or None
-        The content of diagnosis.json.
-    forecast : mapping or None
-        See `draw_correction`. It is not shown of a result that is not to be used.
-
-    Returns
-    -------
-    list of Section
-        The card with at most one picture, and the reasons.
+    `forecast`: see `draw_correction`. It is not shown of a result that is not to be used. Returns:
+    the card with at most one picture, and the reasons.
     """
     summary, bound = posterior.summary(), ""
     verdicts = {"Can it be used?": fit_verdict(summary, n_slews(posterior))}

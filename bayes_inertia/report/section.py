@@ -81,16 +81,6 @@ class Section:
 def packaged(name: str) -> str:
     """Source of a template, style sheet or script of this package.
 
-    Parameters
-    ----------
-    name : str
-        Of the file.
-
-    Returns
-    -------
-    str
-        Its text.
-
     Examples
     --------
     >>> "<table" in packaged("settings.html")
@@ -100,18 +90,7 @@ def packaged(name: str) -> str:
 
 
 def data_uri(picture: Picture) -> str:
-    """The picture as a `data:` address, byte for byte the same every time.
-
-    Parameters
-    ----------
-    picture : Picture
-        What to embed.
-
-    Returns
-    -------
-    str
-        For the `src` of an image.
-    """
+    """The picture as a `data:` address, byte for byte the same every time."""
     content, kind = b"", "image/svg+xml"
     if not picture.dense:
         content = figure_bytes(picture.figure, "svg")

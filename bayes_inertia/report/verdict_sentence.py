@@ -30,17 +30,7 @@ _REFUSED = "Do not use this result as it stands"
 def verdict_sentence(summary: Mapping[str, Any], diagnosis: Mapping[str, Any] | None = None) -> str:
     """The answer of a run in one sentence.
 
-    Parameters
-    ----------
-    summary : mapping
-        The content of summary.json, see `Posterior.summary`.
-    diagnosis : mapping or None
-        The content of diagnosis.json, of a run that has one.
-
-    Returns
-    -------
-    str
-        With a full stop.
+    `diagnosis`: the content of diagnosis.json, of a run that has one.
 
     Examples
     --------
@@ -69,17 +59,8 @@ def with_verdict_sentence(
 ) -> dict[str, Any]:
     """The content of summary.json, the verdict first.
 
-    Parameters
-    ----------
-    summary : mapping
-        See `Posterior.summary`.
-    diagnosis : mapping or None
-        The content of diagnosis.json, of a run that has one.
-
-    Returns
-    -------
-    dict
-        With the key `verdict_sentence` more, after format and campaign.
+    `diagnosis`: the content of diagnosis.json, of a run that has one. Returns: with the key
+    `verdict_sentence` more, after format and campaign.
     """
     first = {key: summary[key] for key in ("format", "campaign") if key in summary}
     return first | {"verdict_sentence": verdict_sentence(summary, diagnosis)} | dict(summary)

@@ -149,36 +149,16 @@ def times_to_seconds(
 ) -> TimeStamps:
     """The stamps of a table on the common scale.
 
-    Parameters
-    ----------
-    table : RawTable
-        The table.
-    names : sequence of str
-        The column of the stamps, or columns that are added: date and time of the day, seconds and
-        nanoseconds, week and seconds of the week, day and milliseconds of the day.
-    kind : str
-        One of `TIME_KINDS`: "s", "ms", "us", "ns", "min", "h", "day" (a clock's own zero); "utc",
-        "tai", "gps", "tt" (texts, calendar or day of year); "gps_s" to "gps_ns", "gps_week",
-        "tai_s" to "tai_ns" (since 1958), "unix_s" to "unix_ns"; "mjd_utc", "jd_utc" and these
-        with tai, tt; "cds" (days of UTC since 1958).
-    units : sequence of str, optional
-        What each column counts, such as "s/65536"; empty: kind and names say it.
-    form : str, optional
-        How dates are written, in directives of `strptime`; "" for the forms that are told.
-    gps_rollovers : int, optional
-        For weeks that are cut to ten bits: how often they began anew, such as 2 from 2019-04-07.
-    first_day : int, optional
-        For "cds": the days from 1958-01-01 to the day that it calls 0.
-
-    Returns
-    -------
-    TimeStamps
-        One for each row.
-
-    Raises
-    ------
-    CampaignError
-        If a stamp is none of this kind, or stamps are too coarse for their own steps.
+    `names`: the column of the stamps, or columns that are added: date and time of the day, seconds
+    and nanoseconds, week and seconds of the week, day and milliseconds of the day. `kind`: one of
+    `TIME_KINDS`: "s", "ms", "us", "ns", "min", "h", "day" (a clock's own zero); "utc", "tai",
+    "gps", "tt" (texts, calendar or day of year); "gps_s" to "gps_ns", "gps_week", "tai_s" to
+    "tai_ns" (since 1958), "unix_s" to "unix_ns"; "mjd_utc", "jd_utc" and these with tai, tt; "cds"
+    (days of UTC since 1958). `units`: what each column counts, such as "s/65536"; empty: kind and
+    names say it. `form`: how dates are written, in directives of `strptime`; "" for the forms that
+    are told. `gps_rollovers`: for weeks that are cut to ten bits: how often they began anew, such
+    as 2 from 2019-04-07. `first_day`: for "cds": the days from 1958-01-01 to the day that it calls
+    0.
 
     Examples
     --------

@@ -15,18 +15,7 @@ _BINS = 20
 
 @style.styled
 def draw_chains(posterior: Posterior) -> Figure:
-    """Trace and rank histogram of the parameter whose ensembles agree least, and log posterior.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    Figure
-        Three panels.
-    """
+    """Trace and rank histogram of the parameter whose ensembles agree least, and log posterior."""
     diagnostics, n = posterior.attributes["diagnostics"], posterior_data.n_ensembles(posterior)
     name = worst_parameter(posterior)
     variable = posterior.tree["posterior"][name]
@@ -54,18 +43,7 @@ def draw_chains(posterior: Posterior) -> Figure:
 
 
 def worst_parameter(posterior: Posterior) -> str:
-    """The parameter whose ensembles' means differ most, in units of its sd.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    str
-        Its name.
-    """
+    """The parameter whose ensembles' means differ most, in units of its sd."""
     n = posterior_data.n_ensembles(posterior)
 
     def distance(name: str) -> float:

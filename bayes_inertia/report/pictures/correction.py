@@ -21,16 +21,8 @@ _ROWS = (
 def draw_correction(forecast: Mapping[str, Any]) -> Figure:
     """Median of the error after a slew and the range of 90 % of the draws, old and new.
 
-    Parameters
-    ----------
-    forecast : mapping
-        `axis`, `angle_deg`, and (5 % quantile, median, 95 % quantile) [rad] of `before` and
-        `after`.
-
-    Returns
-    -------
-    Figure
-        One panel.
+    `forecast`: `axis`, `angle_deg`, and (5 % quantile, median, 95 % quantile) [rad] of `before` and
+    `after`.
     """
     figure, (place,) = style.grid(1.6, 1, 1, left=1.75, right=0.3, top=0.12, bottom=0.5)
     axes = figure.add_axes(place)

@@ -23,16 +23,6 @@ def draw_comparison(contenders: Sequence[Contender]) -> Figure:
 
     Above: sd of every parameter, expected (bar) and achieved in simulated campaigns (mark with
     2 sd of Monte Carlo error). Below: each plan's slews, and the momentum and torque it uses.
-
-    Parameters
-    ----------
-    contenders : sequence of Contender
-        The plans, with their forecasts.
-
-    Returns
-    -------
-    Figure
-        Four panels.
     """
     n, colors = len(contenders), _colors(contenders)
     figure = Figure(figsize=(style.WIDTH, 5.0 + 0.28 * n), layout="constrained")

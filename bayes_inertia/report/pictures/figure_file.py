@@ -127,21 +127,6 @@ def _with_small_images(svg: bytes) -> bytes:
 def write_png(figure: Figure, path: str | Path) -> Path:
     """Write a figure as PNG, atomically.
 
-    Parameters
-    ----------
-    figure : Figure
-        Any matplotlib figure.
-    path : str or Path
-        Of the file; it is replaced where it exists.
-
-    Returns
-    -------
-    Path
-        The path.
-
-    Raises
-    ------
-    OutputError
-        If the file cannot be written.
+    `path`: of the file; it is replaced where it exists.
     """
     return write_atomically(path, figure_bytes(figure, "png"))

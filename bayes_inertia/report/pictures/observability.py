@@ -22,16 +22,6 @@ def draw_observability(observability: Observability) -> Figure:
     Left: sd over prior sd, a mark where it would be were everything else known. Right: by how
     much each group of unknowns widens the sd. Below: when the information on the cross terms
     arrives, in the slews that tell most of them.
-
-    Parameters
-    ----------
-    observability : Observability
-        What `observe` returned.
-
-    Returns
-    -------
-    Figure
-        Two panels above, at most six below.
     """
     shown = [name for name in _PRODUCTS_OF_INERTIA if name in observability.names] or list(
         observability.names

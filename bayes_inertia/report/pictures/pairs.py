@@ -31,20 +31,7 @@ _MOST_UPRIGHT_LABELS = 10  # more labels than this are turned
 
 @style.styled
 def draw_pairs(posterior: Posterior, max_parameters: int = 16) -> Figure:
-    """Lower triangle: density and 90 % ellipse of each pair; diagonal: density; upper: correlation.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-    max_parameters : int
-        Parameters at most: those with the strongest correlations.
-
-    Returns
-    -------
-    Figure
-        One axes.
-    """
+    """Draw density and 90 % ellipse of each pair below, correlation above the diagonal."""
     index = _chosen(posterior.samples, max_parameters)
     draws = posterior.samples[:, index]
     names = [posterior.names[i] for i in index]

@@ -25,16 +25,6 @@ def draw_priors(posterior: Posterior) -> Figure:
 
     Where the data narrow the prior by more than a factor of eight, the panel zooms in on the
     posterior, and a strip above it shows its place (blue mark) inside the prior's +-3 sd range.
-
-    Parameters
-    ----------
-    posterior : Posterior
-        A finished fit.
-
-    Returns
-    -------
-    Figure
-        One panel a parameter.
     """
     summary = posterior.summary()["parameters"]
     names = posterior.names
