@@ -33,7 +33,7 @@ from bayes_inertia.importing.imported_folder import (
 )
 from bayes_inertia.importing.log_reader import read_logs
 from bayes_inertia.importing.logged_stream import MOST_LEFT_OUT, LoggedStream
-from bayes_inertia.importing.mapped_lines import RECORD_FILE
+from bayes_inertia.importing.mapped_lines import BESIDE_RATES, OFFSET_OF, RECORD_FILE
 from bayes_inertia.importing.mapping import parse_mapping, streams_that_hold
 from bayes_inertia.importing.mapping_schema import MappingPart
 from bayes_inertia.importing.rest_noise import RestNoise, rest_noise
@@ -41,6 +41,8 @@ from bayes_inertia.importing.slew_cutting import SlewCut, cut_into_slews
 from bayes_inertia.importing.slew_tables import slew_tables
 from bayes_inertia.progress import Progress, silent
 
+# A known offset that puts this share of the readings into slews is meant.
+_MEANT = 0.998
 _MEASURED = ("rate", "attitude", "wheel_momentum", "wheel_speed")
 
 
@@ -188,35 +190,42 @@ def _refuse_outside(stream: LoggedStream, cut: SlewCut, mapping: MappingPart, la
 
 
 def _saying_beside(logs: Logs, cut: SlewCut) -> dict[str, LoggedStream]:
-    """Streams with a note where many of their readings lie beside all rates."""
-    spans = [(window.start, window.end) for window in cut.windows]
+    """Streams with notes on slews in which they have no reading, and on readings beside rates."""
     rate = logs.streams["rate"]
-    notes = {key: _beside(stream, rate, spans) for key, stream in logs.streams.items()}
+    notes = {
+        key: [*_not_in(stream, cut), *_beside(stream, rate, cut)]
+        for key, stream in logs.streams.items()
+    }
     return {
         key: replace(stream, notes=(*stream.notes, *notes[key]))
         for key, stream in logs.streams.items()
     }
 
 
-def _beside(
-    stream: LoggedStream, rate: LoggedStream, spans: Sequence[tuple[float, float]]
-) -> tuple[str, ...]:
-    """A note if a stream has hardly a reading, or 5 % of them where no rate was logged."""
-    if stream.holds in _MEASURED and len(stream.time) < 2 * len(spans):
-        return (f"readings in all slews: {len(stream.time)}; was it off, or the export cut?",)
+def _not_in(stream: LoggedStream, cut: SlewCut) -> list[str]:
+    """A note on the slews in which a stream has no reading."""
+    lacking = [w.name for w in cut.windows if not len(stream.between(w.start, w.end).time)]
+    return [f"no reading in {', '.join(lacking)}"] if lacking else []
+
+
+def _beside(stream: LoggedStream, rate: LoggedStream, cut: SlewCut) -> list[str]:
+    """A note if more than 5 % of a stream's readings lie where no rate was logged."""
+    spans = [(window.start, window.end) for window in cut.windows]
     start, end = np.array(spans).T[..., None]
     inside = ((stream.time >= start) & (stream.time <= end)).any(axis=0)
     after = np.clip(np.searchsorted(rate.time, stream.time), 1, len(rate.time) - 1)
     away = np.abs(stream.time - rate.time[[after - 1, after]]).min(axis=0)
     count = len(stream.time)
-    beside = int((~inside & (away > 2.0 * (rate.step + stream.step))).sum())
+    beside = int((~inside & (away > 2.0 * rate.step)).sum())
     if beside <= max(1.0, MOST_LEFT_OUT * count):
-        return ()
-    note = f"{beside} of {count} readings lie where no rate was logged and are left out"
+        return []
     known = known_offset(stream.time, spans)
-    if known is not None and known[2] > (1.0 - MOST_LEFT_OUT) * count:
-        note += f"; {known[2]} lie in a slew with {known[0]:+.9g} s in offset_s ({known[1]})"
-    return (note,)
+    if known is None or known[2] < _MEANT * count:
+        return [f"{beside} of {count} readings {BESIDE_RATES} and are left out"]
+    seconds, why, there = known
+    key = OFFSET_OF.format(stream.holds)
+    said = f"{there} lie in a slew with {seconds:+.9g} s in {key} ({why})"
+    return [f"{beside} of {count} readings {BESIDE_RATES} and are left out; {said}"]
 
 
 def _read_back(

@@ -11,6 +11,10 @@ from typing import Any
 RECORD_FILE = "import.json"
 """The record of an import, in the folder of its campaign."""
 
+BESIDE_RATES = "lie where no rate was logged"
+OFFSET_OF = "streams.{}.offset_s"
+"""How the record says that readings lie beside all rates, and which offset explains it."""
+
 _TABLE = re.compile(r"\s*\[\[?\s*([\w-]+)\s*\]\]?\s*(#.*)?$")
 _ENTRY = re.compile(r"""\s*([\w-]+)\s*=\s*(?:["']([^"']*)["'])?""")
 # What else a mapping may call a key.
@@ -49,6 +53,31 @@ def streams_outside(folder: Path) -> dict[str, tuple[int, list[float], list[floa
         }
     except (OSError, ValueError, KeyError, TypeError):
         return {}
+
+
+def streams_beside(folder: Path) -> list[str]:
+    """What an import said of streams that a known offset would put into the slews.
+
+    Parameters
+    ----------
+    folder : Path
+        A campaign folder.
+
+    Returns
+    -------
+    list of str
+        One a stream; empty for a folder that was not imported.
+    """
+    try:
+        streams = _record(folder)["streams"]
+        return [
+            f"{key}: {note}"
+            for key, stream in streams.items()
+            for note in stream["notes"]
+            if BESIDE_RATES in note and OFFSET_OF.format(key) in note
+        ]
+    except (OSError, ValueError, KeyError, TypeError):
+        return []
 
 
 def _record(folder: Path) -> Any:

@@ -79,11 +79,12 @@ def refuse_or_warn(campaign: Path, progress: Progress = silent) -> None:
 
 
 def _left_out(campaign: Path) -> list[str]:
-    """Streams that an import had to leave out of every slew, and the offset that is known."""
+    """Streams that an import left out of slews, in whole or in part, and the offset if known."""
     from bayes_inertia.conventions.clocks import apart_in_words
-    from bayes_inertia.importing.mapped_lines import streams_outside
+    from bayes_inertia.importing.mapped_lines import streams_beside, streams_outside
 
-    said = [
+    said = streams_beside(campaign)
+    said += [
         apart_in_words(key, count, [(np.array(own), np.array(slews))])
         for key, (count, own, slews) in streams_outside(campaign).items()
     ]
