@@ -109,7 +109,7 @@ class FilteredEvidence:
 
     @property
     def _size(self) -> int:
-        return padded_size(self.model.n_slews, 1)
+        return padded_size(self.model.n_slews, 1, often=True)
 
     def _padded(self, rows: AnyArray) -> AnyArray:
         """Numbers of all slews' rows, and of padding that tells nothing."""

@@ -156,7 +156,7 @@ class Evidence:
         roots = prior_roots(model.structure, point.theta, model.data.contexts)
         equations = SlewEquations(*(np.asarray(x, float) for x in numbers))
         # Slews of which no data speak, so that a few numbers of slews share a program.
-        size = padded_size(model.n_slews, 1)
+        size = padded_size(model.n_slews, 1, often=True)
         idle = {k: filled(getattr(equations, k), size, 0) for k in ("matrix", "gradient", "local")}
         frozen = FrozenEvidence(
             equations._replace(**idle),

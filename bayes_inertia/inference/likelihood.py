@@ -27,7 +27,7 @@ from bayes_inertia.physics.packing import Telemetry
 from bayes_inertia.physics.prediction import Prediction, Structure, predict, predict_all
 
 # Sensitivities are taken so many columns at a time.
-_COLUMNS_AT_ONCE = 24
+_COLUMNS_AT_ONCE = 48
 
 
 class Residuals(NamedTuple):

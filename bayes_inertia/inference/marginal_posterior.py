@@ -281,7 +281,7 @@ def _padded_nuisances(marginal: Marginal) -> _Nuisances:
     """With slews added of which no data speak: a few numbers of slews share a program."""
     plain = jax.tree.map(np.asarray, _nuisances(marginal, marginal.data.contexts))
     slews, n_local, _ = plain.ridge_local.shape
-    size = padded_size(slews, 1)
+    size = padded_size(slews, 1, often=True)
     unknowns = N_BIAS + size * n_local
     part = plain.coefficients
     if part is not None:

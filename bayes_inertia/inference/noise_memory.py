@@ -57,12 +57,16 @@ def innovations(rate: Any, memory: Memory) -> Any:
     # Slews, rows and columns in few sizes.
     slews, n, axes = rate.shape[:3]
     columns = rate.reshape(slews, n, axes, -1)
-    size = padded_size(slews, 1), padded_size(n), padded_size(columns.shape[-1], 1)
+    size = (
+        padded_size(slews, 1, often=True),
+        padded_size(n),
+        padded_size(columns.shape[-1], 1, often=True),
+    )
 
     def padded(rows: Any) -> Any:
-        return filled(filled(np.asarray(rows), size[0], 0), size[1])
+        return filled(filled(np.asarray(rows), size[0], 0), padded_size(n))
 
-    new = _innovations(filled(padded(columns), size[2], -1), Memory(*map(padded, memory)))
+    new = _innovations(filled(padded(columns), size[1], -1), Memory(*map(padded, memory)))
     return np.asarray(new)[:slews, :n, :, : columns.shape[-1]].reshape(rate.shape)
 
 

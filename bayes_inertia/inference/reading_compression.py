@@ -197,7 +197,7 @@ def _chosen_rows(structure: Structure, marginal: Marginal, valid: np.ndarray) ->
     basis, size, _ = np.linalg.svd(_functions(structure, marginal, known) * counts, False)
     rank = (size > _NEGLIGIBLE * np.sqrt(r)).sum(axis=-1)
     # Few numbers of rows, for each is another program.
-    q = padded_size(int(rank.max()), 4)
+    q = padded_size(int(rank.max()), 4, often=True)
     if q > _WORTHWHILE * r:
         return None
     chosen = np.zeros((*rank.shape, q), int)

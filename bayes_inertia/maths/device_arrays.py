@@ -9,9 +9,12 @@ from jax import Array
 from bayes_inertia.maths.jax_settings import require_usable_jax
 from bayes_inertia.maths.values import AnyArray
 
-# Of an axis, at least: a slew has some ten star-tracker fixes. Sizes are multiples of three, as the
-# rows of an integration step are.
-_SMALLEST = 12
+# Rows or star-tracker fixes of a slew are padded to so many at least. Sizes are multiples of three,
+# as the rows of an integration step are.
+_SMALLEST = 48
+# Up to here sizes are doubled: compiling (30 s of a fit) costs more than running (5 s). Beyond,
+# there is a size between.
+_RUNS_SOON = 768
 
 
 def on_device(values: AnyArray) -> Array:
@@ -30,24 +33,22 @@ def on_device(values: AnyArray) -> Array:
     return jax.device_put(np.asarray(values))
 
 
-def padded_size(n: int, least: int = _SMALLEST) -> int:
-    """The size that an axis of n numbers is padded to: 12, 18, 24, 36, 48, 72, 96, ...
+def padded_size(n: int, least: int = _SMALLEST, *, often: bool = False) -> int:
+    """The size that an axis of n numbers is padded to, so that other lengths share a program.
 
-    Two sizes an octave: more would be compiled more often than they save (of a fit, compiled code
-    runs for 4 s and is compiled for 30).
-
-    Returns: at least n; less than 1.5 n from `least` on.
+    `often`: whether all sizes have one between them and the next, as from 768 on: what is compiled
+    for the axis costs little. Returns 48, 96, 192, 384, 768, 1152, 1536, 2304, ...
 
     Examples
     --------
-    >>> [padded_size(n) for n in (3, 13, 19, 581, 769)]
-    [12, 18, 24, 768, 1152]
+    >>> [padded_size(n) for n in (3, 49, 511, 581, 769)], padded_size(5, 1, often=True)
+    ([48, 96, 768, 768, 1152], 6)
     """
     octave = least
     while octave < n:
         octave *= 2
     between = 3 * octave // 4
-    return between if least < n <= between else octave
+    return between if least < n <= between and (often or octave > _RUNS_SOON) else octave
 
 
 def repeated(rows: AnyArray, size: int, axis: int = 1) -> AnyArray:

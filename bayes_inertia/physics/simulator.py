@@ -19,6 +19,8 @@ counted per step, not per second, so that steps of zero length are no exception.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -50,6 +52,8 @@ from bayes_inertia.physics.step_drive import (
     value,
 )
 
+# Steps of a block: a look at each takes as long as the step.
+_BLOCK = 16
 # Hooks that make more than the attitude change during a slew.
 MOVING_HOOKS = ("wheel_torque", "body_torque", "initial_state", "internal_momentum")
 # Hooks that decide how the body and its wheels move: all that the simulator calls.
@@ -146,7 +150,7 @@ def attitude_path(
 
         return unit(runge_kutta_6(slope_of, attitude, duration)), attitude
 
-    last, begin = jax.lax.scan(step, first.attitude, (wheels.cubic_B, known.steps.length))
+    last, begin = _over_steps(step, first.attitude, (wheels.cubic_B, known.steps.length))
     states = jax.tree.map(lambda x: jnp.broadcast_to(x, (n, *x.shape)), first.effect_states)
     if known.left_out is None:
         momentum_B = jnp.stack(quaternion.to_body_components(begin, momentum_N), -1)
@@ -224,7 +228,7 @@ def full_path(
         later = runge_kutta_6(lambda s, x: slope_of(s, x, row), state, row.length)
         return later._replace(attitude=unit(later.attitude)), state
 
-    last, begin = jax.lax.scan(step, first, inputs)
+    last, begin = _over_steps(step, first, inputs)
     if known.left_out is None:
         momentum_B = quaternion.to_body_components(begin.attitude, begin.momentum_N)
         rows = jnp.stack(begin.attitude, -1), jnp.stack(momentum_B, -1)
@@ -244,6 +248,22 @@ def full_path(
     rest = _cubics_at_rows(begin, change0, final, change1, known.steps.fraction)
     momentum_B = quaternion.to_body_components([q.reshape(-1) for q in attitude], rest.momentum_N)
     return MotionHistory(_rows(attitude), jnp.stack(momentum_B, -1), rest.wheel, rest.effect_states)
+
+
+def _over_steps(step: Callable[[Any, Any], tuple[Any, Any]], first: Any, inputs: Any) -> Any:
+    """As `jax.lax.scan`, but blocks of padding, whose steps have no length, cost nothing."""
+    length = inputs.length if isinstance(inputs, StepInputs) else inputs[1]
+    size = math.gcd(len(length), _BLOCK)
+    blocks = jax.tree.map(lambda x: x.reshape(-1, size, *x.shape[1:]), (inputs, length))
+
+    def block(state: Any, rows: tuple[Any, Array]) -> tuple[Any, Any]:
+        def stay(x: Any) -> Any:
+            return x, jax.tree.map(lambda y: jnp.broadcast_to(y, (size, *y.shape)), x)
+
+        return jax.lax.cond(rows[1].any(), lambda x: jax.lax.scan(step, x, rows[0]), stay, state)
+
+    last, begin = jax.lax.scan(block, first, blocks)
+    return last, jax.tree.map(lambda x: x.reshape(len(length), *x.shape[2:]), begin)
 
 
 def _cubics_at_rows(begin: Any, change0: Any, final: Any, change1: Any, s: Array) -> Any:
