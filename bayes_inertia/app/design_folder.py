@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 from bayes_inertia.app.design_request import DesignRequest
 from bayes_inertia.app.named_plans import prior_mission
@@ -17,6 +18,7 @@ from bayes_inertia.design.designer import Design, design_plan
 from bayes_inertia.design.goals import parse_goal
 from bayes_inertia.files import write_atomically
 from bayes_inertia.flight.follow_on import following_plan
+from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_file import write_plan
 from bayes_inertia.inference.cleaning import clean_fit
 from bayes_inertia.inference.laplace import Estimate
@@ -72,12 +74,7 @@ def run_design(
     contenders = compare_plans(
         [design.plan, design.reference], mission, limits=design.limits, progress=progress
     )
-    start = {
-        "after": request.after,
-        "start_wheel_momentum_Nms": list(design.plan.wheel_momentum) or [0.0] * len(flown.wheels),
-        "start_wheel_momentum_from": _momentum_source(flown, request),
-    }
-    content = design_json(design, contenders, flown) | start
+    content = design_json(design, contenders, flown) | _start(design.plan, flown, request)
     owner.claim(content)
     _write_flyable_plan(design, folder / "plan.toml")
     write_png(draw_comparison(contenders), folder / "design.png")
@@ -90,6 +87,15 @@ def run_design(
 def _cleaned(flown: Campaign, seed: int) -> Estimate:
     """The fit of a campaign, dirt kept away as `fit` does."""
     return clean_fit(estimate(Model(flown), seed=seed), seed=seed).estimate
+
+
+def _start(plan: Plan, flown: Campaign, request: DesignRequest) -> dict[str, Any]:
+    """Where the plan begins, as it stands in design.json."""
+    return {
+        "after": request.after,
+        "start_wheel_momentum_Nms": list(plan.wheel_momentum) or [0.0] * len(flown.wheels),
+        "start_wheel_momentum_from": _momentum_source(flown, request),
+    }
 
 
 def _momentum_source(campaign: Campaign, request: DesignRequest) -> str:

@@ -24,7 +24,7 @@ class FileError(Exception):
     """What is wrong with a file, in words for its user."""
 
 
-@dataclass
+@dataclass(eq=False)
 class FileArrays:
     """Arrays of a file by path ("/" between groups or structs), their units, and what is closed.
 
