@@ -34,7 +34,7 @@ def run(command: str, campaign: Path, out: Path) -> str:
     """Run a command as a user does, unless its run is there; what it prints."""
     said = out.with_suffix(".txt")
     if not said.is_file():
-        words = [sys.executable, "-m", "bayes_inertia.app.cli", command]
+        words = [sys.executable, "-c", "from bayes_inertia.app.cli import main; main()", command]
         words += [str(campaign), "-o", str(out), "--seed", "1"]
         done = subprocess.run(words, capture_output=True, text=True)
         if done.returncode not in (0, 3):
