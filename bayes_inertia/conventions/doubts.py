@@ -28,6 +28,8 @@ LAWS_IN_WORDS: Mapping[str, str] = {
 _RARITY = 3
 # A wheel that moves less than this share of the one that moves most tells no factor.
 _IDLE = 0.1
+# The farthest that units lie apart.
+_LARGEST_FACTOR = 1e10
 # Factors closer than this share are one, or the whole number that is meant; 60 / (2 pi) is not 10.
 _ONE_FACTOR = 0.03
 
@@ -175,7 +177,10 @@ def factors(misfits: Misfits, reading: Reading) -> Factors | None:
     sense = np.sign((seen * asked).sum((0, 1)))
     busy = np.maximum(both[0] / max(both[0].max(), 1e-300), both[1] / max(both[1].max(), 1e-300))
     with np.errstate(divide="ignore", invalid="ignore"):
-        rough = np.where((busy > _IDLE) & (sense * both[1] != 0.0), sense * both[0] / both[1], 1.0)
+        rough = np.where(busy > _IDLE, sense * both[0] / both[1], 1.0)
+    # Where one of the two stands still but for the last digits there is no factor.
+    size = np.abs(rough)
+    rough = np.where((size > 1.0 / _LARGEST_FACTOR) & (size < _LARGEST_FACTOR), rough, 1.0)
     scaled = replace(reading, torque=np.diag(rough) @ reading.torque)
     fit = misfits.fit(DRIVE, scaled)
     assert fit is not None

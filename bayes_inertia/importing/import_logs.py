@@ -43,6 +43,8 @@ from bayes_inertia.progress import Progress, silent
 
 # A known offset that puts this share of the readings into slews is meant.
 _MEANT = 0.998
+# What units of time lie apart; spans are so alike, and steps of such streams so different.
+_UNITS_APART, _ALIKE, _OTHER_STEPS = (60.0, 3.6e3, 1e3, 6e4, 1e6, 3.6e6, 1e9), 0.03, 10.0
 _MEASURED = ("rate", "attitude", "wheel_momentum", "wheel_speed")
 
 
@@ -120,6 +122,7 @@ def import_logs(
     written = read_logs(files, parsed, label, say)
     say("cutting the log into slews", 0, 0)
     logs = replace(written, streams={key: _once(s) for key, s in written.streams.items()})
+    _refuse_other_unit_of_time(logs, label)
     cut = cut_into_slews(logs, parsed, label)
     for stream in written.streams.values():
         _refuse_outside(stream, cut, parsed, label)
@@ -154,6 +157,28 @@ def _once(stream: LoggedStream) -> LoggedStream:
         return stream
     values = np.where(held.repeats, np.nan, stream.values)
     return replace(stream, values=values).rows(np.isfinite(values).any(axis=1), str(held))
+
+
+def _refuse_other_unit_of_time(logs: Logs, label: str) -> None:
+    """Refuse a stream whose stamps span a unit's ratio less, or more, than those of the others."""
+    several = {key: stream for key, stream in logs.streams.items() if len(stream.time) > 2}
+    spans = {key: float(np.ptp(stream.time)) for key, stream in several.items()}
+    for key, stream in several.items():
+        others = [other for other in several if other != key]
+        if not others:
+            return
+        span = float(np.median([spans[other] for other in others]))
+        step = float(np.median([several[other].step for other in others]))
+        size, steps = (max(x, 1.0 / x) for x in (span / spans[key], step / stream.step))
+        ratio = min(_UNITS_APART, key=lambda unit: abs(size / unit - 1.0))
+        if abs(size / ratio - 1.0) < _ALIKE and steps > _OTHER_STEPS:
+            files = ", ".join(PurePath(file).name for file in stream.files)
+            raise CampaignError(
+                f"the stamps of {files} span {spans[key]:.6g} s, those of the other streams "
+                f"{span:.6g} s: {ratio:g} times as much or as little",
+                where=f"{label}, key streams.{key}.time.kind",
+                advice="a unit of time is wrong, such as s for ms",
+            )
 
 
 def _refuse_outside(stream: LoggedStream, cut: SlewCut, mapping: MappingPart, label: str) -> None:

@@ -170,6 +170,19 @@ def test_a_stream_outside_every_slew_is_told_with_the_offset_that_explains_it(
     assert_teaches(error, ["streams.attitude.offset_s", said, f"offset_s = {-offset:g} ("])
 
 
+@pytest.mark.parametrize("kind", ["us", "s", "min"])
+@pytest.mark.parametrize("holds", ["rate", "attitude"])
+def test_a_stream_in_another_unit_of_time_is_refused(tmp_path, columns, kind, holds):
+    files = [write_csv(tmp_path / name, columns) for name in ("log_a.csv", "other.csv")]
+    stamps = 'time = { names = ["t_ms"], kind = '
+    change = (
+        f'"{holds}"\nfiles = ["log*.csv"]\n{stamps}"ms"',
+        f'"{holds}"\nfiles = ["other.csv"]\n{stamps}"{kind}"',
+    )
+    error = refusal(tmp_path, {}, change, files=files)
+    assert_teaches(error, [f"streams.{holds}.time.kind", "other.csv span", "times as much"])
+
+
 @pytest.mark.parametrize("offset", [37.0, -32.184])
 def test_readings_beside_all_rates_are_counted_and_the_offset_is_named(tmp_path, columns, offset):
     commands = {**columns, "t_ms": columns["t_ms"] + 1e3 * offset}
