@@ -214,6 +214,16 @@ def dirt() -> Iterator[tuple[str, str]]:
     yield "dirt.hidden_wrong", f"{sum(trusted_and_wrong(row) for row in found['hidden'])}"
 
 
+def distortions() -> Iterator[tuple[str, str]]:
+    """Distorted raw logs: trusted, and how far from the truth."""
+    found = rows("import_distortions")
+    off = [row["off"] for row in found if row.get("fit") == "trusted"]
+    yield "distortions.cases", f"{len(found)}"
+    yield "distortions.trusted", f"{len(off)}"
+    yield "distortions.worst", f"{max(off):.1f}"
+    yield "distortions.tracebacks", f"{sum(row['traceback'] for row in found)}"
+
+
 def sampling() -> Iterator[tuple[str, str]]:
     """Effective samples, warm-up included where that is worse for this package."""
     from benchmark_page import sampler_ratios
@@ -344,6 +354,7 @@ GROUPS: tuple[Callable[[], Iterator[tuple[str, str]]], ...] = (
     unexplained,
     conventions,
     dirt,
+    distortions,
     sampling,
     design,
     peers,

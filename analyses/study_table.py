@@ -136,6 +136,13 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
             "{dirt.hidden_wrong} of {dirt.hidden} trusted and wrong: `diagnose` is for that",
             "dirt_study",
         ),
+        (
+            "Raw logs distorted at random: columns, clocks, units, files",
+            "{distortions.trusted} of {distortions.cases} trusted, none further than "
+            "{distortions.worst} quoted sd from the truth; {distortions.tracebacks} tracebacks; the "
+            "others are refused or not trusted, with what to mend",
+            "import_distortions",
+        ),
         ("One campaign in 17 raw formats", "imported numbers agree to 15 digits", "import_formats"),
         ("Another mission's raw logs", "J and K as from the native campaign", "foreign_campaign"),
         (
