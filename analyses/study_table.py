@@ -139,8 +139,8 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
         (
             "Raw logs distorted at random: columns, clocks, units, files",
             "{distortions.trusted} of {distortions.cases} trusted, none further than "
-            "{distortions.worst} quoted sd from the truth; {distortions.tracebacks} tracebacks; the "
-            "others are refused or not trusted, with what to mend",
+            "{distortions.worst} quoted sd from the truth; {distortions.tracebacks} tracebacks; "
+            "the others are refused or not trusted, with what to mend",
             "import_distortions",
         ),
         ("One campaign in 17 raw formats", "imported numbers agree to 15 digits", "import_formats"),
