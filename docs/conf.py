@@ -30,7 +30,7 @@ copyright = f"2026, {author}"
 release = version = bayes_inertia.__version__
 
 root_doc = "docs/index"
-include_patterns = ["docs/**", "analyses/*.md", "analyses/results/*.md", "C*.md"]
+include_patterns = ["docs/**", "analyses/*.md", "analyses/results/*/*.md", "C*.md"]
 exclude_patterns = ["docs/_*", ".*", "build", "dist", "**/__pycache__", "tests", "bayes_inertia"]
 extensions = [
     "myst_nb",

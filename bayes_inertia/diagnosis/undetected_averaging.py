@@ -5,7 +5,8 @@ all the same: its evidence, to first order, says how probable that still is, and
 posterior of its own, which moves J and K and widens them. Averaged over nothing and every single
 candidate, in proportion to evidence and prior odds, the uncertainty of J and K counts what a
 campaign cannot exclude (Hoeting et al. 1999, Bayesian model averaging: a tutorial). Against truth,
-no other uncertainty holds as often as it says at so little width (`analyses/results/quoted_sd.md`).
+no other uncertainty holds as often as it says at so little width
+(`analyses/results/calibration/quoted_sd.md`).
 """
 
 from __future__ import annotations

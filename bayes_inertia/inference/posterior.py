@@ -184,7 +184,7 @@ class Posterior:
 
         Slews that disagree widen the sds of a result that is trusted. One that is not has no sd to
         quote, unless all that fails is that something has no name, and J and K hold what it may
-        have done (`analyses/results/remainder.md`).
+        have done (`analyses/results/calibration/unmodelled_disturbance.md`).
         """
         content = self.attributes
         failed = {gate["name"] for gate in content["gates"] if not gate["passed"]}

@@ -115,7 +115,7 @@ def effects_in_file(path: Path) -> tuple[Effect, ...]:
             "defines no effect",
             where=str(path),
             advice="derive a frozen dataclass from bayes_inertia.Effect; "
-            "analyses/outside_effect.py is an example",
+            "analyses/naming/outside_effect.py is an example",
         )
     return tuple(_instance(getattr(module, n), EffectReference(str(path), n)) for n in names)
 

@@ -8,16 +8,16 @@ from pathlib import Path
 
 import pytest
 
-ANALYSES = Path(__file__).resolve().parents[2] / "analyses"
+ROOT = Path(__file__).resolve().parents[2]
 
 
 @pytest.fixture(scope="module")
 def analysis():
-    """`analysis(name)` imports a script; it and what it imports there are forgotten after."""
+    """`analysis("FOLDER.NAME")` imports a script; all of `analyses` is forgotten after."""
     before = set(sys.modules)
     with pytest.MonkeyPatch.context() as patched:
-        patched.syspath_prepend(str(ANALYSES))
-        yield importlib.import_module
+        patched.syspath_prepend(str(ROOT))
+        yield lambda name: importlib.import_module(f"analyses.{name}")
     for name in set(sys.modules) - before:
-        if str(ANALYSES) in str(getattr(sys.modules[name], "__file__", "")):
+        if name.split(".")[0] == "analyses":
             del sys.modules[name]

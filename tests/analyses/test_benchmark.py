@@ -12,7 +12,7 @@ NAMES = ("evaluation_over_kernel", "ess_per_evaluation")
 @pytest.fixture
 def history(analysis):
     """The module that keeps the table."""
-    return analysis("benchmark_history")
+    return analysis("engine.benchmark_history")
 
 
 def rows_of(history, path: Path, *values: tuple[float, ...]) -> list[dict[str, str]]:
@@ -54,7 +54,9 @@ def test_rows_are_added_and_none_is_lost(history, tmp_path):
 
 
 def test_the_committed_table_holds_the_columns_that_are_measured(history):
-    rows = history.read_history(Path(history.__file__).parent / "results" / "benchmark_history.csv")
+    rows = history.read_history(
+        Path(history.__file__).parents[1] / "results/engine/benchmark_history.csv"
+    )
     assert rows
     assert list(rows[0]) == [*history.HEAD, *(ratio.name for ratio in history.RATIOS)]
     assert history.worse_ratios(rows) == []

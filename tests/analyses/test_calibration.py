@@ -15,18 +15,18 @@ from scipy import stats
 @pytest.fixture(scope="module")
 def calibration(analysis):
     pytest.importorskip("pyarrow")
-    return analysis("calibration")
+    return analysis("calibration.ranks")
 
 
 @pytest.fixture(scope="module")
 def statistics(analysis):
     """Ranks and coverage, which the study's page shows."""
-    return analysis("calibration_statistics")
+    return analysis("calibration.rank_statistics")
 
 
 @pytest.fixture(scope="module")
 def benchmark(analysis):
-    return analysis("benchmark")
+    return analysis("engine.benchmark")
 
 
 def _table(statistics, spread: float, campaigns: int = 300) -> pd.DataFrame:
@@ -92,15 +92,15 @@ def test_a_quick_calibration_writes_its_results_and_goes_on_after_a_kill(
     monkeypatch.setattr(calibration, "studies", lambda: small)
     table = calibration.main(["--campaigns", "4", "--out", str(tmp_path)])
     assert table.campaign.nunique() == 2  # the second study gets half
-    assert np.all(table["rank"].between(0, analysis("calibration_statistics").RANKED))
+    assert np.all(table["rank"].between(0, analysis("calibration.rank_statistics").RANKED))
     # Nine standardised errors of two honest fits: chi^2 with 18 degrees of freedom, were they
     # independent.
     z = (table.truth - table["mean"]) / table.sd
     assert float(z @ z) < stats.chi2.isf(1e-6, 18) * 2.0
     for file in (
         "figures/calibration.png",
-        "analyses/results/calibration.md",
-        "analyses/results/calibration.parquet",
+        "analyses/results/calibration/calibration.md",
+        "analyses/results/calibration/calibration.parquet",
     ):
         assert (tmp_path / file).stat().st_size > 1000
     rows = next((tmp_path / "run_calibration").rglob("rows.jsonl"))
@@ -123,7 +123,7 @@ def test_the_baseline_flies_what_the_package_flies(analysis, benchmark):
 
     campaign, truth = benchmark.the_campaign(benchmark.QUICK, 2026)
     campaign = campaign.subset([1])
-    by_hand = analysis("by_hand").ByHand(campaign, "LSODA", 1e-8, 1e-10)
+    by_hand = analysis("engine.emcee_by_hand").ByHand(campaign, "LSODA", 1e-8, 1e-10)
     J = campaign.inertia.tensor
     start, wheel = by_hand.start(campaign.slews[0], np.ones((1, 3)))
     path = by_hand.fly(
@@ -152,10 +152,10 @@ def test_the_baseline_flies_what_the_package_flies(analysis, benchmark):
 @pytest.mark.slow
 def test_a_quick_benchmark_writes_its_results(benchmark, tmp_path):
     found = benchmark.main(["--quick", "--out", str(tmp_path)])
-    content = json.loads((tmp_path / "analyses/results/benchmark.json").read_text())
+    content = json.loads((tmp_path / "analyses/results/engine/benchmark.json").read_text())
     assert [r["name"] for r in content["results"]] == [r.name for r in found]
     assert (tmp_path / "figures/benchmark.png").stat().st_size > 1000
-    text = (tmp_path / "analyses/results/benchmark.md").read_text()
+    text = (tmp_path / "analyses/results/engine/benchmark.md").read_text()
     assert all(r.name in text for r in found)
     ours = found[0]
     # 24 steps of 4 ensembles with 64 walkers, the first 8 of them warm-up like the starts.
@@ -174,7 +174,7 @@ def test_effective_samples_are_the_smaller_count_of_the_worst_parameter(analysis
     slow[:, 0] = rng.normal(size=8)
     for t in range(1, 4000):
         slow[:, t] = 0.9 * slow[:, t - 1] + np.sqrt(0.19) * rng.normal(size=8)
-    found = analysis("benchmark_samplers").effective_samples(np.stack([white, slow], -1))
+    found = analysis("engine.benchmark_samplers").effective_samples(np.stack([white, slow], -1))
     # An AR(1) process with 0.9 has an autocorrelation time of 19; emcee's and ArviZ's estimates
     # scatter by a tenth.
     assert 0.7 * 32_000 / 19 < found < 1.2 * 32_000 / 19

@@ -18,15 +18,15 @@ NO_RESULT = re.compile(r"3\.12|90 %|99 of 100|88 to 92 %|60°|Exit code 0|, [23]
 
 @pytest.fixture
 def pages(analysis):
-    """`analyses/pages.py`."""
-    return analysis("pages")
+    """`analyses/pages/fill.py`."""
+    return analysis("pages.fill")
 
 
 def test_marked_numbers_are_those_of_the_results(pages):
     values = pages.texts()
     for path in pages.pages():
         text = path.read_text(encoding="utf-8")
-        assert pages.filled(text, values) == text, f"{path}: run python analyses/pages.py"
+        assert pages.filled(text, values) == text, f"{path}: run python -m analyses.pages.fill"
 
 
 def test_a_stale_number_is_seen(pages):

@@ -17,7 +17,7 @@ ANALYSES = Path(__file__).resolve().parents[2] / "analyses"
 def quick(analysis, tmp_path_factory):
     """{name: (result, pictures)} of quick variants, and the folder that they were written to."""
     found = {
-        name: analysis(name).analysis(True)
+        name: analysis(f"paper.{name}").analysis(True)
         for name in (
             "claim_disturbances",
             "claim_torque_error",
@@ -26,7 +26,7 @@ def quick(analysis, tmp_path_factory):
     }
     out = tmp_path_factory.mktemp("paper")
     for result, pictures in found.values():
-        analysis("common").write_result(result, pictures, out)
+        analysis("paper.ferguson").write_result(result, pictures, out)
     return found, out
 
 
@@ -58,9 +58,9 @@ def test_quick_variants_say_what_the_full_ones_say(quick):
 @pytest.mark.slow
 def test_a_figure_drawn_again_has_the_same_bytes(analysis, quick, tmp_path):
     _, out = quick
-    common = analysis("common")
-    again = analysis("claim_misalignment").analysis(True)[1]["claim_misalignment_angle.png"]
-    path = common.save_picture(again, tmp_path / "again.png")
+    ferguson = analysis("paper.ferguson")
+    again = analysis("paper.claim_misalignment").analysis(True)[1]["claim_misalignment_angle.png"]
+    path = ferguson.save_picture(again, tmp_path / "again.png")
     assert path.read_bytes() == (out / "figures" / "claim_misalignment_angle.png").read_bytes()
     assert b"tIME" not in path.read_bytes()
 
@@ -69,14 +69,14 @@ def test_a_figure_drawn_again_has_the_same_bytes(analysis, quick, tmp_path):
 @pytest.mark.slow
 def test_the_page_names_every_analysis_and_figure_and_is_idempotent(analysis, quick):
     _, out = quick
-    common = analysis("common")
+    ferguson = analysis("paper.ferguson")
     page = out / "analyses" / "PAPER.md"
     text = page.read_text()
-    common.write_page(out)
+    ferguson.write_page(out)
     assert page.read_text() == text
-    for path in sorted((out / "analyses" / "results").glob("*.json")):
+    for path in sorted((out / "analyses" / "results").glob("paper/*.json")):
         result = json.loads(path.read_text())
-        assert f"python analyses/{result['name']}.py" in text
+        assert f"python -m analyses.paper.{result['name']}" in text
         assert all(
             (out / "figures" / file).is_file() and f"../figures/{file}" in text
             for file, _ in result["figures"]
@@ -84,14 +84,15 @@ def test_the_page_names_every_analysis_and_figure_and_is_idempotent(analysis, qu
 
 
 def test_committed_page_is_what_the_committed_results_say(analysis, tmp_path):
-    common = analysis("common")
-    (tmp_path / "analyses" / "results").mkdir(parents=True)
-    for name in common.ANALYSES:
-        text = (ANALYSES / "results" / f"{name}.json").read_text()
-        (tmp_path / "analyses" / "results" / f"{name}.json").write_text(text)
+    ferguson = analysis("paper.ferguson")
+    folder = Path("analyses", "results", "paper")
+    (tmp_path / folder).mkdir(parents=True)
+    for name in ferguson.ANALYSES:
+        text = (ANALYSES.parent / folder / f"{name}.json").read_text()
+        (tmp_path / folder / f"{name}.json").write_text(text)
         for file, _ in json.loads(text)["figures"]:
             assert (ANALYSES.parent / "figures" / file).is_file()
-    assert common.write_page(tmp_path).read_text() == (ANALYSES / "PAPER.md").read_text()
+    assert ferguson.write_page(tmp_path).read_text() == (ANALYSES / "PAPER.md").read_text()
 
 
 @pytest.mark.long
@@ -100,18 +101,18 @@ def test_scatter_is_what_repeated_campaigns_show(analysis):
     """Errors of ten campaigns at 50 times our noise, whitened by the predicted scatter, are
     standard normal.
     """
-    common = analysis("common")
+    ferguson = analysis("paper.ferguson")
     from bayes_inertia.flight.plan import paper_like_plan
     from bayes_inertia.inference.optimizer import estimate
     from bayes_inertia.physics.forward_model import Model
 
-    truth, initial = common.SIMULATION.truth, common.SIMULATION.initial
-    quiet = common.flown(paper_like_plan(), common.spacecraft_of(truth), seed=1)
-    s = common.scatter(estimate(Model(quiet.campaign), starts=1), initial - truth, (50.0,) * 3)
+    truth, initial = ferguson.SIMULATION.truth, ferguson.SIMULATION.initial
+    quiet = ferguson.flown(paper_like_plan(), ferguson.spacecraft_of(truth), seed=1)
+    s = ferguson.scatter(estimate(Model(quiet.campaign), starts=1), initial - truth, (50.0,) * 3)
     white = np.linalg.inv(np.linalg.cholesky(s.covariance))
     n, chi2 = 10, 0.0
     for seed in range(n):
-        flight = common.flown(paper_like_plan(), common.spacecraft_of(truth, 50.0), seed=seed)
+        flight = ferguson.flown(paper_like_plan(), ferguson.spacecraft_of(truth, 50.0), seed=seed)
         error = white @ (
             estimate(Model(flight.campaign), starts=1, discount=False).theta - truth - s.mean
         )

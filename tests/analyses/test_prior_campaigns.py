@@ -14,7 +14,7 @@ MEMBERS, DRAWS = 25, 4000
 @pytest.fixture
 def module(analysis):
     """`prior_campaigns.py`."""
-    return analysis("prior_campaigns")
+    return analysis("naming.prior_campaigns")
 
 
 def shares_of_sets():

@@ -14,7 +14,7 @@ ERROR = 4.0 * np.sqrt(0.25 / 20_000 * 2.0)
 @pytest.fixture
 def ideal(analysis):
     """`random_power.py`."""
-    return analysis("random_power")
+    return analysis("naming.ideal_power")
 
 
 def closed_form(count, size):

@@ -9,7 +9,7 @@ import pytest
 @pytest.fixture
 def module(analysis):
     """`reliability.py`."""
-    return analysis("reliability")
+    return analysis("calibration.reliability")
 
 
 def _campaigns(module, too_sure: float):

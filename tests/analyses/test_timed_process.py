@@ -13,18 +13,20 @@ import pytest
     ],
 )
 def test_waiting_is_no_work(analysis, code, is_busy):
-    timed = analysis("timed_process").timed_process([code])
+    timed = analysis("engine.timed_process").timed_process([code])
     assert timed.clock_seconds >= 0.5
     assert (timed.processor_seconds >= 0.5) is is_busy
 
 
 def test_what_a_failed_process_says_is_kept(analysis):
-    timed = analysis("timed_process").timed_process(["import sys; sys.exit(sys.argv[1])", "why"])
+    timed = analysis("engine.timed_process").timed_process(
+        ["import sys; sys.exit(sys.argv[1])", "why"]
+    )
     assert (timed.exit_code, timed.message) == (1, "why\n")
 
 
 def test_a_process_has_the_environment_it_is_given(analysis):
     code = "import os, sys; sys.exit(int(os.environ.get('CODE', 0)))"
-    timed_process = analysis("timed_process").timed_process
+    timed_process = analysis("engine.timed_process").timed_process
     assert timed_process([code], {"CODE": "7"}).exit_code == 7
     assert timed_process([code], {}).exit_code == 0

@@ -35,7 +35,7 @@ def test_no_slew_is_proposed_that_the_wheels_cannot_fly():
 def test_separating_slew_starts_from_what_the_fingerprints_say(craft, prior):
     """Without tachometers friction and a constant torque look alike.
 
-    `analyses/design_study.py` flies what is proposed.
+    `analyses/design/designed_plans.py` flies what is proposed.
     """
     deaf = replace(craft, wheels=tuple(replace(w, momentum_sigma=None) for w in craft.wheels))
     names = ("wheel_friction", "constant_torque")

@@ -90,6 +90,9 @@ def fault_of(words: list[str]) -> str:
     if program == "make":
         targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
         return "" if set(words[1:]) <= set(targets) else f"no such target: {words[1:]}"
+    module = words[2] if words[1:2] == ["-m"] else ""
+    if module.startswith("analyses") and not (ROOT / f"{module.replace('.', '/')}.py").is_file():
+        return f"no such module: {module}"
     if program != "bayes-inertia":
         files = [word for word in words[1:] if word.endswith((".py", ".yaml"))]
         missing = [file for file in files if not (ROOT / file).is_file()]
@@ -121,7 +124,7 @@ def test_commands_parse(block):
         "bayes-inertia fit CAMPAIGN -o RUN --drive commands",
         "bayes-inertia fit CAMPAIGN -o RUN --effect rate_bias",
         "make tests",
-        "python analyses/no_such_file.py",
+        "python -m analyses.no_such_module",
         "rm -rf /",
     ],
 )

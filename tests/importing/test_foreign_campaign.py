@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import json
-import sys
 import tomllib
 from pathlib import Path
 
@@ -18,20 +17,18 @@ from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.importing.import_logs import import_logs
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
-ANALYSES = Path(__file__).parents[2] / "analyses"
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory):
     """The example campaign as raw logs, by how the star tracker writes."""
-    sys.path.insert(0, str(ANALYSES))
-    try:
-        write_foreign_logs = importlib.import_module("foreign_logs").write_foreign_logs
-    finally:
-        sys.path.remove(str(ANALYSES))
+    with pytest.MonkeyPatch.context() as patched:
+        patched.syspath_prepend(str(ROOT))
+        write = importlib.import_module("analyses.imports.foreign_logs").write_foreign_logs
     campaign = read_campaign(EXAMPLE)
     return {
-        tracker: write_foreign_logs(campaign, tmp_path_factory.mktemp(tracker), tracker=tracker)
+        tracker: write(campaign, tmp_path_factory.mktemp(tracker), tracker=tracker)
         for tracker in ("aem", "csv")
     }
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,7 +13,7 @@ import bayes_inertia
 from bayes_inertia.campaign.reader import read_campaign
 
 EXAMPLE = Path(bayes_inertia.__file__).parent / "example"
-ANALYSES = Path(__file__).parents[2] / "analyses"
+ROOT = Path(__file__).parents[2]
 # Relative to the largest reading of a channel: 42 prints six decimals.
 ALLOWED = {"text of NASA 42": 1e-5}
 # One of each kind of file; the others take two seconds each, and their readers have own tests.
@@ -35,17 +34,9 @@ def two_slews():
 
 @pytest.fixture(scope="module")
 def script():
-    sys.path.insert(0, str(ANALYSES))
-    try:
-        spec = importlib.util.spec_from_file_location(
-            "import_formats", ANALYSES / "import_formats.py"
-        )
-        module = importlib.util.module_from_spec(spec)
-        sys.modules["import_formats"] = module  # dataclasses look their module up
-        spec.loader.exec_module(module)
-        yield module
-    finally:
-        sys.path.remove(str(ANALYSES))
+    with pytest.MonkeyPatch.context() as patched:
+        patched.syspath_prepend(str(ROOT))
+        yield importlib.import_module("analyses.imports.formats")
 
 
 NAMES = [

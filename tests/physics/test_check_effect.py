@@ -240,7 +240,7 @@ def test_the_good_effect_that_the_broken_ones_derive_from_passes(campaign):
 @pytest.mark.long
 @pytest.mark.slow
 def test_an_outsider_s_effect_needs_one_file(capsys):
-    path = Path(__file__).resolve().parents[2] / "analyses" / "outside_effect.py"
+    path = Path(__file__).resolve().parents[2] / "analyses/naming/outside_effect.py"
     spec = importlib.util.spec_from_file_location("outside_effect", path)
     module = importlib.util.module_from_spec(spec)
     sys.modules["outside_effect"] = module

@@ -23,7 +23,9 @@ def page_of(template: str, **context) -> str:
 
 
 def test_what_is_said_of_stated_probabilities_is_what_was_measured():
-    measured = (Path(__file__).parents[2] / "analyses/results/reliability.md").read_text()
+    measured = (
+        Path(__file__).parents[2] / "analyses/results/calibration/reliability.md"
+    ).read_text()
     said = page_of("answers.html", rows=[], shown=0)
     campaigns = re.findall(r"\(([\d,]+) campaigns\)", said)
     assert [f"{int(n.replace(',', ''))} campaigns" in measured for n in campaigns] == [True, True]

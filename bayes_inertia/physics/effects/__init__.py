@@ -1,7 +1,8 @@
 """The effect library: one small file per effect, and the tuple of those tried by default.
 
 The membership of `LIBRARY` decides how many comparisons a diagnosis makes. An effect of your own
-belongs in a file of your own: hand an instance to `Model` (see `analyses/outside_effect.py`).
+belongs in a file of your own: hand an instance to `Model` (see
+`analyses/naming/outside_effect.py`).
 """
 
 from __future__ import annotations

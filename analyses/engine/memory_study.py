@@ -1,0 +1,224 @@
+"""Does memory stay flat, fit after fit and diagnosis after diagnosis, in one process?
+
+    python -m analyses.engine.memory_study [--fits 500] [--diagnoses 200] [--slews 50]
+        [--steps 2304]
+
+Each fit and each diagnosis is of another small simulated campaign: three spacecraft with other
+slews and rows, so that shapes recur as they do in a fleet. Each series runs in a process of its
+own, and so does one fit of many slews at 10 Hz, of which the peak counts, and one posterior with
+as many draws as a fit takes at most (drawn around the estimate instead of sampled: what is held and
+written is the same). The memory of a process
+is what is resident (Linux: RSS), after each tenth of its tasks. It writes
+results/engine/memory.json and memory.md; a series of length 0 keeps what was measured before.
+A fit takes 3 s of processor time, a diagnosis 10 s, the large fit two minutes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import resource
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from time import process_time
+
+import numpy as np
+import psutil
+
+from analyses import results_of
+from bayes_inertia.app.fit_campaign import fit
+from bayes_inertia.app.investigation import investigate
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.files import write_atomically
+from bayes_inertia.flight.mission import most_like_mission
+from bayes_inertia.flight.plan import Plan, PlannedSlew, paper_like_plan
+from bayes_inertia.flight.planned_telemetry import planned_campaign
+from bayes_inertia.flight.simulated_campaigns import draw_flight
+from bayes_inertia.inference import optimizer
+from bayes_inertia.inference.convergence import diagnose_chains
+from bayes_inertia.inference.fit_context import FitContext
+from bayes_inertia.inference.posterior_groups import build_posterior
+from bayes_inertia.inference.sampler import Chains
+from bayes_inertia.inference.settings import Settings
+from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.version import __version__
+
+RESULTS = results_of(__file__)
+SHORT = Settings(ensembles=2, walkers=64, steps=24, max_steps=24, threads=1)
+# As many ensembles as usual, by which telemetry-sized groups of the posterior are counted. The
+# draws of a usual chain are 3 MB.
+LARGE = replace(SHORT, ensembles=4)
+MEBIBYTE = 2**20
+_SMALL_PERIOD, _LARGE_PERIOD = 1.0, 0.1  # [s] between rows.
+_POINTS = 10  # of a series.
+KINDS = ("fits", "diagnoses", "slews", "steps")
+
+
+def small_plans() -> tuple[Plan, ...]:
+    """Three plans of other shapes: slews, rows and fixes."""
+    axes = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.3, 1.0), (1.0, 1.0, 1.0))
+    slews = tuple(PlannedSlew(axis, 0.6 + 0.1 * k) for k, axis in enumerate(axes))
+    base = replace(paper_like_plan(), telemetry_period=_SMALL_PERIOD)
+    return tuple(replace(base, slews=slews[:n]) for n in (2, 3, 4))
+
+
+def large_plan(slews: int) -> Plan:
+    """A plan of so many slews at 10 Hz about all axes."""
+    axes = np.random.default_rng(0).normal(size=(slews, 3))
+    planned = tuple(PlannedSlew(tuple(axis.tolist()), 0.6) for axis in axes)
+    return replace(paper_like_plan(), slews=planned, telemetry_period=_LARGE_PERIOD)
+
+
+def flown(plan: Plan, seed: int) -> Campaign:
+    """A campaign of another spacecraft."""
+    return draw_flight(planned_campaign(plan, most_like_mission()), plan, seed).campaign
+
+
+def resident() -> int:
+    """What this process holds [bytes]."""
+    return psutil.Process().memory_info().rss
+
+
+def series(kind: str, count: int) -> dict:
+    """The memory of this process while it does so many tasks of a kind."""
+    plans, began = small_plans(), process_time()
+    points = [(0, resident() // MEBIBYTE)]
+    for k in range(count):
+        campaign = flown(plans[k % len(plans)], k)
+        if kind == "fits":
+            fit(campaign, settings=replace(SHORT, seed=k))
+        else:
+            investigate(campaign, seed=k)
+        if (k + 1) % max(1, count // _POINTS) == 0:
+            points.append((k + 1, resident() // MEBIBYTE))
+            print(kind, *points[-1], file=sys.stderr, flush=True)
+    return {"count": count, "points": points, "seconds": round(process_time() - began)}
+
+
+def peak_of_large_fit(slews: int) -> dict:
+    """The peak of this process over one fit of many slews at 10 Hz, its file included."""
+    began = process_time()
+    campaign = flown(large_plan(slews), 0)
+    posterior = fit(campaign, settings=LARGE)
+    with TemporaryDirectory() as folder:
+        file = posterior.save(Path(folder) / "posterior.nc").stat().st_size
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    return {
+        "count": slews,
+        "rows": sum(len(s.time) for s in campaign.slews),
+        "peak": peak // MEBIBYTE,
+        "file": file // MEBIBYTE,
+        "seconds": round(process_time() - began),
+    }
+
+
+def peak_of_many_draws(steps: int) -> dict:
+    """The peak of this process over a posterior of so many steps of the usual ensembles."""
+    began, usual = process_time(), Settings()
+    estimate = optimizer.estimate(Model(flown(small_plans()[1], 0)))
+    before = resident()
+    shape = (usual.ensembles, usual.walkers, steps)
+    rng = np.random.default_rng(0)
+    samples = rng.multivariate_normal(estimate.theta, estimate.covariance, size=shape)
+    told = diagnose_chains(
+        samples,
+        tau=1.0,
+        evaluations=samples[..., 0].size,
+        seconds=1.0,
+        acceptance=1.0,
+        discarded=0,
+    )
+    posterior = build_posterior(estimate, Chains(samples, rng.random(shape), told), FitContext(), 0)
+    with TemporaryDirectory() as folder:
+        file = posterior.save(Path(folder) / "posterior.nc").stat().st_size
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+    return {
+        "count": steps,
+        "draws": samples[..., 0].size,
+        "peak": peak // MEBIBYTE,
+        "before": before // MEBIBYTE,
+        "file": file // MEBIBYTE,
+        "seconds": round(process_time() - began),
+    }
+
+
+def page(results: dict) -> str:
+    """What was measured, as a page."""
+    options = " ".join(f"--{kind} {done['count']}" for kind, done in results.items())
+    command = f"`python -m analyses.engine.memory_study {options}`"
+    lines = ["# Memory of one process", "", f"Version {__version__}; {command}.", ""]
+    for kind in ("fits", "diagnoses"):
+        if kind not in results:
+            continue
+        points = results[kind]["points"]
+        later = [size for _, size in points[len(points) // 2 :]]
+        lines += [
+            f"## {results[kind]['count']} {kind} in one process",
+            "",
+            "Each of another spacecraft; three shapes of campaigns take turns.",
+            "",
+            "| after | resident [MiB] |",
+            "|---:|---:|",
+            *(f"| {count} | {size} |" for count, size in points),
+            "",
+            f"Over the second half it stays between {min(later)} and {max(later)} MiB. "
+            f"Processor time: {results[kind]['seconds']} s.",
+            "",
+        ]
+    if "slews" in results:
+        large = results["slews"]
+        lines += [
+            f"## One fit of {large['count']} slews at 10 Hz",
+            "",
+            f"{large['rows']} rows, four ensembles of {LARGE.steps} steps. The process' peak, "
+            f"writing posterior.nc ({large['file']} MiB) included: {large['peak']} MiB. "
+            f"Processor time: {large['seconds']} s.",
+            "",
+        ]
+    if "steps" in results:
+        many = results["steps"]
+        lines += [
+            "## As many draws as a fit takes at most",
+            "",
+            f"{many['draws']:,} draws of nine parameters ({many['count']} steps of the usual "
+            f"ensembles; a usual fit takes 45). The process' peak, convergence and writing "
+            f"posterior.nc ({many['file']} MiB) included: {many['peak']} MiB, of which "
+            f"{many['before']} MiB were there before the draws. So draws are held in memory; "
+            "streaming them would gain the difference at most.",
+            "",
+        ]
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Run what is asked for, each series in a process of its own, and write the page."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--fits", type=int, default=500)
+    parser.add_argument("--diagnoses", type=int, default=200)
+    parser.add_argument("--slews", type=int, default=50)
+    parser.add_argument("--steps", type=int, default=Settings().max_steps)
+    parser.add_argument("--only", choices=KINDS, help=argparse.SUPPRESS)
+    parser.add_argument("--out", type=Path, default=RESULTS)
+    given = parser.parse_args()
+    if given.only:
+        count = getattr(given, given.only)
+        peaks = {"slews": peak_of_large_fit, "steps": peak_of_many_draws}
+        done = peaks[given.only](count) if given.only in peaks else series(given.only, count)
+        print(json.dumps(done))
+        return
+    file = given.out / "memory.json"
+    results = json.loads(file.read_text()) if file.exists() else {}
+    for kind in KINDS:
+        if count := getattr(given, kind):
+            command = [sys.executable, "-m", __spec__.name, "--only", kind, f"--{kind}", str(count)]
+            done = subprocess.run(command, stdout=subprocess.PIPE, check=True)
+            results[kind] = json.loads(done.stdout)
+            write_atomically(file, json.dumps(results, indent=1) + "\n")
+    write_atomically(given.out / "memory.md", page(results))
+
+
+if __name__ == "__main__":
+    main()
