@@ -158,7 +158,7 @@ def other_ratios(parts: Sequence[str]) -> dict[str, float]:
     if set(parts) == {"samplers"}:
         return ratios
     # Only here: the kernel needs numba, the throughput dask.
-    import benchmark_parts
+    from analyses.engine import benchmark_parts
 
     if "evaluation" in parts:
         with one_core():

@@ -57,10 +57,10 @@ def test_every_kind_changes_the_campaign_leaves_its_input_and_is_seeded(dirt, ra
 
 def test_hidden_effects_are_drawn_for_as_many_wheels_as_a_spacecraft_has(analysis):
     draws = analysis("naming.fixed_shape_campaigns")
-    spacecraft = analysis("data_quality.campaigns")
+    flights = analysis("data_quality.campaigns")
     for spacecraft, wheels in (("three_wheels", 3), ("four_wheels", 4)):
-        campaign = spacecraft.template(spacecraft)
-        for effect in by_name(spacecraft.HIDDEN):
+        campaign = flights.template(spacecraft)
+        for effect in by_name(flights.HIDDEN):
             along = draws.direction(effect, np.random.default_rng(1), campaign)
             step = draws.unit_step(effect, along, campaign)
             assert np.count_nonzero(step) == draws.degrees_of_freedom(effect, campaign)
