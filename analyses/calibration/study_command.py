@@ -22,8 +22,9 @@ from analyses import results_of
 from bayes_inertia.app.calibration_folder import calibration_json, run_calibration
 from bayes_inertia.files import write_atomically
 from bayes_inertia.maths.values import json_ready
-from bayes_inertia.studies.calibration import RANKED, Pipeline
+from bayes_inertia.studies.calibration import Pipeline
 from bayes_inertia.studies.engine import Execution
+from bayes_inertia.studies.limits import LIMITS as STUDIES_LIMITS
 
 RESULTS = results_of(__file__) / "calibration_study.json"
 # Wrong pipelines see the case in which the prior counts most.
@@ -60,7 +61,8 @@ def page(right: Mapping[str, Any], wrong: Mapping[str, Mapping[str, Any]]) -> st
         "",
         "Made by `python -m analyses.calibration.study_command`, which runs `bayes-inertia study "
         "calibration`: J, K, bias and effects drawn from the prior, slews flown in",
-        f"closed loop, fitted, and the truth ranked among {RANKED} draws of the posterior: J, K, "
+        "closed loop, fitted, and the truth ranked among "
+        f"{STUDIES_LIMITS.ranked_draws} draws of the posterior: J, K, "
         "principal moments, the correction slew, the log posterior.",
         "",
         f"**{right['fits']} fits: {right['verdict']}.** Ranks are rejected at p < "

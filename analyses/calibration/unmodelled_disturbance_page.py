@@ -69,7 +69,7 @@ def _lines(rows: Sequence[dict]) -> list[str]:
     hidden = [row for row in rows if row["kind"] != "clean"]
     seconds = np.array([row["seconds"] for row in rows])
     return [
-        "# J and K when something without a name is missing",
+        "# J and K when an unmodelled disturbance is missing",
         "",
         "Made by `python -m analyses.calibration.unmodelled_disturbance`. Five slews of "
         "another simulator with a",

@@ -28,7 +28,7 @@ _TOGETHER = {"pair": ("two", 90), "triple": ("three", 75)}
 # Distance of a truth from its prior at which the verdict must speak of it [prior sd]: what
 # a diagnosis takes for the prior follows the rates of its campaign.
 _CLEARLY_BEYOND = 6.0
-_OTHER = "other name"  # of an effect without a fixed shape
+_OTHER = "other name"  # of a stochastic effect
 ENDS = ("one of several", "nothing found", "unknown")
 WHERE = {True: "with tachometers", False: "without tachometers"}
 
@@ -230,7 +230,7 @@ def outside_lines(rows: pd.DataFrame, where: str) -> list[str]:
     unknown = outside.apply(nameless, axis=1)
     lines = [
         f"| effects outside the library, {where}: "
-        "unknown, or a shape without a name in the set | at least 90 % | "
+        "unknown, or an unmodelled disturbance in the set | at least 90 % | "
         f"{share(unknown.sum(), len(outside))} |"
     ]
     for name in OUTSIDE:
@@ -299,7 +299,7 @@ def write_page(path: Path, rows: pd.DataFrame) -> None:
         "All rows are "
         "of version 0.4: those of one effect at ideal power 0.99 from number 15 on with and from "
         "number 8 on without tachometers are of its last states, the others of earlier ones.",
-        "Some are few: read the intervals. Effects without a fixed shape: [naming.md](naming.md).",
+        "Some are few: read the intervals. Stochastic effects: [naming.md](naming.md).",
         "The ideal test knows a flexible mode's frequency; the diagnosis has to find it. "
         "Where nothing is found a hidden effect is still there, and moves",
         "J and K: every diagnosis says by how much at most (`could_hide`).",

@@ -3,7 +3,7 @@
     python -m analyses.naming.null_distribution --count 150 [--without-tachometers]
 
 Clean campaigns, each of another spacecraft with its own slews and noise. At the fit with nothing
-added every effect without a fixed shape is weighed. The p-value of the largest Bayes factor B is
+added every stochastic effect is weighed. The p-value of the largest Bayes factor B is
 simulated (`diagnosis.random_significance`); beside it stands the bound by Markov's inequality, 1/B.
 Rows in results/naming/random_null.jsonl are kept: what is there is not computed again. Five
 seconds of processor time a campaign.
@@ -54,7 +54,7 @@ def page(rows: list[dict]) -> str:
         "",
         "Made by `python -m analyses.naming.null_distribution`. Clean campaigns of another "
         "spacecraft each; the "
-        "largest Bayes factor B of all effects without a fixed shape. Its p-value is simulated for "
+        "largest Bayes factor B of all stochastic effects. Its p-value is simulated for "
         "each campaign. If that is right, a share p of the campaigns is below p. Markov's "
         "inequality bounds it by 1/B. Ranges: 95 %, exact binomial.",
         "",

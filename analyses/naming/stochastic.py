@@ -5,7 +5,7 @@
     python -m analyses.naming.stochastic --page
 
 Campaigns of another simulator (`second_simulator.py`), each with its own J, K, bias, slews and
-noise. `random`: every effect without a fixed shape, as large as an ideal test finds in 99 % of such
+noise. `random`: every stochastic effect, as large as an ideal test finds in 99 % of such
 campaigns (`--power`), or so many times as large. `outside`: disturbances from outside the library.
 `clean`: nothing hidden; `stated`: noise that wanders as the campaign says. `beside`: an effect of a
 fixed shape in such noise, with outliers, flown by the package's own simulator. `prior`: whatever

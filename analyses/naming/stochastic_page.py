@@ -162,7 +162,7 @@ def _of_outside(title: str, rows: Sequence[dict]) -> list[tuple[str, str]]:
     unknown = _n(rows, lambda row: row["verdict"] == "unknown")
     return [
         (f"{title}: unknown", share(unknown, len(rows))),
-        ("... or a set with a shape without a name", share(_n(rows, nameless), len(rows))),
+        ("... or a set with an unmodelled disturbance", share(_n(rows, nameless), len(rows))),
         ("... nothing found", share(_n(rows, lambda r: r["verdict"] == "consistent"), len(rows))),
     ]
 

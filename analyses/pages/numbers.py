@@ -147,7 +147,7 @@ def naming() -> Iterator[tuple[str, str]]:
 
 
 def naming_random() -> Iterator[tuple[str, str]]:
-    """Effects without a fixed shape, and disturbances outside the library."""
+    """Stochastic effects, and disturbances outside the library."""
     found = [row for row in rows("naming_*") if row["kind"] != "prior" and "error" not in row]
     for half, name in ((True, "tacho"), (False, "no_tacho")):
         some = [row for row in found if row["tachometers"] is half]
@@ -183,7 +183,7 @@ def probabilities() -> Iterator[tuple[str, str]]:
 
 
 def unexplained() -> Iterator[tuple[str, str]]:
-    """J and K where something without a name is missing."""
+    """J and K where an unmodelled disturbance is missing."""
     shares = coverage_of(rows("unmodelled_disturbance"))
     yield (
         "remainder.campaigns",

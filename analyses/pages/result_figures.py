@@ -155,7 +155,7 @@ def naming() -> Figure:
 
 @style.styled
 def unexplained() -> Figure:
-    """Coverage where something without a name is missing."""
+    """Coverage where an unmodelled disturbance is missing."""
     shares = coverage_of(rows("unmodelled_disturbance"))
     figure, axes = _panel()
     axes.axvline(90, color=style.MUTED, lw=0.8, ls="--")

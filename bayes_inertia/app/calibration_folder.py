@@ -16,7 +16,6 @@ from bayes_inertia.report.pictures.calibration import RankCurves, draw_calibrati
 from bayes_inertia.report.pictures.figure_file import write_png
 from bayes_inertia.studies.calibration import (
     QUANTITIES,
-    RANKED,
     Calibration,
     CaseCalibration,
     Pipeline,
@@ -25,6 +24,7 @@ from bayes_inertia.studies.calibration import (
     cases_named,
 )
 from bayes_inertia.studies.engine import Execution
+from bayes_inertia.studies.limits import LIMITS as STUDIES_LIMITS
 from bayes_inertia.studies.rank_statistics import ecdf_band
 
 FORMAT = "bayes-inertia-calibration/1"
@@ -72,7 +72,7 @@ def calibration_picture(calibration: Calibration):
         RankCurves(
             f"{case.name}, {len(case.ranks)} fits",
             case.departures,
-            ecdf_band(len(case.ranks), RANKED, level),
+            ecdf_band(len(case.ranks), STUDIES_LIMITS.ranked_draws, level),
             len(case.ranks),
         )
         for case in calibration.cases

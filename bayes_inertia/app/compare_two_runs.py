@@ -64,6 +64,6 @@ def _asked_for(folder: Path) -> dict[str, str]:
     run = read_run(folder)
     return {
         "command": run.kind,
-        "telemetry and noise": "as stated" if run.as_stated else "checked for dirt",
+        "telemetry and noise": "as stated" if run.as_stated else "checked for faults",
         "noise model": run.noise.in_words() or "Gaussian, as stated",
     }

@@ -21,6 +21,7 @@ from glob import escape
 from pathlib import Path
 from time import time
 
+from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import say
 from bayes_inertia.errors import OutputError
 from bayes_inertia.version import __version__
@@ -30,11 +31,6 @@ VARIABLE = "BAYES_INERTIA_CACHE"
 _OFF = ("off", "0", "no", "false")
 # Who sets this has a cache of his own.
 _OF_JAX = "JAX_COMPILATION_CACHE_DIR"
-# [bytes] of one version: some thirty shapes. What was not used for longest goes first; JAX looks at
-# every entry when it writes one, so that a larger cache would be slow.
-_LARGEST = 2**27
-_LEAST_SECONDS = 0.05  # What compiles faster is not kept.
-_UNUSED_AFTER = 30 * 86_400.0  # [s] after which the code of another version is deleted.
 _FAILURE = re.compile(
     r"Error (?:reading|writing) persistent compilation cache entry for '(?P<program>[^']+)'"
 )
@@ -173,8 +169,8 @@ def _settings(folder: Path) -> dict[str, str | int | float]:
     """JAX's configuration; as environment variables the names are in capitals."""
     return {
         "jax_compilation_cache_dir": str(folder),
-        "jax_compilation_cache_max_size": _LARGEST,
-        "jax_persistent_cache_min_compile_time_secs": _LEAST_SECONDS,
+        "jax_compilation_cache_max_size": LAYOUT.largest_cache_bytes,
+        "jax_persistent_cache_min_compile_time_secs": LAYOUT.least_compile_seconds,
         "jax_persistent_cache_min_entry_size_bytes": -1,
     }
 
@@ -202,7 +198,7 @@ def _prepare(folder: Path) -> None:
 
 def _remove_unused(folder: Path) -> None:
     """Delete the code of other versions that was not used for a month."""
-    oldest = time() - _UNUSED_AFTER
+    oldest = time() - LAYOUT.unused_after_s
     for other in folder.parent.iterdir():
         if other == folder or not _OF_A_VERSION.fullmatch(other.name):
             continue

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bayes_inertia.app.design_request import DesignRequest
+from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.named_plans import prior_mission
 from bayes_inertia.app.plan_json import design_json, slew_rows
 from bayes_inertia.app.result_folder import ResultFolder, write_page
@@ -36,7 +37,6 @@ WHEELS_AT_REST = (
     "The wheels are taken to be at rest at the start: no tachometer of the last slew tells more. "
     "With --after the fit tells their momentum."
 )
-_MARGINS_SHOWN = 6
 
 
 def run_design(
@@ -128,7 +128,7 @@ def _comments(design: Design) -> str:
         "# tightest margins when flown in closed loop, "
         "with noise and J, K drawn from what is known:",
     ]
-    tightest = sorted(design.flown, key=lambda m: m.left)[:_MARGINS_SHOWN]
+    tightest = sorted(design.flown, key=lambda m: m.left)[: LAYOUT.margins_of_folder]
     lines += [f"#   {m.says}" for m in tightest]
     if not design.plan.wheel_momentum:
         lines += ["#", f"# {WHEELS_AT_REST}"]

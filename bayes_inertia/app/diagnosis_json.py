@@ -15,7 +15,7 @@ from bayes_inertia.app.diagnosis_pictures import pictures_json
 from bayes_inertia.app.diagnosis_tables import alike_pairs, candidate_rows, step_row
 from bayes_inertia.app.investigation import Investigation
 from bayes_inertia.design.correction_slew import CorrectionForecast
-from bayes_inertia.design.goals import CORRECTED_TURN_DEG
+from bayes_inertia.design.numerics import NUMERICS as DESIGN_NUMERICS
 from bayes_inertia.design.separating_slew import Separation
 from bayes_inertia.diagnosis.model_averaging import AlternativeParameters
 from bayes_inertia.diagnosis.residual_scan import Disagreement
@@ -101,7 +101,7 @@ def _settings(effect: Effect) -> dict[str, Any]:
 def next_fit_from(content: Mapping[str, Any], library: Sequence[Effect] = LIBRARY) -> NextFit:
     """What a diagnosis.json wants fitted in full.
 
-    `library`: where the names of effects are looked up, beside those without a fixed shape.
+    `library`: where the names of effects are looked up, beside stochastic ones.
     Returns: bit for bit the one of the diagnosis that was written.
 
     Examples
@@ -143,7 +143,7 @@ def _alternative_from(row: Mapping[str, Any]) -> AlternativeParameters:
 def _correction(correction: CorrectionForecast | None) -> dict[str, Any] | None:
     if correction is None:
         return None
-    return {**asdict(correction), "unit": "rad", "angle_deg": CORRECTED_TURN_DEG}
+    return {**asdict(correction), "unit": "rad", "angle_deg": DESIGN_NUMERICS.corrected_turn_deg}
 
 
 def _separating(separation: Separation) -> dict[str, Any]:

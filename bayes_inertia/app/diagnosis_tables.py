@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.diagnosis.cross_validation import held_out_chi2
 from bayes_inertia.diagnosis.result import Candidate, Diagnosis, Step
 from bayes_inertia.inference.laplace import Estimate
@@ -15,7 +16,6 @@ _REASON_INVISIBLE = (
     "invisible: an effect of the size of its prior would change the telemetry "
     "by less than its noise"
 )
-_QUANTILE_95 = 1.959964  # half the width of a central 95 % interval [sd]
 
 
 def candidate_rows(diagnosis: Diagnosis) -> list[dict[str, Any]]:
@@ -82,7 +82,7 @@ def parameter_rows(estimate: Estimate, effect: str) -> dict[str, dict[str, Any]]
         mean, sd = float(estimate.theta[i]), float(estimate.sd[i])
         low, high = (
             float(np.clip(mean + z * sd, space.lower[i], space.upper[i]))
-            for z in (-_QUANTILE_95, _QUANTILE_95)
+            for z in (-LAYOUT.quantile_95, LAYOUT.quantile_95)
         )
         rows[space.names[i].split(".", 1)[1]] = {
             "mean": mean,

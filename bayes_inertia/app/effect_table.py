@@ -45,7 +45,7 @@ def effect_lines(row: Mapping[str, Any]) -> list[str]:
     """
     kind = {
         "library": "tried by a diagnosis",
-        "named": "without a fixed shape: fitted when named",
+        "named": "stochastic: fitted when named",
         "outside": "of your own",
     }[row["kind"]]
     needs = f"; needs {listed(row['needs'])}" if row["needs"] else ""

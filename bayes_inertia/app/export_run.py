@@ -9,10 +9,11 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.design.correction_slew import UpdateForecast, correction_with_update
-from bayes_inertia.design.goals import CORRECTED_TURN_DEG
+from bayes_inertia.design.numerics import NUMERICS as DESIGN_NUMERICS
 from bayes_inertia.files import write_new_files
 from bayes_inertia.flight.spacecraft import spin_tensor, without_spin
 from bayes_inertia.inference.posterior import Posterior
@@ -30,12 +31,11 @@ from bayes_inertia.report.export.formats import ExportFormat
 from bayes_inertia.report.uncertainty import determination_of, interval_90, sd_in_print
 from bayes_inertia.sealing import blaming, is_sealed
 
-_FORECAST_DRAWS = 48  # of the posterior, in the forecast of the correction slew
 _DAMAGED = "start a new run in another folder"
 _CORRECTION_SAYS = (
-    f"after a slew of {CORRECTED_TURN_DEG:g} deg about the worst body axis, noise and effects left "
-    "out; "
-    "old and new J and K on board; median and 95 % quantile over the posterior"
+    f"after a slew of {DESIGN_NUMERICS.corrected_turn_deg:g} deg about the worst body axis, "
+    "noise and effects left out; old and new J and K on board; median and 95 % quantile over the "
+    "posterior"
 )
 
 
@@ -86,7 +86,7 @@ def write_export(result: ExportedResult, form: ExportFormat, path: Path) -> Path
 def forecast_of(posterior: Posterior, campaign: Campaign) -> UpdateForecast | None:
     """The error of the next slew with the old and with the new J and K on board, in seconds."""
     samples = posterior.averaged_samples[:, :N_BASE]
-    draws = samples[np.linspace(0, len(samples) - 1, _FORECAST_DRAWS).astype(int)]
+    draws = samples[np.linspace(0, len(samples) - 1, LAYOUT.forecast_draws).astype(int)]
     rows: Any = posterior.summary()["parameters"]
     prior_mean: Any = posterior.tree["estimate"]["prior_mean"]
     old = np.asarray(prior_mean)[:N_BASE]

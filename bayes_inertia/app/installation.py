@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.app.compiled_code import size_of
+from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import headed, plain_console
 from bayes_inertia.progress import Progress, silent
 
 FORMAT = "bayes-inertia-installation/1"
 _PACKAGES = ("bayes-inertia", "numpy", "scipy", "jax", "emcee", "arviz", "xarray", "matplotlib")
 _STOCHASTIC = "effects_without_fixed_shape"
-# Relative change of the energy of a free tumble over 100 s that the integrator may make.
-_ENERGY_DRIFT_ALLOWED = 1e-9
 
 
 def installation_json(progress: Progress = silent) -> dict[str, Any]:
@@ -36,7 +35,7 @@ def installation_json(progress: Progress = silent) -> dict[str, Any]:
         "devices": [str(device) for device in jax.devices()],
         "double_precision": bool(jnp.zeros(1).dtype == jnp.float64),
         "energy_drift": drift,
-        "self_test_passed": drift < _ENERGY_DRIFT_ALLOWED,
+        "self_test_passed": drift < LAYOUT.energy_drift_allowed,
         "compiled_code": _compiled_code(),
         "effects": [effect.name for effect in LIBRARY],
         _STOCHASTIC: [effect.name for effect in STOCHASTIC],
@@ -55,7 +54,7 @@ def show_installation(content: Mapping[str, Any]) -> None:
         ("computing on", f"{', '.join(content['devices'])}, {bits}"),
         ("compiled code", content["compiled_code"]),
         ("effects", ", ".join(content["effects"])),
-        ("effects without a fixed shape", ", ".join(content[_STOCHASTIC])),
+        ("stochastic effects", ", ".join(content[_STOCHASTIC])),
     ):
         console.print(f"{what}: {value}")
 

@@ -19,9 +19,8 @@ from threading import Event, Thread, current_thread, main_thread
 from types import FrameType
 
 from bayes_inertia.app.commands.options import DEMO_FOLDER
+from bayes_inertia.app.layout import LAYOUT
 
-_GRACE = 3.0  # [s] in which the main thread may save and end by itself.
-_WORKERS_GRACE = 0.5  # [s] for worker processes.
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 _RUNS = ("fit", "diagnose", "resume", "demo")
 _SHOW_CURSOR = "\x1b[?25h"
@@ -126,7 +125,7 @@ class Interruption:
             if first is None:
                 return
             self._number = first
-            wakeups.settimeout(_GRACE)
+            wakeups.settimeout(LAYOUT.grace_s)
             # Until the command has ended, or a second signal comes: its sender does not want to
             # wait.
             with suppress(TimeoutError):
@@ -151,7 +150,7 @@ def end_workers() -> None:
         for worker in workers:
             with suppress(psutil.Error):
                 worker.terminate()
-        for worker in psutil.wait_procs(workers, timeout=_WORKERS_GRACE)[1]:
+        for worker in psutil.wait_procs(workers, timeout=LAYOUT.workers_grace_s)[1]:
             with suppress(psutil.Error):
                 worker.kill()
 

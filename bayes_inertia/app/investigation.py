@@ -130,7 +130,7 @@ def investigate(
     base, final = diagnosis.base, diagnosis.final
     unknown = diagnosis.verdict == "unknown"
     changed = diagnosis.steps or any(factor > 1.0 for factor in diagnosis.noise.values())
-    # A signal without a fixed shape cannot be foretold for another slew.
+    # A stochastic signal cannot be foretold for another slew.
     corrected = diagnosis.steps and not unknown and not diagnosis.steps[-1].stochastic
     (progress or silent)("bounding what could hide, forecasting the next slews", 0, 0)
     with ThreadPoolExecutor(1) as pool:
@@ -155,7 +155,7 @@ def separating_slews(
     """For every ambiguous set the slew that best tells its first two apart, where there is one.
 
     `library`: where effects are looked up that the final model does not hold. Returns: none for a
-    set without a feasible slew, or of effects that have states of their own or no fixed shape.
+    set without a feasible slew, or of effects that have states of their own or are stochastic.
     """
     instances = {e.name: e for e in (*library, *diagnosis.final.model.effects)}
     slews = []

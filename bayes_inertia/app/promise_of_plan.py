@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.named_plans import prior_mission
 from bayes_inertia.app.plan_json import slew_rows
 from bayes_inertia.app.run_folder import read_run
@@ -19,9 +20,6 @@ from bayes_inertia.physics.parameters import BASE_NAMES
 from bayes_inertia.report.plan_promise import PlanPromise, plan_promise
 from bayes_inertia.sealing import read_sealed_json
 from bayes_inertia.studies.plan_comparison import compare_plans
-
-# Slews of plan.toml and design.json agree to rounding.
-_SAME = 1e-9
 
 
 def promise_of_plan(run: Path, plan: Path, summary: dict[str, Any]) -> PlanPromise:
@@ -78,7 +76,7 @@ def _same_slews(designed: list[dict[str, Any]], planned: list[dict[str, Any]]) -
     if len(designed) != len(planned):
         return False
     return all(
-        math.isclose(x, y, rel_tol=_SAME, abs_tol=_SAME)
+        math.isclose(x, y, rel_tol=LAYOUT.same_slew, abs_tol=LAYOUT.same_slew)
         for a, b in zip(designed, planned, strict=True)
         for key in b
         for x, y in zip(_numbers(a[key]), _numbers(b[key]), strict=True)

@@ -8,6 +8,7 @@ from typing import Any
 
 from bayes_inertia.app.stored_diagnosis import blaming_diagnosis, read_diagnosis
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
+from bayes_inertia.design.numerics import NUMERICS as DESIGN_NUMERICS
 from bayes_inertia.files import write_atomically
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.plan_promise import PlanPromise
@@ -62,7 +63,6 @@ def _origin(folder: Path) -> dict[str, str]:
 def _forecast(posterior: Posterior, folder: Path) -> dict[str, Any] | None:
     """The error of the next slew, of a result that may be used and whose campaign is at hand."""
     from bayes_inertia.app.export_run import forecast_of
-    from bayes_inertia.design.goals import CORRECTED_TURN_DEG
 
     copy = folder / "campaign"
     if not posterior.trusted or not copy.is_dir():
@@ -70,7 +70,11 @@ def _forecast(posterior: Posterior, folder: Path) -> dict[str, Any] | None:
     if campaign_sha256(copy) != posterior.attributes.get("campaign_sha256"):
         return None
     forecast = forecast_of(posterior, read_campaign(copy))
-    return None if forecast is None else asdict(forecast) | {"angle_deg": CORRECTED_TURN_DEG}
+    return (
+        None
+        if forecast is None
+        else asdict(forecast) | {"angle_deg": DESIGN_NUMERICS.corrected_turn_deg}
+    )
 
 
 def write_run_report(

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
+from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.named_plans import PAPER, plan_sha256, plans_named, prior_mission
 from bayes_inertia.app.result_folder import ResultFolder, write_json
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
@@ -30,9 +31,6 @@ from bayes_inertia.studies.simulated_fits import achieved_errors, simulated_fits
 from bayes_inertia.studies.work import TaskFailure
 
 FORMAT = "bayes-inertia-study/1"
-LEVELS = (0.68, 0.95)
-# Probability that sound uncertainties are called too small, any of the nine.
-_FALSE_ALARM = 0.01
 
 
 @dataclass(frozen=True)
@@ -71,7 +69,7 @@ class Study:
         By chi^2 of all errors, Bonferroni over the parameters.
         """
         p = stats.chi2.sf(np.sum(self.z**2, axis=0), len(self.z))
-        limit = _FALSE_ALARM / len(BASE_NAMES)
+        limit = LAYOUT.study_false_alarm / len(BASE_NAMES)
         return tuple(name for name, value in zip(BASE_NAMES, p, strict=True) if value < limit)
 
 
@@ -123,7 +121,9 @@ def _content(study: Study) -> dict[str, Any]:
             "stated_sd": float(np.sqrt(np.mean(achieved.stated[:, i] ** 2))),
             "mean_z": float(z[:, i].mean()),
             "sd_z": float(np.sqrt(np.mean(z[:, i] ** 2))),
-            "coverage": {f"{100 * level:.0f}": study.coverage(level)[i] for level in LEVELS},
+            "coverage": {
+                f"{100 * level:.0f}": study.coverage(level)[i] for level in LAYOUT.study_levels
+            },
         }
     return {
         "campaigns": len(z),

@@ -33,21 +33,13 @@ from rich.progress import ProgressColumn, SpinnerColumn, Task
 from rich.table import Table
 from rich.text import Text
 
+from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.progress import Progress, silent
 
 # Whether the command at hand prints nothing but errors and what was asked for as JSON.
 _QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
-# Ratio of sds of two plans from which a parameter is said to get worse.
-WORSE = 1.1
-_SMALLEST_PLAIN = 1e-3  # smaller sizes are written with a power of ten
-# In fewer columns, tables are made as narrow as they can be.
-_NARROW = 100
 # What writing fails with where the reader went away: a pipe, one on Windows, a terminal.
 _NOBODY_READS = (errno.EPIPE, errno.EINVAL, errno.EIO)
-# Time [s] over which the speed of a stage is averaged: one fit of many may last minutes.
-_SPEED_PERIOD = 3600.0
-# Characters of a message, and how many of them are its end, which says what to do.
-_LONGEST, _END = 4000, 1000
 
 
 # How letters are written that an encoding lacks, by the name of this way among Python's.
@@ -186,9 +178,8 @@ def safe_message(text: str) -> str:
     "no column '\\\\x1b[31m'"
     """
     shown = "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
-    if len(shown) <= _LONGEST:
-        return shown
-    return f"{shown[: _LONGEST - _END]} [...] {shown[-_END:]}"
+    longest, end = LAYOUT.longest_message, LAYOUT.message_end
+    return shown if len(shown) <= longest else f"{shown[: longest - end]} [...] {shown[-end:]}"
 
 
 def headed(head: str, rest: str = "", *, style: str = "bold") -> Text:
@@ -213,7 +204,9 @@ def narrow_table(
             longest = max(map(len, heading.split()))
             table.add_column(heading, overflow="fold", min_width=longest)
         else:
-            shown = heading.replace(" ", "\n", 1) if console.width < _NARROW else heading
+            shown = (
+                heading.replace(" ", "\n", 1) if console.width < LAYOUT.narrow_columns else heading
+            )
             table.add_column(shown, no_wrap=True)
     return table
 
@@ -230,7 +223,7 @@ def quantity(value: float, unit: str) -> str:
 
     if unit == "rad":
         return f"{arcsec_text(value)} arcsec"
-    power = math.floor(math.log10(value)) if 0.0 < value < _SMALLEST_PLAIN else 0
+    power = math.floor(math.log10(value)) if 0.0 < value < LAYOUT.smallest_plain else 0
     factor = f" × {unit_text('', power).removeprefix('× ')}" if power else ""
     return f"{number(value, value, power)}{factor} {unit_text(unit) if unit else ''}".rstrip()
 
@@ -303,7 +296,11 @@ def progress_bar() -> Iterator[Progress]:
         return
     spinner = SpinnerColumn("line" if console.options.ascii_only else "dots")
     live = Live(
-        spinner, _Stage(), console=console, transient=True, speed_estimate_period=_SPEED_PERIOD
+        spinner,
+        _Stage(),
+        console=console,
+        transient=True,
+        speed_estimate_period=LAYOUT.speed_period_s,
     )
     with live:
         live.add_task("starting", total=None)

@@ -16,20 +16,9 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.gaps import LONGEST_STEP
+from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.quantisation import quantisation_step
 from bayes_inertia.campaign.slew import Slew
-
-_OF_NOISE = 0.01  # error of a block mean, as a share of its noise
-_REMAINDER = 0.016  # of w'''' L^4, after the curvature is removed
-_NEIGHBOURS = 5  # block means that tell a curvature
-_LARGEST_BLOCK = 1000  # [readings]
-_LEAST_KEPT = 0.95  # of the readings
-# Where slews have more rows than the first number a diagnosis takes block means, and at least the
-# second number of them: ringing of 50 periods in a slew can still be told.
-_MANY_ROWS, _ENOUGH_ROWS = 1000, 200
-# Steps of rounding beyond so many sigmas make errors that last, which a mean does not reduce.
-_COARSE_STEP = 1.0
 
 
 def reduced(campaign: Campaign, block: int | None = None) -> Campaign:
@@ -54,7 +43,7 @@ def reduced(campaign: Campaign, block: int | None = None) -> Campaign:
     (17, 5e-06)
     """
     length = longest_block(campaign) if block is None else block
-    while length > 1 and block is None and _kept(campaign, length) < _LEAST_KEPT:
+    while length > 1 and block is None and _kept(campaign, length) < LIMITS.least_kept_by_blocks:
         length //= 2
     if length < 2:
         return campaign
@@ -103,15 +92,15 @@ def readings_a_mean(campaign: Campaign) -> int:
     if not rates or commanded or campaign.rate_sensor.correlated_noise is not None:
         return 1
     rows = int(np.median([np.isfinite(rate).any(axis=1).sum() for rate in rates]))
-    if rows <= _MANY_ROWS:
+    if rows <= LIMITS.rows_for_blocks:
         return 1
     together = np.concatenate(rates)
     steps = [quantisation_step(axis) or 0.0 for axis in together.T]
     sigmas = campaign.rate_sensor.sigma
-    if any(step > _COARSE_STEP * s for step, s in zip(steps, sigmas, strict=True)):
+    if any(step > LIMITS.coarse_rounding * s for step, s in zip(steps, sigmas, strict=True)):
         return 1
-    length = min(longest_block(campaign), rows // _ENOUGH_ROWS)
-    while length > 1 and _kept(campaign, length) < _LEAST_KEPT:
+    length = min(longest_block(campaign), rows // LIMITS.fewest_blocks)
+    while length > 1 and _kept(campaign, length) < LIMITS.least_kept_by_blocks:
         length //= 2
     return length
 
@@ -137,12 +126,14 @@ def longest_block(campaign: Campaign) -> int:
     momentum = max((float(np.sqrt(np.nansum(h**2, axis=1)).max()) for h in momenta), default=0.0)
     bandwidth = rate + momentum / inertia
     step = max(float(np.median(slew.rate_steps)) for slew in campaign.slews)
-    blocks = np.arange(1, _LARGEST_BLOCK + 1)
-    error = _REMAINDER * rate * (bandwidth * step * blocks) ** 4
-    allowed = error <= _OF_NOISE * min(campaign.rate_sensor.sigma) / np.sqrt(blocks)
+    blocks = np.arange(1, LIMITS.largest_block + 1)
+    error = LIMITS.block_remainder * rate * (bandwidth * step * blocks) ** 4
+    allowed = error <= LIMITS.block_error_of_noise * min(campaign.rate_sensor.sigma) / np.sqrt(
+        blocks
+    )
     # Five blocks a slew tell the curvature.
     rows = min(len(slew.rate_steps) + 1 for slew in campaign.slews)
-    return max(1, min(int(allowed.sum()), rows // _NEIGHBOURS))
+    return max(1, min(int(allowed.sum()), rows // LIMITS.block_neighbours))
 
 
 def _kept(campaign: Campaign, length: int) -> float:
@@ -156,12 +147,12 @@ def _blocks(slew: Slew, length: int) -> np.ndarray:
     """Rows (blocks, length) of whole blocks at equal steps, in runs of five blocks and more."""
     rows = np.flatnonzero(np.isfinite(np.asarray(slew.rate)).any(axis=1))
     steps = np.diff(slew.time[rows])
-    breaks = steps > LONGEST_STEP * np.median(steps)
+    breaks = steps > LIMITS.longest_step * np.median(steps)
     if slew.wheel_torque is not None:
         breaks |= np.any(np.diff(slew.wheel_torque[rows], axis=0) != 0.0, axis=1)
     runs = np.split(rows, np.flatnonzero(breaks) + 1)
     whole = [run[: len(run) // length * length].reshape(-1, length) for run in runs]
-    enough = [blocks for blocks in whole if len(blocks) >= _NEIGHBOURS]
+    enough = [blocks for blocks in whole if len(blocks) >= LIMITS.block_neighbours]
     return np.concatenate(enough) if enough else np.zeros((0, length), dtype=int)
 
 
@@ -223,18 +214,18 @@ def _bridged(time: np.ndarray, values: np.ndarray, length: int) -> np.ndarray:
 def _middles(time: np.ndarray, values: np.ndarray, blocks: np.ndarray) -> np.ndarray:
     """Means (blocks, k) of readings (n, k), without what the curvature of the motion adds."""
     means = values[blocks].mean(axis=1)
-    if len(blocks) < _NEIGHBOURS:
+    if len(blocks) < LIMITS.block_neighbours:
         return means
     middle = time[blocks].mean(axis=1)
     spread = time[blocks].var(axis=1)
-    half = _NEIGHBOURS // 2
-    first = np.clip(np.arange(len(blocks)) - half, 0, len(blocks) - _NEIGHBOURS)
-    window = first[:, None] + np.arange(_NEIGHBOURS)
+    half = LIMITS.block_neighbours // 2
+    first = np.clip(np.arange(len(blocks)) - half, 0, len(blocks) - LIMITS.block_neighbours)
+    window = first[:, None] + np.arange(LIMITS.block_neighbours)
     length = np.median(np.diff(middle))
     x = (middle[window] - middle[:, None]) / length
     # A cubic through five means: its curvature at the block itself is twice the second coefficient.
     powers = x[:, :, None] ** np.arange(4)
-    across = np.abs(x).max(axis=1) <= _NEIGHBOURS
+    across = np.abs(x).max(axis=1) <= LIMITS.block_neighbours
     fitted = np.linalg.pinv(powers)[:, 2, :]
     curvature = 2.0 * np.einsum("bn,bnk->bk", fitted, means[window]) / length**2
     return means - 0.5 * np.where(across, spread, 0.0)[:, None] * curvature

@@ -10,12 +10,9 @@ import numpy as np
 from bayes_inertia.campaign.checks import require
 from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.campaign.hardware import RateSensor, StarTracker, Wheel
-from bayes_inertia.campaign.impossible import FASTEST_RATE
 from bayes_inertia.campaign.inertia_prior import InertiaPrior
+from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.slew import Slew
-
-# A reading this close to the sensor's range, as a fraction of it, is taken for saturated.
-_SATURATED = 0.999
 
 
 @dataclass(frozen=True)
@@ -181,7 +178,7 @@ class Campaign:
         (n, 3) array of bool
             False where a reading is missing or saturated.
         """
-        limit = min(_SATURATED * (self.rate_sensor.range or np.inf), FASTEST_RATE)
+        limit = min(LIMITS.saturated * (self.rate_sensor.range or np.inf), LIMITS.fastest_rate)
         rate = np.asarray(slew.rate)
         return np.isfinite(rate) & (np.abs(np.nan_to_num(rate)) < limit)
 

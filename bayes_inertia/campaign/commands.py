@@ -34,8 +34,6 @@ import numpy as np
 
 from bayes_inertia.campaign.dirt import Dirt, Treatment
 from bayes_inertia.campaign.gaps import (
-    LONGEST_STEP,
-    SAME_ROW,
     Channels,
     gap_note,
     is_regular,
@@ -44,6 +42,7 @@ from bayes_inertia.campaign.gaps import (
     with_rows_at,
     without_intervals,
 )
+from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.short_gaps import with_short_gaps_filled
 
 Interval = tuple[float, float]
@@ -78,7 +77,9 @@ def with_known_torques(
         known = np.isfinite(torque).all(axis=1)
         unknown = _unknown_intervals(time, torque, known, negligible)
         step = float(np.median(np.diff(time[known]))) if known.sum() > 1 else 0.0
-        is_short = all(a == -np.inf and b - time[0] <= LONGEST_STEP * step for a, b in unknown)
+        is_short = all(
+            a == -np.inf and b - time[0] <= LIMITS.longest_step * step for a, b in unknown
+        )
         if unknown and not is_short and every_wheel_is_read:
             dirt = [_record(unknown, "measured wheel momentum drives the model", "masked")]
             channels = {name: values for name, values in given.items() if name != "wheel_torque"}
@@ -136,20 +137,12 @@ def _unknown_intervals(
         if change * (at[k + 1] - at[k] - step) > negligible:
             unknown.append((float(at[k]), float(at[k + 1])))
     # A log of changes is not regular, and its last command holds.
-    if time[-1] > at[-1] + LONGEST_STEP * step and is_regular(at):
+    if time[-1] > at[-1] + LIMITS.longest_step * step and is_regular(at):
         unknown.append((float(at[-1]), np.inf))
     return unknown
 
 
-# Pieces of one gap, and of all gaps of one slew: every piece costs one unknown a wheel.
-_MOST_OF_GAP, _MOST_OF_SLEW = 8, 48
 _LEFT_OUT = {"rate", "attitude", "wheel_momentum"}  # where a piece is longer than a row
-_FEWEST_TRIALS = 30
-_MOST_ON_A_LINE = 3  # lost rows of a gap; errors of longer lines add up
-_SAFETY = 1.25  # times the rms error of the lines
-# A change beyond twice that of nine in ten rows is a step: half of it may be missed.
-_STEP, _MOST = 2.0, 0.9
-_WHOLE = 0.2  # of a step: the last lost row stands at least so long before the next command
 
 
 def with_lost_commands(
@@ -182,7 +175,7 @@ def with_lost_commands(
     usual = _usual_errors(time[known], torque[known], {len(t) for t in lost}, step, largest)
     for times, (after, before) in zip(lost, intervals, strict=True):
         count = min(size, len(times))
-        starts = times[np.arange(count) * len(times) // count] - SAME_ROW * step
+        starts = times[np.arange(count) * len(times) // count] - LIMITS.same_row * step
         inside = (time >= starts[0]) & (time < before)
         pieces[inside] = pieces.max() + np.searchsorted(starts, time[inside], side="right")
         ends = torque[np.searchsorted(time, [after, before])]
@@ -191,16 +184,16 @@ def with_lost_commands(
         rms, limit = usual[len(times)]
         change = np.abs(ends[1] - ends[0])
         step_sd = np.where(change > limit, 0.5 * change, 0.0)
-        sd[inside] = np.minimum(np.hypot(_SAFETY * rms, step_sd), largest)
+        sd[inside] = np.minimum(np.hypot(LIMITS.line_error_safety * rms, step_sd), largest)
         if count < len(times):
             for name in _LEFT_OUT & set(channels):
-                channels[name][inside & (time > starts[0] + 2.0 * SAME_ROW * step)] = np.nan
+                channels[name][inside & (time > starts[0] + 2.0 * LIMITS.same_row * step)] = np.nan
     return {**channels, "lost_command": pieces, "lost_command_sd": sd}
 
 
 def _lost_times(after: float, before: float, step: float) -> np.ndarray:
     """When the lost commands of one gap began, at least one."""
-    count = max(1, int(np.ceil((before - after) / step - 1.0 - _WHOLE)))
+    count = max(1, int(np.ceil((before - after) / step - 1.0 - LIMITS.whole_step)))
     if after + step < before:
         return after + step * np.arange(1, count + 1)
     return np.array([after + 0.5 * (before - after)])
@@ -208,8 +201,8 @@ def _lost_times(after: float, before: float, step: float) -> np.ndarray:
 
 def _piece_count(rows: Sequence[int]) -> int | None:
     """Pieces of a gap at most, so that all gaps together do not have too many."""
-    for size in range(_MOST_OF_GAP, 1, -1):
-        if sum(min(size, n) for n in rows) <= _MOST_OF_SLEW:
+    for size in range(LIMITS.most_lost_in_gap, 1, -1):
+        if sum(min(size, n) for n in rows) <= LIMITS.most_lost_in_slew:
             return size
     return None
 
@@ -221,13 +214,13 @@ def _usual_errors(
     usual = {}
     for lost in lengths:
         trials = unbroken_rows(at, lost + 1, step)
-        if len(trials) < _FEWEST_TRIALS or lost > _MOST_ON_A_LINE:
+        if len(trials) < LIMITS.fewest_trials or lost > LIMITS.most_rows_on_a_line:
             unknown = np.full(commands.shape[1], largest)
             usual[lost] = unknown, unknown
             continue
         first, last = commands[trials], commands[trials + lost + 1]
         change = np.abs(last - first)
-        limit = _STEP * np.quantile(change, _MOST, axis=0)
+        limit = LIMITS.smooth_factor * np.quantile(change, LIMITS.smooth_quantile, axis=0)
         share = np.arange(1, lost + 1)[:, None, None] / (lost + 1.0)
         rows = commands[trials + np.arange(1, lost + 1)[:, None]]
         squares = np.square(rows - first - share * (last - first)).mean(0)

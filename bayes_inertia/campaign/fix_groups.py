@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.slew import Slew
-
-# Two fixes further apart than this share of the slew, or than so many usual spacings, are of two
-# groups.
-_OF_SLEW, _SPACINGS = 0.1, 5.0
 
 
 def fix_groups(slew: Slew) -> np.ndarray:
@@ -28,5 +25,7 @@ def fix_groups(slew: Slew) -> np.ndarray:
         return np.zeros(0, dtype=int)
     steps = np.diff(time)
     usual = float(np.median(steps)) if len(steps) else 0.0
-    apart = (steps > _OF_SLEW * slew.duration) | (steps > _SPACINGS * usual)
+    apart = (steps > LIMITS.fix_group_share * slew.duration) | (
+        steps > LIMITS.fix_group_spacings * usual
+    )
     return np.concatenate([[0], np.cumsum(apart)])

@@ -7,15 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from bayes_inertia.campaign.dirt import Dirt
+from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.slew import Slew
-
-# A step this many times the median lacks a row.
-LONGEST_STEP = 1.5
-# A stream is regular if this share of its steps is within that fraction of the median.
-_REGULAR, _JITTER = 0.8, 0.2
-_FEWEST_STEPS = 5
-_FEWEST_RATES = 10  # of a part of a slew
-SAME_ROW = 0.01  # of a step: a row so close to a lost command takes it
 
 Channels = dict[str, np.ndarray]
 """Channels (n, width) of a slew by the name of `Slew`, with "time" (n,) [s]."""
@@ -38,7 +31,7 @@ def missing_rows(time: np.ndarray) -> tuple[np.ndarray, float]:
     step = float(np.median(steps))
     if not is_regular(time):
         return np.zeros(0, dtype=int), step
-    return np.flatnonzero(steps > LONGEST_STEP * step), step
+    return np.flatnonzero(steps > LIMITS.longest_step * step), step
 
 
 def is_regular(time: np.ndarray) -> bool:
@@ -52,10 +45,10 @@ def is_regular(time: np.ndarray) -> bool:
     (True, False)
     """
     steps = np.diff(time)
-    if len(steps) < _FEWEST_STEPS:
+    if len(steps) < LIMITS.fewest_steps:
         return False
     step = np.median(steps)
-    return bool(np.mean(np.abs(steps - step) <= _JITTER * step) >= _REGULAR)
+    return bool(np.mean(np.abs(steps - step) <= LIMITS.step_jitter * step) >= LIMITS.regular_steps)
 
 
 def unbroken_rows(time: np.ndarray, steps: int, step: float) -> np.ndarray:
@@ -68,7 +61,7 @@ def unbroken_rows(time: np.ndarray, steps: int, step: float) -> np.ndarray:
     >>> unbroken_rows(np.array([0.0, 1.0, 2.0, 4.0, 5.0]), 2, 1.0).tolist()
     [0]
     """
-    even = np.abs(np.diff(time) - step) <= _JITTER * step
+    even = np.abs(np.diff(time) - step) <= LIMITS.step_jitter * step
     if len(even) < steps:
         return np.zeros(0, dtype=int)
     return np.flatnonzero(np.convolve(even, np.ones(steps), "valid") > steps - 0.5)
@@ -87,8 +80,8 @@ def with_rows_at(channels: Channels, times: np.ndarray, step: float) -> Channels
     [1.0, 1.0, nan, 1.0]
     """
     time = channels["time"]
-    first = np.searchsorted(time, times - SAME_ROW * step)
-    near = time[np.minimum(first, len(time) - 1)] <= times + SAME_ROW * step
+    first = np.searchsorted(time, times - LIMITS.same_row * step)
+    near = time[np.minimum(first, len(time) - 1)] <= times + LIMITS.same_row * step
     new = times[~((first < len(time)) & near)]
     at = np.searchsorted(time, new)
     grown = {
@@ -158,7 +151,7 @@ def without_intervals(
     if not intervals:
         return [channels]
     inside = any(np.isfinite(interval).all() for interval in intervals)
-    fewest = _FEWEST_RATES if inside else 2
+    fewest = LIMITS.fewest_rates_of_part if inside else 2
     time = channels["time"]
     part_of = np.zeros(len(time), dtype=int)
     for after, before in intervals:

@@ -15,26 +15,13 @@ from itertools import pairwise
 import numpy as np
 
 from bayes_inertia.campaign.dirt import Dirt
+from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.schema import ColumnsPart
 from bayes_inertia.campaign.stream_clocks import StreamRows
 from bayes_inertia.campaign.stuck import resolution
 from bayes_inertia.campaign.units import to_si
 from bayes_inertia.maths.values import array_dataclass
 
-# Where fewer readings than this share stand twice, sds are wrong by less than 5 %.
-_FEWEST_HELD = 0.1
-_FEWEST_RUNS = 5
-# Between neighbours that are so many steps apart, rounding repeats less than one row in twenty:
-# where this share of them stands twice, they are held.
-_MANY_STEPS, _NO_CHANCE = 20.0, 0.2
-# A steady drift moves by one step, never by the next whole number.
-_DRIFT = 1.5
-# Regular lengths are within one row of the usual one, or this share of it; all but a few are.
-_JITTER, _REGULAR, _FEW_SINGLE = 0.3, 0.8, 0.05
-# A run may miss readings. What stands longer than so many usual lengths are equal readings.
-_LONGEST = 3.0
-# A break in time is longer than so many steps.
-_BREAK = 5.0
 _CHANNELS = {
     "rate": "rate",
     "attitude": "attitude",
@@ -170,7 +157,7 @@ def _held_rows(
     counts = [np.diff(np.append(f, len(r))) for (f, _), r in zip(runs, given, strict=True)]
     lengths = np.concatenate([np.zeros(0, dtype=int), *counts])
     held = lengths > 1
-    if held.sum() < max(_FEWEST_RUNS, _FEWEST_HELD * len(lengths)):
+    if held.sum() < max(LIMITS.fewest_held_runs, LIMITS.fewest_held * len(lengths)):
         return [None] * len(series)
     usual = float(np.median(lengths[held]))
     firsts = [rows[first] for rows, (first, _) in zip(given, runs, strict=True)]
@@ -180,23 +167,27 @@ def _held_rows(
         return [None] * len(series)
     found: list[HeldReadings | None] = []
     for (_, values), rows, first, count in zip(series, given, firsts, counts, strict=True):
-        short = np.repeat(count <= _LONGEST * usual, count)
+        short = np.repeat(count <= LIMITS.longest_held_lengths * usual, count)
         since = np.arange(len(rows)) - np.repeat(np.searchsorted(rows, first), count)
         repeats = np.zeros(values.shape, dtype=bool)
         repeats[rows] = ((since > 0) & (short | (since % round(usual) > 0)))[:, None]
-        lasting = count[count <= _LONGEST * usual]
+        lasting = count[count <= LIMITS.longest_held_lengths * usual]
         found.append(HeldReadings(repeats, lasting) if repeats.any() and len(lasting) else None)
     return found
 
 
 def _beyond_rounding(lengths: np.ndarray, moved: np.ndarray, usual: float) -> bool:
     """Whether rounding cannot explain runs of these lengths with so many steps beside them."""
-    held, far = lengths > 1, moved >= _MANY_STEPS
-    if (held & far).sum() >= max(_FEWEST_RUNS, _NO_CHANCE * far.sum()):
+    held, far = lengths > 1, moved >= LIMITS.clearly_changed_steps
+    if (held & far).sum() >= max(LIMITS.fewest_held_runs, LIMITS.held_share * far.sum()):
         return True
-    drifts = np.nanmedian(np.append(moved[held], 0.0)) < _DRIFT
-    regular = np.abs(lengths - usual) <= max(1.0, _JITTER * usual)
-    return bool(not drifts and regular.mean() >= _REGULAR and np.mean(lengths == 1) <= _FEW_SINGLE)
+    drifts = np.nanmedian(np.append(moved[held], 0.0)) < LIMITS.drift_step
+    regular = np.abs(lengths - usual) <= max(1.0, LIMITS.held_length_jitter * usual)
+    return bool(
+        not drifts
+        and regular.mean() >= LIMITS.regular_held_lengths
+        and np.mean(lengths == 1) <= LIMITS.most_single_readings
+    )
 
 
 def _run_starts(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -206,7 +197,7 @@ def _run_starts(time: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.nd
     same = (values[1:] == values[:-1]) | (np.isnan(values[1:]) & np.isnan(values[:-1]))
     first = np.flatnonzero(np.append(True, ~same.all(axis=1)))
     steps = np.diff(time, prepend=-np.inf)
-    return first, (steps <= _BREAK * np.median(steps))[first]
+    return first, (steps <= LIMITS.break_steps * np.median(steps))[first]
 
 
 def _moved(readings: np.ndarray, joins: np.ndarray) -> np.ndarray:

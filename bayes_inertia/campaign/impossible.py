@@ -8,15 +8,7 @@ import numpy as np
 
 from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.campaign.hardware import Wheel
-
-FASTEST_RATE = 1e3  # [rad/s]; small bodies are torn apart by a tenth of it
-_LARGEST_MOMENTUM = 1e6  # [N m s]; the largest gyros of space stations hold 5e3
-_LARGEST_TORQUE = 1e6  # [N m]
-_FEW = 0.02  # of the commands; where more are impossible, it is their unit that is wrong
-_MARKED = 0.5  # of the commands, where all of them are one number
-_AGAIN = 10  # times that number must stand: fewer may be commands of a short slew
-_APART = 10.0  # times larger than all other commands are those that are dirt
-_TIMES_THE_LIMIT = 100.0  # of a wheel
+from bayes_inertia.campaign.limits import LIMITS
 
 
 def impossible_rates(rate: np.ndarray) -> np.ndarray:
@@ -29,7 +21,7 @@ def impossible_rates(rate: np.ndarray) -> np.ndarray:
     >>> impossible_rates(np.array([0.1, -1e31, np.nan])).tolist()
     [False, True, False]
     """
-    return np.abs(np.nan_to_num(rate)) >= FASTEST_RATE
+    return np.abs(np.nan_to_num(rate)) >= LIMITS.fastest_rate
 
 
 def impossible_momentum(momentum: np.ndarray, wheels: Sequence[Wheel]) -> np.ndarray:
@@ -45,7 +37,9 @@ def impossible_momentum(momentum: np.ndarray, wheels: Sequence[Wheel]) -> np.nda
     [False, True]
     """
     limits = [
-        _LARGEST_MOMENTUM if w.max_momentum is None else _TIMES_THE_LIMIT * w.max_momentum
+        LIMITS.largest_momentum
+        if w.max_momentum is None
+        else LIMITS.impossible_times_limit * w.max_momentum
         for w in wheels
     ]
     return np.abs(np.nan_to_num(momentum)) > np.array(limits)
@@ -74,15 +68,18 @@ def without_impossible_torques(
     if torque is None:
         return channels, []
     limits = [
-        _LARGEST_TORQUE if w.max_torque is None else _TIMES_THE_LIMIT * w.max_torque for w in wheels
+        LIMITS.largest_torque
+        if w.max_torque is None
+        else LIMITS.impossible_times_limit * w.max_torque
+        for w in wheels
     ]
     size = np.abs(np.nan_to_num(torque))
     absurd = size > np.array(limits)
     # The largest commands of a wrong unit go on where the others end: those are no dirt.
-    absurd &= size > _APART * size[~absurd].max(initial=0.0)
+    absurd &= size > LIMITS.impossible_factor * size[~absurd].max(initial=0.0)
     # One number again and again is no command in another unit, but a mark of "no command".
-    marked = np.sum(absurd) >= _AGAIN and len(np.unique(torque[absurd])) == 1
-    most = _MARKED if marked else _FEW
+    marked = np.sum(absurd) >= LIMITS.fewest_of_marker and len(np.unique(torque[absurd])) == 1
+    most = LIMITS.share_of_marker if marked else LIMITS.few_impossible
     if not absurd.any() or np.mean(absurd.any(axis=1)) > most:
         return channels, []
     note = f"commands up to {np.abs(torque[absurd]).max():.3g} N m, which no wheel can follow"

@@ -7,6 +7,8 @@ from types import MappingProxyType
 
 import numpy as np
 
+from bayes_inertia.campaign.limits import LIMITS
+
 KNOWN_OFFSETS: Mapping[float, str] = MappingProxyType(
     {
         18.0: "GPS time is ahead of UTC",
@@ -19,12 +21,6 @@ KNOWN_OFFSETS: Mapping[float, str] = MappingProxyType(
     }
 )
 """What clocks of different scales differ by [s], the most common first, and why."""
-
-_HOUR = 3600.0
-_LARGEST_ZONE = 14  # [h]
-_PARTS_OF_HOUR = (0.0, 0.5, 0.75, 0.25)
-# This share of the readings beside the slews shows that an offset is meant.
-_MOST = 0.9
 
 
 def known_offset(
@@ -40,7 +36,7 @@ def known_offset(
     >>> known_offset(np.array([3605.0, 3690.0]), [(0.0, 99.0)])
     (-3600.0, '1 h, as of a time zone', 2)
     """
-    best, most = None, _MOST * len(times)
+    best, most = None, LIMITS.meant_offset_share * len(times)
     for size, why in likely_offsets():
         # Several scales may do, of which the best is meant; zones come after them.
         if best is not None and size not in KNOWN_OFFSETS:
@@ -64,9 +60,14 @@ def likely_offsets() -> Iterator[tuple[float, str]]:
     (18.0, 'GPS time is ahead of UTC')
     """
     yield from KNOWN_OFFSETS.items()
-    zones = [part + k for part in _PARTS_OF_HOUR for k in range(_LARGEST_ZONE + 1) if part + k]
-    yield from ((_HOUR * zone, f"{zone:g} h, as of a time zone") for zone in zones)
+    zones = [
+        part + k
+        for part in LIMITS.parts_of_hour
+        for k in range(LIMITS.largest_time_zone_h + 1)
+        if part + k
+    ]
+    yield from ((LIMITS.hour * zone, f"{zone:g} h, as of a time zone") for zone in zones)
     for zone in zones:
         for small, of in KNOWN_OFFSETS.items():
-            yield _HOUR * zone - small, f"{zone:g} h, and {of}"
-            yield _HOUR * zone + small, f"{zone:g} h, and {of}"
+            yield LIMITS.hour * zone - small, f"{zone:g} h, and {of}"
+            yield LIMITS.hour * zone + small, f"{zone:g} h, and {of}"

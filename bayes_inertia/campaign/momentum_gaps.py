@@ -13,13 +13,10 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.campaign.gaps import gap_note, missing_rows, without_intervals
+from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import located, parts_of
 
-# The line may be wrong by this much of the rates' noise, and of the star tracker's: the estimate of
-# it errs on the large side, and one slew in many is concerned.
-_OF_RATE_NOISE, _OF_ATTITUDE_NOISE = 0.1, 2.0
-_READINGS_FOR_SLOPE = 4
 _CHANNELS = ("rate", "attitude", "wheel_momentum", "magnetic_field_N", "position_N")
 
 
@@ -41,10 +38,10 @@ def with_known_momentum(campaign: Campaign) -> Campaign:
     inertia = float(np.linalg.eigvalsh(campaign.inertia.tensor)[0])
     tracker = campaign.star_tracker
     limits = _Limits(
-        momentum=_OF_RATE_NOISE * inertia * min(campaign.rate_sensor.sigma),
+        momentum=LIMITS.momentum_line_of_rate_noise * inertia * min(campaign.rate_sensor.sigma),
         angular_impulse=np.inf
         if tracker is None
-        else _OF_ATTITUDE_NOISE * inertia * tracker.sigma_cross,
+        else LIMITS.momentum_line_of_attitude_noise * inertia * tracker.sigma_cross,
     )
     slews: list[Slew] = []
     dirt: list[Dirt] = []
@@ -99,7 +96,7 @@ def _bend(at: np.ndarray, momentum: np.ndarray, k: int) -> tuple[float, float]:
     the change of momentum that was measured.
     """
     length = at[k + 1] - at[k]
-    n = _READINGS_FOR_SLOPE
+    n = LIMITS.readings_for_slope
     slopes = []
     for rows in (slice(max(0, k + 1 - n), k + 1), slice(k + 1, k + 1 + n)):
         t, h = at[rows], momentum[rows]

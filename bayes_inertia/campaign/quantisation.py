@@ -6,11 +6,8 @@ import math
 
 import numpy as np
 
+from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.stuck import resolution
-
-_MULTIPLES = 0.99  # of the differences between values must be whole multiples of the step
-_ROUNDING = 0.01  # [steps]
-_FEWEST_VALUES = 3  # different ones
 
 
 def quantisation_step(values: np.ndarray) -> float | None:
@@ -28,11 +25,11 @@ def quantisation_step(values: np.ndarray) -> float | None:
     """
     different = np.unique(values[np.isfinite(values)])
     step = resolution(different)
-    if len(different) < _FEWEST_VALUES or step == 0.0:
+    if len(different) < LIMITS.fewest_values or step == 0.0:
         return None
     multiples = (different - different[0]) / step
-    whole = np.abs(multiples - np.round(multiples)) < _ROUNDING
-    return step if np.mean(whole) >= _MULTIPLES else None
+    whole = np.abs(multiples - np.round(multiples)) < LIMITS.multiple_tolerance
+    return step if np.mean(whole) >= LIMITS.share_of_multiples else None
 
 
 def quantisation_sigma(step: float) -> float:

@@ -21,6 +21,7 @@ from bayes_inertia.campaign.held import counted_once
 from bayes_inertia.campaign.impossible import without_impossible_torques
 from bayes_inertia.campaign.inertia_prior import InertiaPrior
 from bayes_inertia.campaign.inspection import with_dirt_masked
+from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.momentum_gaps import with_known_momentum
 from bayes_inertia.campaign.row_order import ordered_rows
 from bayes_inertia.campaign.schema import CampaignPart, ColumnsPart, SlewPart
@@ -39,9 +40,6 @@ from bayes_inertia.files import (
 )
 from bayes_inertia.tables.number_table import Table, read_table
 
-# Errors below these shares of the noise of one reading are not told by all readings together.
-_OF_RATE_NOISE, _OF_ATTITUDE_NOISE = 0.02, 0.1
-_SHORTEST_SLEW = 1e-9  # [s]; what is divided by it stays finite
 # A record without rows, and the times [s] that it concerns.
 _TimedDirt = tuple[Dirt, np.ndarray]
 
@@ -267,9 +265,9 @@ def _slews(
 def _negligible_impulse(time: np.ndarray, hardware: dict[str, Any]) -> float:
     """An error of the wheels' momentum that rates and attitude cannot tell [N m s]."""
     inertia = float(np.linalg.eigvalsh(hardware["inertia"].tensor)[0])
-    rate = _OF_RATE_NOISE * min(hardware["rate_sensor"].sigma)
+    rate = LIMITS.negligible_of_rate_noise * min(hardware["rate_sensor"].sigma)
     tracker = hardware["star_tracker"]
     if tracker is not None:
-        duration = max(float(time[-1] - time[0]), _SHORTEST_SLEW)
-        rate = min(rate, _OF_ATTITUDE_NOISE * tracker.sigma_cross / duration)
+        duration = max(float(time[-1] - time[0]), LIMITS.shortest_slew)
+        rate = min(rate, LIMITS.negligible_of_attitude_noise * tracker.sigma_cross / duration)
     return inertia * rate

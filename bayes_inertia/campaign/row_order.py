@@ -14,24 +14,11 @@ from typing import NoReturn
 import numpy as np
 
 from bayes_inertia.campaign.dirt import Dirt, DirtKind, Treatment
+from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.stamps import regular_stamps
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.tables.number_table import Table
 
-# More wrong stamps than this share of all rows are no single glitches.
-_GLITCHES = 0.02
-# A late row fits where its neighbours are this many steps away.
-_NEAREST, _FARTHEST = 0.75, 3.0
-# So many rows before and after a clock was set back are in order, but for one; of shuffled rows
-# half go back, and that happens by chance once in 10,000 times.
-_RUNS_ON = 10
-# Neighbours of a wrong stamp are two steps apart, within this share of a step.
-_REGULAR = 0.1
-# A stamp is far off if it is away from the others by this many times their whole duration, and by
-# more than this time [s], or units of a clock that counts others.
-_FAR_OFF, _LONGEST_BREAK = 100.0, 3600.0
-# Stamps of 32 bits may be coarse by this share of their spacing.
-_COARSE = 0.01
 _LEFT_OUT = "with a wrong stamp left out"
 
 
@@ -58,14 +45,17 @@ def set_back_row(stamps: np.ndarray, contents: np.ndarray) -> int | None:
     step = float(np.median(steps)) if len(steps) else 0.0
     strange = ~_explained(stamps, late, contents, step)
     for run in np.split(np.arange(len(late)), np.flatnonzero(np.diff(late) > 1) + 1):
-        if strange[run].sum() <= _FARTHEST:
+        if strange[run].sum() <= LIMITS.late_row_farthest:
             continue
         # The clock went back at the run's start, or where the rows after it go on.
         first, last = max(int(late[run[0]]), 1), min(int(late[run[-1]]) + 2, len(stamps))
         row = first + int(np.argmin(np.diff(stamps[first - 1 : last])))
-        beside = (stamps[max(row - _RUNS_ON, 0) : row], stamps[row : row + _RUNS_ON])
+        beside = (
+            stamps[max(row - LIMITS.rows_in_order, 0) : row],
+            stamps[row : row + LIMITS.rows_in_order],
+        )
         astray = sum(int((np.diff(rows) < 0.0).sum()) for rows in beside)
-        if astray <= 1 and stamps[row - 1] - stamps[row] > _FARTHEST * step:
+        if astray <= 1 and stamps[row - 1] - stamps[row] > LIMITS.late_row_farthest * step:
             return row
     return None
 
@@ -94,7 +84,9 @@ def _explained(
         bounds[hole + 1] - times[starts + counts - 1],
     ):
         # At an end of the log one side is open.
-        fits &= np.isinf(edge) | ((edge >= _NEAREST * step) & (edge <= _FARTHEST * step))
+        fits &= np.isinf(edge) | (
+            (edge >= LIMITS.late_row_nearest * step) & (edge <= LIMITS.late_row_farthest * step)
+        )
     fills = np.zeros(len(late), dtype=bool)
     fills[new] = np.repeat(fits, counts)
     return again | fills
@@ -189,7 +181,7 @@ def _refuse_coarse_times(table: Table, time: str, steps: np.ndarray) -> None:
     if time not in table.single or not len(steps):
         return
     resolution = float(np.spacing(np.float32(np.abs(table.columns[time]).max())))
-    if resolution <= _COARSE * abs(float(np.median(steps))):
+    if resolution <= LIMITS.coarse_stamp * abs(float(np.median(steps))):
         return
     # A regular clock may be known better than its stamps.
     _, record = regular_stamps(table.columns[time]) if np.all(steps > 0.0) else (None, None)
@@ -207,11 +199,13 @@ def _far_off_rows(table: Table, time: str) -> np.ndarray:
     steps = np.diff(np.unique(stamps))
     if len(steps) < 2:
         return np.zeros(0, dtype=int)
-    limit = max(_FAR_OFF * len(stamps) * float(np.median(steps)), _LONGEST_BREAK)
+    limit = max(
+        LIMITS.far_off_durations * len(stamps) * float(np.median(steps)), LIMITS.longest_break
+    )
     with np.errstate(over="ignore"):
         distance = np.abs(stamps - np.median(stamps))
     far = np.flatnonzero(distance > limit)
-    if len(far) > _GLITCHES * len(stamps):
+    if len(far) > LIMITS.most_glitches * len(stamps):
         row = int(far[0])
         raise CampaignError(
             f"the time {float(stamps[row])!r} is far from most others, which lie around "
@@ -252,11 +246,11 @@ def _without_wrong_stamps(table: Table, time: str) -> tuple[Table, np.ndarray, n
     wrong = late[~_fits(stamps, late, step)]
     if not len(wrong):
         return table, rows, wrong
-    if np.any(np.diff(wrong) == 1) or len(wrong) > _GLITCHES * len(stamps):
+    if np.any(np.diff(wrong) == 1) or len(wrong) > LIMITS.most_glitches * len(stamps):
         _refuse_jump(table, time, int(wrong[0]))
     inner = wrong[(wrong > 0) & (wrong < len(stamps) - 1)]
     hole = stamps[inner + 1] - stamps[inner - 1]
-    regular = inner[np.abs(hole - 2.0 * step) <= _REGULAR * step]
+    regular = inner[np.abs(hole - 2.0 * step) <= LIMITS.glitch_tolerance * step]
     mended = stamps.copy()
     mended[regular] = 0.5 * (stamps[regular - 1] + stamps[regular + 1])
     table = replace(table, columns={**table.columns, time: mended})
@@ -266,13 +260,17 @@ def _without_wrong_stamps(table: Table, time: str) -> tuple[Table, np.ndarray, n
 def _fits(stamps: np.ndarray, late: np.ndarray, step: float) -> np.ndarray:
     """Which late rows fill a hole among the others, or repeat the time of one of them."""
     others = np.delete(stamps, late)
-    inside = (stamps[late] >= others.min() - _FARTHEST * step) & (
-        stamps[late] <= others.max() + _FARTHEST * step
+    inside = (stamps[late] >= others.min() - LIMITS.late_row_farthest * step) & (
+        stamps[late] <= others.max() + LIMITS.late_row_farthest * step
     )
     bounds = np.concatenate([[-np.inf], np.unique(stamps), [np.inf]])
     at = np.searchsorted(bounds, stamps[late])
     nearest = np.minimum(stamps[late] - bounds[at - 1], bounds[at + 1] - stamps[late])
-    fills = inside & (nearest >= _NEAREST * step) & (nearest <= _FARTHEST * step)
+    fills = (
+        inside
+        & (nearest >= LIMITS.late_row_nearest * step)
+        & (nearest <= LIMITS.late_row_farthest * step)
+    )
     return fills | np.isin(stamps[late], others)
 
 

@@ -12,22 +12,8 @@ from __future__ import annotations
 import numpy as np
 
 from bayes_inertia.campaign.dirt import Dirt
-from bayes_inertia.campaign.gaps import (
-    SAME_ROW,
-    Channels,
-    missing_rows,
-    unbroken_rows,
-    with_rows_at,
-)
-
-_MOST_ROWS = 3  # in one gap
-_FEWEST_TRIALS = 30
-_SAFETY = 2.0
-# All curves of a slew may err by this many errors that all readings together do not tell.
-_TIMES_NEGLIGIBLE = 2.0
-# Bends larger than twice those of nine in ten rows are steps or corners.
-_SMOOTH, _MOST = 2.0, 0.9
-_WHOLE = 0.2  # of a step, by which a gap's length may differ from whole steps
+from bayes_inertia.campaign.gaps import Channels, missing_rows, unbroken_rows, with_rows_at
+from bayes_inertia.campaign.limits import LIMITS
 
 
 def with_short_gaps_filled(
@@ -65,8 +51,8 @@ def with_short_gaps_filled(
                 _error_of_curve(commands[k - 1 : k + 3], nodes, step, *usual[tuple(nodes)])
             )
     order = np.argsort(errors)
-    total = _SAFETY * np.sqrt(np.cumsum(np.array(errors)[order] ** 2))
-    accepted = order[total <= _TIMES_NEGLIGIBLE * negligible]
+    total = LIMITS.curve_error_safety * np.sqrt(np.cumsum(np.array(errors)[order] ** 2))
+    accepted = order[total <= LIMITS.times_negligible * negligible]
     if not len(accepted):
         return channels, []
     ends = np.sort(np.array([at[gaps[i][0] + n] for i in accepted for n in (0, 1)]))
@@ -86,8 +72,11 @@ def _nodes(around: np.ndarray, step: float) -> np.ndarray | None:
     """Two rows before a gap and two after, counted in steps; None if too much is missing."""
     steps = (around - around[0]) / step
     nodes = np.round(steps).astype(int)
-    whole = np.all(np.abs(np.diff(steps) - np.diff(nodes)) <= _WHOLE)
-    near = len(_lost(nodes)) <= _MOST_ROWS and nodes[3] <= 2 * _MOST_ROWS + 2
+    whole = np.all(np.abs(np.diff(steps) - np.diff(nodes)) <= LIMITS.whole_step)
+    near = (
+        len(_lost(nodes)) <= LIMITS.most_rows_on_a_curve
+        and nodes[3] <= 2 * LIMITS.most_rows_on_a_curve + 2
+    )
     return nodes if whole and near and np.all(np.diff(nodes) > 0) else None
 
 
@@ -121,13 +110,16 @@ def _usual(
     step = float(np.median(np.diff(at)))
     trials = unbroken_rows(at, int(nodes[3]), step)
     none = np.full(commands.shape[1], np.inf), np.zeros(2 * commands.shape[1])
-    if len(trials) < _FEWEST_TRIALS:
+    if len(trials) < LIMITS.fewest_trials:
         return none
     bends = _bends(commands[trials[:, None] + nodes], nodes)
     # The rounding of equal numbers is no bend.
-    limit = _SMOOTH * np.quantile(bends, _MOST, axis=0) + 1e-12 * np.abs(commands).max()
+    limit = (
+        LIMITS.smooth_factor * np.quantile(bends, LIMITS.smooth_quantile, axis=0)
+        + 1e-12 * np.abs(commands).max()
+    )
     smooth = trials[(bends <= limit).all(axis=1), None]
-    if len(smooth) < _FEWEST_TRIALS:
+    if len(smooth) < LIMITS.fewest_trials:
         return none
     errors = commands[smooth + _lost(nodes)] - _weights(nodes) @ commands[smooth + nodes]
     return step * np.sqrt(np.mean(np.square(errors.sum(axis=1)), axis=0)), limit
@@ -148,5 +140,5 @@ def _with_commands(
 ) -> Channels:
     """Channels with commands at increasing times, in rows that are there or new."""
     grown = with_rows_at(channels, times, step)
-    grown["wheel_torque"][np.searchsorted(grown["time"], times - SAME_ROW * step)] = commands
+    grown["wheel_torque"][np.searchsorted(grown["time"], times - LIMITS.same_row * step)] = commands
     return grown

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.checks import require, unit_length, unit_vector
+from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths.values import Vector, array_dataclass
 
@@ -20,8 +21,6 @@ _COLUMNS_OF_CHANNEL = {
     "position_N": 3,
     "lost_command_sd": None,
 }
-# Rows with a reading of every axis are enough to tell the motion if they are this share of all.
-_ENOUGH_COMPLETE_ROWS = 0.1
 
 
 @array_dataclass
@@ -173,7 +172,10 @@ class Slew:
             return np.zeros(0, dtype=int), np.zeros((0, 3))
         valid = np.isfinite(self.rate) if valid is None else valid
         rows = np.flatnonzero(valid.all(axis=1))
-        if len(rows) > _ENOUGH_COMPLETE_ROWS * valid.any(axis=1).sum() or not valid.any(0).all():
+        if (
+            len(rows) > LIMITS.enough_complete_rows * valid.any(axis=1).sum()
+            or not valid.any(0).all()
+        ):
             return rows, self.rate[rows]
         given = [np.flatnonzero(axis) for axis in valid.T]
         rows = np.arange(max(k[0] for k in given), min(k[-1] for k in given) + 1)

@@ -12,16 +12,8 @@ import numpy as np
 
 from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.campaign.gaps import is_regular
+from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.uneven_stamps import clock_through
-
-# Rounding matters if the resolution is this share of the step; beyond the second share nothing can
-# be told of the clock.
-_FINE, _COARSE = 0.01, 0.4
-# Stamps are uneven if this share of steps differs from the median by that share of it: a few other
-# stamps between those of a regular clock are no jitter.
-_MANY, _UNEVEN = 0.25, 0.01
-_HALF = 0.55  # of a resolution: how far a rounded stamp is from its time, with some allowance
-_FEWEST_ROWS = 20
 
 
 def regular_stamps(time: np.ndarray, unit: str = "s") -> tuple[np.ndarray, Dirt | None]:
@@ -37,7 +29,7 @@ def regular_stamps(time: np.ndarray, unit: str = "s") -> tuple[np.ndarray, Dirt 
     >>> bool(np.abs(np.diff(stamps) - 0.48).max() < 1e-3), record.treated
     (True, 'modelled')
     """
-    if len(time) < _FEWEST_ROWS:
+    if len(time) < LIMITS.fewest_stamps:
         return time, None
     steps = np.diff(time)
     step = float(np.median(steps))
@@ -49,7 +41,7 @@ def regular_stamps(time: np.ndarray, unit: str = "s") -> tuple[np.ndarray, Dirt 
         note = f"stamps are multiples of {resolution:.4g} {unit}; a regular clock's times are taken"
         return grid, Dirt("clock", "time", "", (), "modelled", note)
     deviation = np.abs(steps - step)
-    if not is_regular(time) or np.mean(deviation > _UNEVEN * step) < _MANY:
+    if not is_regular(time) or np.mean(deviation > LIMITS.uneven_step * step) < LIMITS.uneven_share:
         return time, None
     uneven = float(np.sqrt(np.mean(deviation[deviation < 0.5 * step] ** 2)))
     note = f"stamps are uneven: steps of {step:.4g} {unit} vary by {uneven:.3g} {unit} rms"
@@ -75,10 +67,12 @@ def _resolution(time: np.ndarray, step: float) -> float | None:
         single = time.astype(np.float32).astype(float)
     if np.array_equal(single, time):
         resolution = float(np.spacing(np.float32(largest)))
-        if resolution > _FINE * step:
-            return resolution if resolution <= _COARSE * step else None
+        if resolution > LIMITS.fine_resolution * step:
+            return resolution if resolution <= LIMITS.coarse_resolution * step else None
     fuzz = 4.0 * float(np.spacing(largest)) + 1e-9 * step
-    for resolution in _round_numbers(_FINE * step, _COARSE * step):
+    for resolution in _round_numbers(
+        LIMITS.fine_resolution * step, LIMITS.coarse_resolution * step
+    ):
         if np.all(np.abs(time - resolution * np.round(time / resolution)) <= fuzz):
             return resolution
     return None
@@ -104,6 +98,9 @@ def _grid(time: np.ndarray, step: float, resolution: float) -> np.ndarray | None
     if np.ptp(near) < 0.5 * resolution:
         return None
     fitted, rows, _ = clock_through(time)
-    if np.any(np.diff(rows) < 1.0) or np.abs(fitted + time[0] - time).max() > _HALF * resolution:
+    if (
+        np.any(np.diff(rows) < 1.0)
+        or np.abs(fitted + time[0] - time).max() > LIMITS.half_resolution * resolution
+    ):
         return None
     return fitted + time[0]

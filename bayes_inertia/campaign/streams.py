@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.schema import ColumnsPart, SlewPart, TimeColumn
 from bayes_inertia.errors import CampaignError
-
-_SAME_TIME = 1e-9  # [s]; stamps closer than this are one time
 
 
 @dataclass(frozen=True)
@@ -79,7 +78,7 @@ def union(streams: Sequence[dict[str, np.ndarray]], label: str) -> dict[str, np.
     streams = [_without_empty_rows(stream) for stream in streams]
     times = np.concatenate([stream["time"] for stream in streams])
     order = np.argsort(times, kind="stable")
-    resolution = max(_SAME_TIME, 4.0 * float(np.spacing(np.abs(times).max())))
+    resolution = max(LIMITS.same_time, 4.0 * float(np.spacing(np.abs(times).max())))
     is_new = np.concatenate([[True], np.diff(times[order]) > resolution])
     row = np.empty(len(times), dtype=int)
     row[order] = np.cumsum(is_new) - 1

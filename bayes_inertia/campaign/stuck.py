@@ -11,15 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD
-
-_SHORTEST_RUN = 5  # [readings]
-_SHORTEST_RUN_OF_FIXES = 3
-_FALSE_ALARMS = 1e-6  # a slew
-_FEWEST_OTHERS = 20  # readings outside runs, to tell the noise from
-_FEWEST_OTHER_FIXES = 5
-# Noise below this share of the stated one is no noise to judge by.
-_LEAST_NOISE = 0.2
 
 
 def stuck_readings(readings: np.ndarray, sigma: Sequence[float | None]) -> np.ndarray:
@@ -66,8 +59,8 @@ def stuck_fixes(attitude: np.ndarray) -> np.ndarray:
     stuck = np.zeros(len(attitude), dtype=bool)
     rows = np.flatnonzero(np.isfinite(attitude).all(axis=1))
     runs = _run_lengths(attitude[rows])
-    others = runs < _SHORTEST_RUN_OF_FIXES
-    if others.sum() >= _FEWEST_OTHER_FIXES and np.all(runs[others] == 1):
+    others = runs < LIMITS.shortest_stuck_run_of_fixes
+    if others.sum() >= LIMITS.fewest_fixes_beside_runs and np.all(runs[others] == 1):
         stuck[rows] = ~others
     return stuck
 
@@ -102,8 +95,8 @@ def _run_lengths(values: np.ndarray) -> np.ndarray:
 
 def _repetition(values: np.ndarray, sigma: float) -> float | None:
     """The chance that the next reading of one axis is the same; None if it cannot be told."""
-    others = _run_lengths(values[:, None]) < _SHORTEST_RUN
-    if others.sum() < _FEWEST_OTHERS:
+    others = _run_lengths(values[:, None]) < LIMITS.shortest_stuck_run
+    if others.sum() < LIMITS.fewest_readings_beside_runs:
         return None
     inner = others[:-2] & others[1:-1] & others[2:]
     bends = (values[:-2] - 2.0 * values[1:-1] + values[2:])[inner]
@@ -111,7 +104,7 @@ def _repetition(values: np.ndarray, sigma: float) -> float | None:
         return None
     noise = SD_OVER_MAD * float(np.median(np.abs(bends))) / math.sqrt(6.0)
     step = resolution(values)
-    if noise <= _LEAST_NOISE * sigma or min(noise, sigma) <= 0.5 * step:
+    if noise <= LIMITS.least_noise_to_judge * sigma or min(noise, sigma) <= 0.5 * step:
         return None
     white = math.sqrt(noise**2 - step**2 / 12.0)
     # A sensor that is read more often than it measures repeats itself, too.
@@ -121,8 +114,8 @@ def _repetition(values: np.ndarray, sigma: float) -> float | None:
 
 def _too_long(values: np.ndarray, chance: float) -> np.ndarray:
     """Which rows (n, k) stand in runs that noise makes less than once in a million slews."""
-    shortest = _SHORTEST_RUN
+    shortest = LIMITS.shortest_stuck_run
     if chance > 0.0:
-        needed = math.log(_FALSE_ALARMS / max(len(values), 1)) / math.log(chance)
+        needed = math.log(LIMITS.stuck_false_alarms / max(len(values), 1)) / math.log(chance)
         shortest = max(shortest, 1 + math.ceil(needed))
     return _run_lengths(values) >= shortest

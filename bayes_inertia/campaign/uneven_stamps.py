@@ -12,19 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD
-
-# Jitter is less than this share of the step, else rows cannot be counted.
-_FARTHEST = 0.45
-# Means of so many rows may not stray further than white jitter does, by this factor.
-_BLOCK, _WANDER = 20, 4.0
-_FEWEST_ROWS = 20
-# Rows of the curve that is taken for the motion, and of the line that is its slope.
-_CURVE, _LINE = 7, 9
-_OUTLYING = 6.0  # sd; a reading counts no more than this.
-# Between the slope and one half, in sds, where readings are said to decide: the other of 0 and 1 is
-# then twice as many sds away at least.
-_SURE = 4.0
 
 
 @dataclass(frozen=True)
@@ -45,12 +34,12 @@ class StampSlope:
     @property
     def sampling_is_regular(self) -> bool:
         """Whether the readings show that the stamps jitter, not the sampling."""
-        return self.value + _SURE * self.sd < 0.5
+        return self.value + LIMITS.sure_sds * self.sd < 0.5
 
     @property
     def sampling_is_uneven(self) -> bool:
         """Whether the readings show that they were taken at their stamps."""
-        return self.value - _SURE * self.sd > 0.5
+        return self.value - LIMITS.sure_sds * self.sd > 0.5
 
 
 def row_numbers(time: np.ndarray) -> np.ndarray:
@@ -102,15 +91,22 @@ def regular_clock(time: np.ndarray) -> tuple[np.ndarray | None, str]:
     >>> bool(np.ptp(np.diff(clock)) < 1e-9)
     True
     """
-    if len(time) < _FEWEST_ROWS:
+    if len(time) < LIMITS.fewest_stamps:
         return None, f"there are only {len(time)} rows"
     fitted, rows, slope = clock_through(time)
     away = time - time[0] - fitted
-    if np.any(np.diff(rows) < 1.0) or np.abs(away).max() > _FARTHEST * slope:
+    if np.any(np.diff(rows) < 1.0) or np.abs(away).max() > LIMITS.largest_jitter * slope:
         return None, f"a stamp is {np.abs(away).max():.3g} off a clock with steps of {slope:.4g}"
-    means = away[: len(away) // _BLOCK * _BLOCK].reshape(-1, _BLOCK).mean(axis=1)
-    wander, white = float(np.sqrt(np.mean(means**2))), float(np.sqrt(np.mean(away**2) / _BLOCK))
-    if wander > _WANDER * white:
+    means = (
+        away[: len(away) // LIMITS.jitter_block * LIMITS.jitter_block]
+        .reshape(-1, LIMITS.jitter_block)
+        .mean(axis=1)
+    )
+    wander, white = (
+        float(np.sqrt(np.mean(means**2))),
+        float(np.sqrt(np.mean(away**2) / LIMITS.jitter_block)),
+    )
+    if wander > LIMITS.jitter_wander * white:
         return None, f"the stamps wander by {wander:.3g} about a clock with steps of {slope:.4g}"
     return fitted + time[0], ""
 
@@ -147,7 +143,11 @@ def slope_of_readings(
     value = sum(float(x @ y) for x, y in products) / total
     scores = [x * (y - value * x) for x, y in products]
     # Neighbours share readings: sums of blocks are nearly independent.
-    blocks = [score[k : k + _BLOCK].sum() for score in scores for k in range(0, len(score), _BLOCK)]
+    blocks = [
+        score[k : k + LIMITS.jitter_block].sum()
+        for score in scores
+        for k in range(0, len(score), LIMITS.jitter_block)
+    ]
     return StampSlope(value, float(np.sqrt(np.sum(np.square(blocks))) / total))
 
 
@@ -157,21 +157,23 @@ def _short_term(
     """What jitter would add to readings, and the readings, both less a curve through neighbours."""
     present = np.isfinite(readings)
     stamps, clock, readings = stamps[present], clock[present], readings[present]
-    if len(readings) < _LINE + _CURVE:
+    if len(readings) < LIMITS.line_rows + LIMITS.curve_rows:
         return np.zeros(0), np.zeros(0)
     step = float(np.median(np.diff(clock)))
     even = np.abs(np.diff(clock) - step) < 1e-3 * step
-    rate = np.convolve(readings, _weights(_LINE, 1)[::-1], "valid") / step
-    trim = _LINE // 2
+    rate = np.convolve(readings, _weights(LIMITS.line_rows, 1)[::-1], "valid") / step
+    trim = LIMITS.line_rows // 2
     moved = rate * (stamps - clock)[trim:-trim]
     x, y = (
         np.convolve(v, _residual_weights()[::-1], "valid") for v in (moved, readings[trim:-trim])
     )
-    width = _LINE + _CURVE - 2
+    width = LIMITS.line_rows + LIMITS.curve_rows - 2
     whole = np.convolve(even, np.ones(width), "valid") > width - 0.5
     x, y = x[whole], y[whole]
     spread = SD_OVER_MAD * float(np.median(np.abs(y))) if len(y) else 0.0
-    return x, np.clip(y, -_OUTLYING * spread, _OUTLYING * spread) if spread > 0.0 else y
+    return x, np.clip(
+        y, -LIMITS.most_counted_sds * spread, LIMITS.most_counted_sds * spread
+    ) if spread > 0.0 else y
 
 
 def _weights(width: int, order: int) -> np.ndarray:
@@ -182,6 +184,6 @@ def _weights(width: int, order: int) -> np.ndarray:
 
 
 def _residual_weights() -> np.ndarray:
-    own = np.zeros(_CURVE)
-    own[_CURVE // 2] = 1.0
-    return own - _weights(_CURVE, 0)
+    own = np.zeros(LIMITS.curve_rows)
+    own[LIMITS.curve_rows // 2] = 1.0
+    return own - _weights(LIMITS.curve_rows, 0)

@@ -18,6 +18,7 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.units import UNITS
 from bayes_inertia.conventions.hypothesis import KeyChange, Mistake
+from bayes_inertia.conventions.limits import LIMITS
 
 Columns = Mapping[str, Mapping[str, Any]]
 
@@ -31,8 +32,6 @@ _INERTIA_UNITS = {
     "lb ft^2": 0.0421401,
     "lb in^2": 2.9263965e-4,
 }
-# More wheels than this have only pairs exchanged: all orders would be too many.
-_ALL_ORDERS_UP_TO = 4
 
 
 def mistakes(campaign: Campaign, columns: Columns) -> list[Mistake]:
@@ -221,7 +220,7 @@ def _rates_read(matrix: np.ndarray):
 
 
 def _orders(count: int) -> Iterator[list[int]]:
-    if count <= _ALL_ORDERS_UP_TO:
+    if count <= LIMITS.most_wheels_in_any_order:
         yield from (list(order) for order in list(permutations(range(count)))[1:])
         return
     for i, k in combinations(range(count), 2):

@@ -24,15 +24,16 @@ from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.reader import read_unmasked
 from bayes_inertia.campaign.schema import CampaignPart
 from bayes_inertia.campaign.units import UNITS
-from bayes_inertia.conventions import limits, wording
+from bayes_inertia.conventions import wording
 from bayes_inertia.conventions.candidates import mistakes
 from bayes_inertia.conventions.clocks import Clocks, Columns, streams_apart
 from bayes_inertia.conventions.columns import copied_commands, faulty_columns
-from bayes_inertia.conventions.dirt_at_rest import dirt_of
 from bayes_inertia.conventions.doubts import Factors, broken_limits, doubtful_places, factors
+from bayes_inertia.conventions.faults_at_rest import dirt_of
 from bayes_inertia.conventions.hypothesis import KeyChange, Mistake
 from bayes_inertia.conventions.invisible import invisible
 from bayes_inertia.conventions.laws import DRIVE
+from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.linear_fit import worst
 from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.noise_seen import noise_ratios
@@ -46,8 +47,6 @@ from bayes_inertia.maths.values import json_ready
 
 FORMAT = "bayes-inertia-doctor/1"
 Verdict = Literal["consistent", "doubtful", "wrong"]
-# Numbers beyond this mark missing values, in whatever unit.
-_LARGEST_NUMBER = 1e10
 
 
 @dataclass(frozen=True)
@@ -209,8 +208,8 @@ def _suspect(written: Campaign, masked: Campaign) -> bool:
     for channel in ("rate", "wheel_momentum"):
         before, after = (_all_readings(c, channel) for c in (written, masked))
         count = np.isfinite(before).sum()
-        few = np.isfinite(after).sum() < limits.BELIEVABLE_SHARE * count
-        if few and np.nanmax(np.abs(before)) < _LARGEST_NUMBER:
+        few = np.isfinite(after).sum() < LIMITS.believable_share * count
+        if few and np.nanmax(np.abs(before)) < LIMITS.largest_number:
             return True
     return False
 
@@ -280,7 +279,7 @@ def _held_against_laws(
     clock = Clocks()
     if not faults:
         mending, clock = what_mends(misfits, judgement, singles, columns, differ)
-    wrong = bool(mending) or worst(misfits.of(reading)) > limits.HOPELESS
+    wrong = bool(mending) or worst(misfits.of(reading)) > LIMITS.hopeless
     doubts = faults + _doubts(misfits, written, columns, reading, differ, bool(mending))
     verdict: Verdict = "wrong" if wrong else "doubtful" if doubts else "consistent"
     if mending:
@@ -322,7 +321,7 @@ def _doubts(
     factor = () if differ is None else differ.words()
     if mended:
         return factor
-    holds = {law: fit.worst < limits.ORDINARY for law, fit in misfits.of(reading).items()}
+    holds = {law: fit.worst < LIMITS.ordinary for law, fit in misfits.of(reading).items()}
     return (
         *(() if holds.get(DRIVE, True) else copied_commands(written, columns)),
         *doubtful_places(misfits, reading),
@@ -397,7 +396,7 @@ def _in_one_unit(campaign: Campaign, channel: str) -> bool:
     known = ratio[np.isfinite(ratio) & (ratio > 0.0)]
     if not len(known):
         return False
-    return bool(np.all(np.abs(np.log(known)) < np.log(limits.ONE_UNIT)))
+    return bool(np.all(np.abs(np.log(known)) < np.log(LIMITS.one_unit)))
 
 
 def _times(value: Any, factor: float) -> Any:

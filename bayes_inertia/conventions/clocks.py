@@ -18,9 +18,9 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.known_offsets import KNOWN_OFFSETS, likely_offsets
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.conventions import limits
 from bayes_inertia.conventions.hypothesis import KeyChange, Mistake
 from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE, LawData
+from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.linear_fit import LinearFit, fitted, worst
 from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.reading import Reading
@@ -29,9 +29,6 @@ from bayes_inertia.conventions.search import Remedy
 
 Columns = Mapping[str, Mapping[str, Any]]
 
-_RARITY = 2
-# Two latenesses are one if they differ by less than this share.
-_SAME = 0.25
 _STREAM = {CLOSURE: "star tracker", CONSERVATION: "wheels", DRIVE: "torque commands"}
 # Slew's channel and what people call the readings, by entry of `[columns]`.
 _CHANNEL = {
@@ -41,10 +38,6 @@ _CHANNEL = {
     "wheel_momentum": ("wheel_momentum", "tachometer readings"),
     "wheel_speed": ("wheel_momentum", "tachometer readings"),
 }
-# This share of the readings must lie beside the rates with an offset that is proposed.
-_MOST = 0.8
-# And this share of the motion must be left to be judged: streams overlap less once they are moved.
-_MOTION_LEFT = 0.5
 _EFFECT = {
     CLOSURE: "star_tracker_time_offset or rate_sensor_delay",
     CONSERVATION: "rate_sensor_delay",
@@ -115,7 +108,7 @@ def known_offsets(misfits: Misfits, reading: Reading, columns: Columns) -> tuple
     """
     campaign, laws = misfits.campaign, misfits.of(reading)
     before = worst(laws)
-    fixes = sum(min(int(slew.fixes.sum()), limits.FIXES_PER_SLEW) for slew in campaign.slews)
+    fixes = sum(min(int(slew.fixes.sum()), LIMITS.fixes_per_slew) for slew in campaign.slews)
     turned = _turned(misfits.slews)
     entries = [entry for entry in _CHANNEL if entry in columns]
     wheels = [entry for entry in entries if entry.startswith("wheel")]
@@ -126,19 +119,19 @@ def known_offsets(misfits: Misfits, reading: Reading, columns: Columns) -> tuple
             for seconds in (-offset, offset) if offset < longest else ():
                 shifts = {_CHANNEL[entry][0]: seconds for entry in streams}
                 slews = sampled(campaign, shifts)
-                least = _MOST * fixes if streams == ["attitude"] else 0.0
+                least = LIMITS.share_beside_rates * fixes if streams == ["attitude"] else 0.0
                 if slews is None or slews.fixes.sum() < least:
                     continue
-                if _turned(slews) < _MOTION_LEFT * turned:
+                if _turned(slews) < LIMITS.motion_left * turned:
                     continue
                 fits = Misfits(campaign, slews).of(reading)
                 after = worst(fits)
-                mends = after < min(limits.ORDINARY, before / limits.IMPROVEMENT)
+                mends = after < min(LIMITS.ordinary, before / LIMITS.improvement)
                 if mends and _still_tested(laws, fits, streams):
                     mistake = _mistake(columns, dict.fromkeys(streams, seconds))
                     found.append(Remedy(mistake, before, after))
     best = min((remedy.after for remedy in found), default=0.0)
-    return tuple(r for r in found if r.after <= limits.EQUAL_FACTOR * best + limits.EQUAL_MISFIT)
+    return tuple(r for r in found if r.after <= LIMITS.equal_factor * best + LIMITS.equal_misfit)
 
 
 def _still_tested(
@@ -149,8 +142,8 @@ def _still_tested(
         return True
     # Where no fix is left beside the rates, another law must have told of the clock.
     others = max((fit.worst for law, fit in laws.items() if law != CLOSURE), default=0.0)
-    held = streams == ["rate"] or laws[CLOSURE].worst < limits.ORDINARY
-    return set(laws) - set(fits) == {CLOSURE} and others > limits.IMPOSSIBLE and held
+    held = streams == ["rate"] or laws[CLOSURE].worst < LIMITS.ordinary
+    return set(laws) - set(fits) == {CLOSURE} and others > LIMITS.impossible and held
 
 
 def _turned(slews: SampledSlews) -> float:
@@ -209,7 +202,7 @@ def apart_in_words(
     for offset, why in likely_offsets():
         seconds = float(np.copysign(offset, -away))
         inside = np.concatenate([_beside(times + seconds, rates) for times, rates in pairs])
-        if np.mean(inside) > _MOST:
+        if np.mean(inside) > LIMITS.share_beside_rates:
             key = f"columns.{entry}.offset_s = {stated + seconds:.9g}"
             return f"{said}; they lie beside the rates with {key} ({why})"
     return f"{said}; state their clock's offset as columns.{entry}.offset_s"
@@ -220,7 +213,7 @@ def _is_gross(misfits: Misfits, late: Lateness) -> bool:
     lag = "wheel_torque" in channels_of(misfits, late.law) and late.seconds > 0.0
     limit = gross_lateness(misfits.campaign, lag)
     steps = [float(np.median(np.diff(slew.time))) for slew in misfits.campaign.slews]
-    return abs(late.seconds) > max(limit, limits.LATE_STEPS * float(np.median(steps)))
+    return abs(late.seconds) > max(limit, LIMITS.late_steps * float(np.median(steps)))
 
 
 def _proposals(
@@ -253,7 +246,7 @@ def _proposals(
 
 
 def _one(first: float, second: float) -> bool:
-    return abs(first - second) < _SAME * max(abs(first), abs(second))
+    return abs(first - second) < LIMITS.same_lateness * max(abs(first), abs(second))
 
 
 def fixes_in_motion(misfits: Misfits) -> bool:
@@ -263,7 +256,7 @@ def fixes_in_motion(misfits: Misfits) -> bool:
     """
     slews = misfits.slews
     speed = np.sqrt((slews.rate**2).sum(axis=-1))
-    moving = speed > limits.IN_MOTION * speed.max(axis=1, keepdims=True)
+    moving = speed > LIMITS.in_motion * speed.max(axis=1, keepdims=True)
     return bool(((moving & slews.fixes).sum(axis=1) >= 2).any())
 
 
@@ -283,7 +276,7 @@ def _mistake(columns: Columns, shifts: Mapping[str, float]) -> Mistake:
     seconds = next(iter(shifts.values()))
     why = KNOWN_OFFSETS.get(abs(seconds), "")
     words = f"{what} are {_sense(seconds)}{why and f' ({why})'}"
-    return Mistake(tuple(changes), _RARITY, lambda reading: reading, words)
+    return Mistake(tuple(changes), LIMITS.clock_rarity, lambda reading: reading, words)
 
 
 _NAMES = {
@@ -293,17 +286,6 @@ _NAMES = {
     "wheel_momentum": "the wheel momentum",
     "wheel_speed": "the wheel speed",
 }
-
-
-# A lateness beyond this [s] is no delay of a sensor, but perhaps a known offset.
-_NO_DELAY = 5.0
-# A known offset that leaves at most this much more is meant: fixes at rest tell a range.
-_AS_GOOD = 1.1
-_ROUNDS = 6
-# A shift that changes by less than this share of itself has converged.
-_CONVERGED = 0.02
-# Sd of the prior of a lateness [s]: it only keeps the fit finite.
-_WIDE_SECONDS = 1e3
 
 
 @dataclass(frozen=True)
@@ -338,9 +320,9 @@ class Lateness:
         """
         excess_before, excess_after = (max(x**2 - 1.0, 0.0) for x in (self.before, self.after))
         fall = (self.before**2 - self.after**2) * self.moments
-        share = limits.IMPROVEMENT**2
+        share = LIMITS.improvement**2
         most = excess_after * share < excess_before or self.after**2 * share < self.before**2
-        return most and fall > limits.LATE_CHI2
+        return most and fall > LIMITS.late_chi2
 
 
 def lateness(misfits: Misfits, reading: Reading, law: str) -> Lateness | None:
@@ -356,11 +338,11 @@ def lateness(misfits: Misfits, reading: Reading, law: str) -> Lateness | None:
         return None
     first = data
     before, step = _shift(first)
-    if before < limits.NOTABLE:
+    if before < LIMITS.notable:
         return None
     shift, after = 0.0, before
     best = (0.0, before)
-    for _ in range(_ROUNDS):
+    for _ in range(LIMITS.clock_rounds):
         shift += step
         if abs(shift) > 0.3 * float(misfits.motion(reading).duration.min()):
             break
@@ -371,12 +353,12 @@ def lateness(misfits: Misfits, reading: Reading, law: str) -> Lateness | None:
         after, step = _shift(data)
         if after < best[1]:
             best = (shift, after)
-        if abs(step) < _CONVERGED * abs(shift):
+        if abs(step) < LIMITS.shift_converged * abs(shift):
             break
     if not best[0]:
         return None
     # From shares of the motion to the noise that the campaign states.
-    noises = np.sqrt(np.mean(first.sigma**2)) * limits.SHARP / max(first.noise, 1e-30)
+    noises = np.sqrt(np.mean(first.sigma**2)) * LIMITS.sharp / max(first.noise, 1e-30)
     scale = float(noises) if first.noise > 0.0 else 1.0
     moments = int(first.mask.sum())
     return Lateness(law, best[0], before * scale, best[1] * scale, moments)
@@ -387,13 +369,13 @@ def with_known_offset(misfits: Misfits, reading: Reading, late: Lateness) -> Lat
 
     `late`: as the law tells it; fixes at rest tell only a range.
     """
-    if abs(late.seconds) <= _NO_DELAY:
+    if abs(late.seconds) <= LIMITS.longest_delay_s:
         return late
     best = _left(misfits, reading, late.law, late.seconds)
     for offset in KNOWN_OFFSETS:
         seconds = float(np.copysign(offset, late.seconds))
         left = _left(misfits, reading, late.law, seconds)
-        if left < _AS_GOOD * best:
+        if left < LIMITS.as_good_offset * best:
             return replace(late, seconds=seconds, after=late.after * left / best)
     return late
 
@@ -416,12 +398,14 @@ def channels_of(misfits: Misfits, law: str) -> tuple[str, ...]:
 
 def _shift(data: LawData) -> tuple[float, float]:
     """Residual of the law, and the shift that would lower it, to first order."""
-    sharp = replace(data, sigma=data.sigma * limits.SHARP)
+    sharp = replace(data, sigma=data.sigma * LIMITS.sharp)
     left = sharp.fit()
-    regressors = np.concatenate([sharp.regressors, _WIDE_SECONDS * data.early[..., None]], axis=-1)
+    regressors = np.concatenate(
+        [sharp.regressors, LIMITS.lateness_prior_s * data.early[..., None]], axis=-1
+    )
     fit = fitted(data.data, regressors, data.free, sharp.sigma, data.mask)
     rms = float(np.sqrt(np.mean(left.misfit**2)))
-    return rms, float(fit.values[-1] * _WIDE_SECONDS)
+    return rms, float(fit.values[-1] * LIMITS.lateness_prior_s)
 
 
 def gross_lateness(campaign: Campaign, lag: bool) -> float:
@@ -436,7 +420,7 @@ def gross_lateness(campaign: Campaign, lag: bool) -> float:
     >>> gross_lateness(small_campaign(), True) > gross_lateness(small_campaign(), False)
     True
     """
-    sd = (limits.LAG_SHARE if lag else limits.LATE_SHARE) * campaign.scale_of_motion()[1]
+    sd = (LIMITS.lag_share if lag else LIMITS.late_share) * campaign.scale_of_motion()[1]
     if lag:
-        return limits.LATE_SDS * sd
-    return min(limits.LATE_SDS * sd, max(limits.LONGEST_LATENESS, limits.LEAST_LATE_SDS * sd))
+        return LIMITS.late_sds * sd
+    return min(LIMITS.late_sds * sd, max(LIMITS.longest_lateness, LIMITS.least_late_sds * sd))

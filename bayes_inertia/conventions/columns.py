@@ -15,8 +15,8 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.stuck import resolution
-from bayes_inertia.conventions import limits
 from bayes_inertia.conventions.hypothesis import Mistake
+from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.linear_fit import worst
 from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.noise_seen import smooth_noise
@@ -24,14 +24,6 @@ from bayes_inertia.conventions.reading import Reading
 from bayes_inertia.conventions.search import Remedy
 
 Columns = Mapping[str, Mapping[str, Any]]
-
-# Rows that tell a column's noise.
-_FEW_ROWS = 30
-# More wheels than this leave momentum free that the body does not feel.
-_WHEELS_FELT = 3
-_RARITY = 5
-# A star tracker that turns by this much [rad] while all rates stand still.
-_TURNED = 0.02
 
 
 def faulty_columns(campaign: Campaign, columns: Columns) -> tuple[str, ...]:
@@ -101,7 +93,7 @@ class _Stream:
     def dead(self, k: int) -> bool:
         """Whether a column keeps one value to the last digit in every slew."""
         column = self.column(k)
-        return len(column) >= _FEW_ROWS and bool(np.all(column == column[0]))
+        return len(column) >= LIMITS.rows_for_noise and bool(np.all(column == column[0]))
 
     def noise(self, k: int) -> float:
         """Noise of a column, median of the slews; NaN where steps or smoothness hide it."""
@@ -109,7 +101,7 @@ class _Stream:
         with np.errstate(invalid="ignore"):
             seen = np.array([smooth_noise(values[:, k]) for values in self.slews])
         noise = float(np.median(seen[np.isfinite(seen)])) if np.isfinite(seen).any() else 0.0
-        hidden = stated is None or noise < limits.NOISY * stated
+        hidden = stated is None or noise < LIMITS.noisy * stated
         hidden = hidden or noise < resolution(self.column(k))
         return float("nan") if hidden else noise
 
@@ -117,14 +109,14 @@ class _Stream:
         """Whether a column moves like the one that moves most."""
         spread = [np.ptp(self.column(i)) if len(self.column(i)) else 0.0
                   for i in range(len(self.names))]  # fmt: skip
-        return bool(spread[k] > limits.PHYSICAL_SHARE * max(spread) > 0.0)
+        return bool(spread[k] > LIMITS.physical_share * max(spread) > 0.0)
 
 
 def _dead_rates(campaign: Campaign, rates: _Stream) -> Iterator[str]:
     dead = [k for k in range(3) if rates.dead(k)]
     why = "while other axes show noise"
     alive = any(np.isfinite(rates.noise(k)) for k in range(3))
-    if len(dead) == 3 and _turned(campaign) > _TURNED:
+    if len(dead) == 3 and _turned(campaign) > LIMITS.turned_at_rest:
         alive, why = True, "while the star tracker turns"
     for k in dead if alive else ():
         yield f"{_stays(rates, k)}, {why}: a dead axis, or the wrong column"
@@ -162,13 +154,13 @@ def _dead_wheels(one: _Stream, other: _Stream) -> Iterator[str]:
 def _copies(stream: _Stream, share: float | None = None) -> Iterator[str]:
     """Columns that agree in their noise, or to a share of their range, up to a factor."""
     for i, k in combinations(range(len(stream.names)), 2):
-        close = limits.COPIED * stream.noise(i)
+        close = LIMITS.copied * stream.noise(i)
         rows = np.isfinite(stream.values[:, [i, k]]).all(axis=1)
         a, b = stream.values[rows][:, [i, k]].T
         size = float(np.ptp(b)) if len(b) else 0.0
         if share is not None and len(a):
             close = share * float(np.ptp(a))
-        if not close > 0.0 or len(a) < _FEW_ROWS or size == 0.0:
+        if not close > 0.0 or len(a) < LIMITS.rows_for_noise or size == 0.0:
             continue
         a, b = a - a.mean(), (b - b.mean()) / size
         slope = float((a @ b) / (b @ b))
@@ -201,14 +193,14 @@ def without_sign(misfits: Misfits, reading: Reading, before: float) -> Remedy | 
         flipped = ~np.isclose(signed, values).all(axis=(0, 1))
         changed: dict[str, Any] = {field: signed}
         after = worst(Misfits(misfits.campaign, replace(slews, **changed)).of(reading))
-        if flipped.any() and after < min(limits.ORDINARY, before / limits.IMPROVEMENT):
+        if flipped.any() and after < min(LIMITS.ordinary, before / LIMITS.improvement):
             wheels = zip(misfits.campaign.wheels, flipped, strict=True)
             names = ", ".join(wheel.name for wheel, hit in wheels if hit)
             words = (
                 f"{what.format(names)} have lost their sign: with signs all laws hold, so bring "
                 "the columns with their signs"
             )
-            return Remedy(Mistake((), _RARITY, lambda r: r, words), before, after)
+            return Remedy(Mistake((), LIMITS.column_rarity, lambda r: r, words), before, after)
     return None
 
 
@@ -248,7 +240,7 @@ def _predicted(misfits: Misfits, reading: Reading, s: int, start: np.ndarray) ->
     if slews.impulse is not None and not _unsigned(misfits.campaign, "impulse").any():
         return start + reading.time * slews.impulse[s] @ reading.torque.T
     axes_B = reading.axes_B
-    if axes_B.shape[1] > _WHEELS_FELT:
+    if axes_B.shape[1] > LIMITS.wheels_felt:
         return None
     moving = misfits.motion(reading)
     body = moving.rate_B[s] @ reading.inertia.T

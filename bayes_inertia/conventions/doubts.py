@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.conventions import limits
 from bayes_inertia.conventions.hypothesis import KeyChange, Mistake
 from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE
+from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.linear_fit import LinearFit
 from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.reading import Reading
@@ -25,14 +25,6 @@ LAWS_IN_WORDS: Mapping[str, str] = {
 }
 """The laws by name, as messages call them."""
 
-_RARITY = 3
-# A wheel that moves less than this share of the one that moves most tells no factor.
-_IDLE = 0.1
-# The farthest that units lie apart.
-_LARGEST_FACTOR = 1e10
-# Factors closer than this share are one, or the whole number that is meant; 60 / (2 pi) is not 10.
-_ONE_FACTOR = 0.03
-
 
 def doubtful_places(misfits: Misfits, reading: Reading) -> tuple[str, ...]:
     """Which laws fail, and where.
@@ -44,7 +36,7 @@ def doubtful_places(misfits: Misfits, reading: Reading) -> tuple[str, ...]:
     return tuple(
         f"{LAWS_IN_WORDS[law]}: {_place(misfits, law, fit)}"
         for law, fit in fits.items()
-        if fit.worst > limits.IMPOSSIBLE
+        if fit.worst > LIMITS.impossible
     )
 
 
@@ -103,7 +95,7 @@ class Factors:
         groups: dict[float, list[str]] = {}
         for name, value in zip(self.names, self.values, strict=True):
             if value != 1.0:
-                known = (f for f in groups if abs(f / value - 1.0) < _ONE_FACTOR)
+                known = (f for f in groups if abs(f / value - 1.0) < LIMITS.one_factor)
                 groups.setdefault(next(known, value), []).append(name)
         return tuple(self._sentence(value, named) for value, named in groups.items())
 
@@ -118,7 +110,7 @@ class Factors:
         larger = "tachometers" if abs(value) > 1.0 else "commands"
         size = max(abs(value), 1.0 / abs(value))
         what = f"differ by a factor of {_rounded(size):.4g} ({larger} are larger)"
-        if size < limits.FACTOR:
+        if size < LIMITS.factor:
             what = "have opposite signs"
         elif value < 0.0:
             what += " and have opposite signs"
@@ -144,7 +136,7 @@ class Factors:
         said = ", ".join(dict.fromkeys(f"{size:.3g}" for size in sizes))
         return Mistake(
             changes,
-            _RARITY,
+            LIMITS.factor_rarity,
             lambda reading: replace(reading, momentum=back @ reading.momentum),
             f"the spin inertia of {names} is wrong by a factor of {said}",
         )
@@ -154,7 +146,7 @@ def _rounded(factor: float) -> float:
     """A factor, or the whole number, or the inverse of one, that it is within 3 % of."""
     for whole in (factor, 1.0 / factor):
         near = np.round(whole)
-        if near != 0.0 and abs(whole / near - 1.0) < _ONE_FACTOR:
+        if near != 0.0 and abs(whole / near - 1.0) < LIMITS.one_factor:
             return float(near if whole == factor else 1.0 / near)
     return factor
 
@@ -177,20 +169,22 @@ def factors(misfits: Misfits, reading: Reading) -> Factors | None:
     sense = np.sign((seen * asked).sum((0, 1)))
     busy = np.maximum(both[0] / max(both[0].max(), 1e-300), both[1] / max(both[1].max(), 1e-300))
     with np.errstate(divide="ignore", invalid="ignore"):
-        rough = np.where(busy > _IDLE, sense * both[0] / both[1], 1.0)
+        rough = np.where(busy > LIMITS.idle_wheel, sense * both[0] / both[1], 1.0)
     # Where one of the two stands still but for the last digits there is no factor.
     size = np.abs(rough)
-    rough = np.where((size > 1.0 / _LARGEST_FACTOR) & (size < _LARGEST_FACTOR), rough, 1.0)
+    rough = np.where(
+        (size > 1.0 / LIMITS.largest_factor) & (size < LIMITS.largest_factor), rough, 1.0
+    )
     scaled = replace(reading, torque=np.diag(rough) @ reading.torque)
     fit = misfits.fit(DRIVE, scaled)
     assert fit is not None
     wheels = len(rough)
     left = fit.misfit.reshape(-1, wheels).max(axis=0)
-    gains = fit.values[:wheels] * limits.GAIN_SD
+    gains = fit.values[:wheels] * LIMITS.gain_sd
     friction = np.abs(fit.values[wheels:])
-    exact = (left < limits.SUSPICIOUS) & (np.abs(gains) < 0.5) & (friction < limits.ORDINARY)
+    exact = (left < LIMITS.suspicious) & (np.abs(gains) < 0.5) & (friction < LIMITS.ordinary)
     values = rough * (1.0 + gains)
-    far = np.maximum(np.abs(values), 1.0 / np.maximum(np.abs(values), 1e-300)) > limits.FACTOR
+    far = np.maximum(np.abs(values), 1.0 / np.maximum(np.abs(values), 1e-300)) > LIMITS.factor
     values = np.where(exact & (far | (values < 0.0)), values, 1.0)
     if np.all(values == 1.0):
         return None
@@ -212,7 +206,7 @@ def _side(misfits: Misfits, reading: Reading, values: np.ndarray) -> bool | None
     if any(fit is None for fit in fits):
         return None
     tachometers, commands = (fit.worst for fit in fits if fit is not None)
-    if max(tachometers, commands) < limits.IMPROVEMENT * min(tachometers, commands):
+    if max(tachometers, commands) < LIMITS.improvement * min(tachometers, commands):
         return None
     return bool(tachometers < commands)
 
@@ -270,6 +264,6 @@ def _beyond(campaign: Campaign, key: str, channel: str) -> dict[str, tuple[float
         column = column[np.isfinite(column)]
         # A few outliers are no unit: the limit must be far exceeded in a hundredth of the rows.
         largest = float(np.quantile(column, 0.99)) if len(column) else 0.0
-        if limit and largest > limits.FAR_BEYOND * limit:
+        if limit and largest > LIMITS.far_beyond * limit:
             beyond[name] = (largest, limit)
     return beyond

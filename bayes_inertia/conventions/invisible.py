@@ -6,10 +6,10 @@ import re
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
-from bayes_inertia.conventions import limits
 from bayes_inertia.conventions.clocks import fixes_in_motion
 from bayes_inertia.conventions.hypothesis import Mistake
 from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE
+from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.linear_fit import worst
 from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.reading import Reading
@@ -51,9 +51,9 @@ def invisible(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> 
     """
     laws = misfits.of(stated)
     said = [*_by_nature(misfits), *_without_telemetry(misfits, set(laws))]
-    largest = limits.EQUAL_FACTOR * worst(laws) + limits.EQUAL_MISFIT
+    largest = LIMITS.equal_factor * worst(laws) + LIMITS.equal_misfit
     for mistake in singles:
-        if misfits.mends(mistake.mend(stated), min(largest, limits.ORDINARY)):
+        if misfits.mends(mistake.mend(stated), min(largest, LIMITS.ordinary)):
             keys = ", ".join(dict.fromkeys(change.key for change in mistake.changes))
             said.append(f"{keys}{_AS_CONTENT}{mistake.words}")
     return tuple(dict.fromkeys(said))

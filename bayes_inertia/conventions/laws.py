@@ -17,7 +17,7 @@ from types import MappingProxyType
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.conventions import limits
+from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.linear_fit import LinearFit, fitted
 from bayes_inertia.conventions.motion import Motion
 from bayes_inertia.conventions.reading import Reading
@@ -119,7 +119,7 @@ def closure(told: Told) -> LawData | None:
     size = np.maximum(_deviation(seen, fixes), _deviation(integrated, fixes))
     tracker = told.campaign.star_tracker
     noise = 0.0 if tracker is None else np.hypot(tracker.sigma_cross, tracker.sigma_roll)
-    sds = np.where(np.eye(3, dtype=bool), _scale_sd(told), limits.MISALIGNMENT_SD).ravel()
+    sds = np.where(np.eye(3, dtype=bool), _scale_sd(told), LIMITS.misalignment_sd).ravel()
     bias = _bias_sd(told)
     regressors = np.concatenate([moving.by_scale * sds, moving.by_bias * bias], axis=-1)[some]
     free = np.broadcast_to(np.eye(3), (*error.shape, 3))
@@ -134,7 +134,7 @@ def _at(quaternions: np.ndarray, first: np.ndarray) -> np.ndarray:
 
 
 def _scale_sd(told: Told) -> np.ndarray:
-    return np.maximum(limits.SCALE_SD, told.campaign.rate_sensor.scale_factor_sigma)
+    return np.maximum(LIMITS.scale_sd, told.campaign.rate_sensor.scale_factor_sigma)
 
 
 def _bias_sd(told: Told) -> np.ndarray:
@@ -145,7 +145,7 @@ def _bias_sd(told: Told) -> np.ndarray:
     rms = np.sqrt(np.mean(np.sum(told.motion.rate_B[valid] ** 2, axis=-1)))
     # A reading in a smaller unit must not drown in a bias that is stated in the larger one.
     stated = np.minimum(told.campaign.rate_sensor.bias_sigma, rms)
-    return np.maximum(stated, limits.BIAS_SHARE * rms)
+    return np.maximum(stated, LIMITS.bias_share * rms)
 
 
 def _deviation(vectors: np.ndarray, mask: np.ndarray) -> np.ndarray:
@@ -158,8 +158,8 @@ def _deviation(vectors: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 def _sigma(size: np.ndarray, noise: float, *more: np.ndarray) -> np.ndarray:
     """Sd (S,) of what noise and undisclosed physics leave of a motion of this size."""
-    idle = limits.IDLE_SHARE * size.max(initial=0.0)
-    square = (limits.PHYSICAL_SHARE * size) ** 2 + idle**2 + noise**2
+    idle = LIMITS.idle_share * size.max(initial=0.0)
+    square = (LIMITS.physical_share * size) ** 2 + idle**2 + noise**2
     return np.sqrt(square + sum(part**2 for part in more) + 1e-30)
 
 
@@ -185,7 +185,7 @@ def conservation(told: Told) -> LawData | None:
         free = np.concatenate([free, to_start], axis=-1)
     noise = _momentum_noise(told)
     angle = np.minimum(_norm(angle_of(moving.path), valid), 1.0)
-    frame = limits.FRAME_SHARE * angle * _norm(total, valid)
+    frame = LIMITS.frame_share * angle * _norm(total, valid)
     return LawData(
         total,
         _uncertain_momentum(told, total, size),
@@ -194,7 +194,7 @@ def conservation(told: Told) -> LawData | None:
         valid,
         early=np.einsum("snij,snj->sni", to_start, _slope(wheels_B, told)),
         noise=noise,
-        factors=max(limits.INERTIA_SD, told.campaign.inertia.relative_sigma),
+        factors=max(LIMITS.inertia_sd, told.campaign.inertia.relative_sigma),
         bias_from=12,
     )
 
@@ -203,15 +203,15 @@ def _uncertain_momentum(told: Told, total: np.ndarray, size: np.ndarray) -> np.n
     """What J, K, bias and a constant torque of one sd each do to the momentum (S, N, 3, 18)."""
     moving, prior, inertia = told.motion, told.campaign.inertia, told.reading.inertia
     mean = float(np.trace(inertia)) / 3.0
-    moments = np.maximum(limits.INERTIA_SD, prior.relative_sigma) * np.diag(inertia)
-    product = min(max(prior.product_sigma, limits.INERTIA_SD * mean), mean)
+    moments = np.maximum(LIMITS.inertia_sd, prior.relative_sigma) * np.diag(inertia)
+    product = min(max(prior.product_sigma, LIMITS.inertia_sd * mean), mean)
     sds = np.where(np.eye(3, dtype=bool), moments[:, None], product)
     by_inertia = np.einsum("snia,snb->sniab", moving.to_start, moving.rate_B) * sds
-    scales = np.maximum(limits.FRAME_SHARE, told.campaign.rate_sensor.scale_factor_sigma)
+    scales = np.maximum(LIMITS.frame_share, told.campaign.rate_sensor.scale_factor_sigma)
     by_scale = _crossed(moving.by_scale[..., [0, 4, 8]], total) * scales
     by_bias = _crossed(moving.by_bias, total) + moving.to_start @ inertia
     unseen = told.slews.momentum is None
-    share = limits.UNSEEN_FRICTION_SHARE if unseen else limits.TORQUE_SHARE
+    share = LIMITS.unseen_friction_share if unseen else LIMITS.torque_share
     torque = share * size / np.maximum(np.abs(moving.duration), 1e-12)
     by_torque = moving.by_bias * torque[:, None, None, None]
     elements = by_inertia.reshape(*by_inertia.shape[:3], 9)
@@ -280,8 +280,8 @@ def drive(told: Told) -> LawData | None:
     share = np.repeat(since / np.maximum(since[:, -1:], 1e-12), wheels, axis=0)[..., None]
     which = np.tile(np.eye(wheels), (count, 1))[:, None, None, :]
     regressors = [
-        limits.GAIN_SD * commanded[..., None] * which,
-        limits.UNSEEN_FRICTION_SHARE * (share * size[:, None, None])[..., None] * which,
+        LIMITS.gain_sd * commanded[..., None] * which,
+        LIMITS.unseen_friction_share * (share * size[:, None, None])[..., None] * which,
     ]
     noise = float(np.abs(reading.momentum @ told.noise["momentum"]).max(initial=0.0))
     return LawData(

@@ -6,9 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-# Moments further off than this many times what most of their slew are off are trusted less. Most: a
-# motion that fills a sixth of the slew must not count as an outlier of its rests.
-_FAR, _MOST = 2.0, 0.85
+from bayes_inertia.conventions.limits import LIMITS
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,8 +78,10 @@ def fitted(
     weight = mask / np.sqrt(count)
     fit, distance = _weighted(data, regressors, free, sigma, weight)
     rows = zip(distance, mask, strict=True)
-    usual = np.array([np.quantile(d[m], _MOST) if m.any() else 1.0 for d, m in rows])
-    far = distance / np.maximum(_FAR * usual, 1e-3 * sigma)[:, None]
+    usual = np.array(
+        [np.quantile(d[m], LIMITS.far_moment_quantile) if m.any() else 1.0 for d, m in rows]
+    )
+    far = distance / np.maximum(LIMITS.far_moment * usual, 1e-3 * sigma)[:, None]
     trust = 1.0 / (1.0 + far**2)
     trust *= np.sqrt(count) / np.maximum(np.sqrt((trust**2 * mask).sum(1, keepdims=True)), 1e-9)
     if trust.max(initial=0.0) > 1.1:

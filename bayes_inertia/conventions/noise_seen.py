@@ -8,15 +8,11 @@ from types import MappingProxyType
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.conventions import limits
+from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 
 CHANNELS: Mapping[str, str] = MappingProxyType({"rate": "rate", "momentum": "wheel_momentum"})
 """Channels whose noise is looked at, and the fields of `Slew` that hold them."""
-
-_SECOND_DIFFERENCE = 6.0  # variance of second differences of white unit noise
-# Fewer rows than this do not tell a noise.
-_FEW_ROWS = 30
 
 
 def smooth_noise(values: np.ndarray) -> float:
@@ -30,10 +26,10 @@ def smooth_noise(values: np.ndarray) -> float:
     True
     """
     values = values[np.isfinite(values)]
-    if len(values) < _FEW_ROWS:
+    if len(values) < LIMITS.rows_for_noise:
         return float("nan")
     second = np.abs(np.diff(values, 2))
-    return float(SD_OVER_MAD * np.median(second) / _SECOND_DIFFERENCE**0.5)
+    return float(SD_OVER_MAD * np.median(second) / LIMITS.second_difference_variance**0.5)
 
 
 def noise_ratios(campaign: Campaign, channel: str) -> np.ndarray:
@@ -65,7 +61,7 @@ def believed_noise(campaign: Campaign, channel: str) -> np.ndarray:
     if len(ratio) != len(stated):
         return stated
     seen = np.where(np.isfinite(ratio), ratio, 1.0)
-    return stated * np.minimum(1.0, limits.NOISE_BELIEVED * seen)
+    return stated * np.minimum(1.0, LIMITS.noise_believed * seen)
 
 
 def _stated(campaign: Campaign, channel: str) -> np.ndarray:

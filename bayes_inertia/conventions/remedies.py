@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bayes_inertia.conventions import limits
 from bayes_inertia.conventions.clocks import Clocks, clocks, known_offsets, shifted_misfit
 from bayes_inertia.conventions.columns import without_sign
 from bayes_inertia.conventions.doubts import Factors
 from bayes_inertia.conventions.hypothesis import Mistake
+from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.linear_fit import worst
 from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.reading import Reading
@@ -39,7 +39,7 @@ def what_mends(
     if first is None or (len(first.changes) > 1 and first not in singles):
         return _of_streams(misfits, judgement.reading, columns, differ) or mending, clock
     exact = _of_factor(misfits, judgement.reading, columns, differ)
-    better = [remedy for remedy in exact if remedy.after < limits.CLEARLY * mending[0].after]
+    better = [remedy for remedy in exact if remedy.after < LIMITS.clearly * mending[0].after]
     return (*mending, *better), clock
 
 
@@ -50,7 +50,7 @@ def _of_streams(
     if exact := _of_factor(misfits, reading, columns, differ):
         return exact
     before = worst(misfits.of(reading))
-    if before <= limits.IMPOSSIBLE:
+    if before <= LIMITS.impossible:
         return ()
     unsigned = without_sign(misfits, reading, before)
     return known_offsets(misfits, reading, columns) if unsigned is None else (unsigned,)
@@ -64,7 +64,7 @@ def _of_factor(
     if mistake is None:
         return ()
     before, after = (worst(misfits.of(r)) for r in (reading, mistake.mend(reading)))
-    mends = after < min(limits.PAIR_ORDINARY, before / limits.IMPROVEMENT)
+    mends = after < min(LIMITS.pair_ordinary, before / LIMITS.improvement)
     return (Remedy(mistake, before, after),) if mends else ()
 
 
@@ -73,5 +73,5 @@ def _of_clocks(misfits: Misfits, reading: Reading, clock: Clocks) -> tuple[Remed
     return tuple(
         remedy
         for remedy in clock.remedies
-        if shifted_misfit(misfits, reading, remedy) < limits.ORDINARY
+        if shifted_misfit(misfits, reading, remedy) < LIMITS.ordinary
     )

@@ -15,15 +15,8 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.slew import Slew
-from bayes_inertia.conventions.limits import FIXES_PER_SLEW, GRID_INTERVALS
+from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD
-
-# A hole in a channel is a gap if it is this many usual steps long and this share of the slew.
-_GAP_STEPS, _GAP_SHARE = 6.0, 0.04
-# Pieces between gaps that are shorter than this share of the slew, or have fewer rows, tell little.
-_SHORT_SHARE, _FEW_ROWS = 0.1, 12
-# A reading this many robust sds off both neighbours is an outlier.
-_OUTLIER_SDS = 8.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,8 +115,8 @@ def _pieces(campaign: Campaign, slew: Slew, shifts: Mapping[str, float]) -> list
     return [
         _piece(slew, channels, wheels, (begin, end), shifts)
         for begin, end in spans
-        if end - begin > _SHORT_SHARE * slew.duration
-        and min(c.count(begin, end) for c in every) >= _FEW_ROWS
+        if end - begin > LIMITS.short_piece * slew.duration
+        and min(c.count(begin, end) for c in every) >= LIMITS.rows_of_piece
     ]
 
 
@@ -146,9 +139,9 @@ def _piece(
     """One piece, at evenly spaced moments and at its fixes."""
     time = slew.time + shifts.get("attitude", 0.0)
     fixes = np.flatnonzero(slew.fixes & (time >= span[0]) & (time <= span[1]))
-    if len(fixes) > FIXES_PER_SLEW:
-        fixes = fixes[np.linspace(0, len(fixes) - 1, FIXES_PER_SLEW).astype(int)]
-    grid = np.linspace(*span, GRID_INTERVALS + 1)
+    if len(fixes) > LIMITS.fixes_per_slew:
+        fixes = fixes[np.linspace(0, len(fixes) - 1, LIMITS.fixes_per_slew).astype(int)]
+    grid = np.linspace(*span, LIMITS.grid_intervals + 1)
     moments = np.union1d(grid, time[fixes])
     attitude = np.full((len(moments), 4), np.nan)
     if len(fixes):
@@ -197,7 +190,7 @@ class _Channel:
         steps = np.diff(self.time)
         mean = 0.5 * (self.values[1:] + self.values[:-1])
         self.running = np.concatenate([[0.0], np.cumsum(mean * steps)])
-        self.gap = _GAP_STEPS * float(np.median(steps)) if len(steps) else 0.0
+        self.gap = LIMITS.gap_steps * float(np.median(steps)) if len(steps) else 0.0
 
     def at(self, moments: np.ndarray) -> np.ndarray:
         return np.interp(moments, self.time, self.values)
@@ -213,7 +206,7 @@ class _Channel:
 
     def without_gaps(self, begin: float, end: float) -> list[tuple[float, float]]:
         """The parts of a span that this channel covers."""
-        wide = max(self.gap, _GAP_SHARE * (self.time[-1] - self.time[0]))
+        wide = max(self.gap, LIMITS.gap_share * (self.time[-1] - self.time[0]))
         holes = np.flatnonzero(np.diff(self.time) > wide)
         parts, left = [], begin
         for hole in holes:
@@ -234,5 +227,5 @@ def _without_outliers(values: np.ndarray) -> np.ndarray:
     off = np.abs(middle - 0.5 * (left + right))
     usual = SD_OVER_MAD * float(np.median(off)) + 1e-12 * float(np.abs(values).max())
     mended = np.array(values)
-    mended[1:-1] = np.where(off > _OUTLIER_SDS * usual, median, middle)
+    mended[1:-1] = np.where(off > LIMITS.outlier_sds * usual, median, middle)
     return mended

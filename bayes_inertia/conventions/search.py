@@ -21,17 +21,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bayes_inertia.conventions import limits
 from bayes_inertia.conventions.candidates import axes_mistake
 from bayes_inertia.conventions.hypothesis import Mistake, both
 from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE, wheel_momentum_B
+from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.linear_fit import LinearFit, worst
 from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.reading import Reading
 from bayes_inertia.conventions.rotations import angle_of, composed, turned_back
-
-# Two mistakes that are together rarer than this are not tried.
-_RAREST_PAIR = 4
 
 
 @dataclass(frozen=True)
@@ -77,13 +74,13 @@ def judged(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> Jud
     Returns: pairs only where no single mistake explains the data.
     """
     before = worst(misfits.of(stated))
-    if before <= limits.SUSPICIOUS:
+    if before <= LIMITS.suspicious:
         return Judgement((), stated)
     own = with_own_bias(misfits, stated)
     reading = own if _is_stale(misfits, stated, own) else stated
     biased = worst(misfits.of(reading))
     search = _Search(misfits, stated, before)
-    if before <= limits.IMPOSSIBLE:
+    if before <= LIMITS.impossible:
         return Judgement(_surely(search, singles, reading, biased), reading)
     return Judgement(_impossible(search, singles, biased), reading)
 
@@ -94,7 +91,7 @@ def _is_stale(misfits: Misfits, stated: Reading, own: Reading) -> bool:
     pairs = [(worst(before), worst(after))]
     if CLOSURE in before:
         pairs.append((before[CLOSURE].worst, after[CLOSURE].worst))
-    return all(then < now / limits.STALE_IMPROVEMENT for now, then in pairs)
+    return all(then < now / LIMITS.stale_improvement for now, then in pairs)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,23 +120,23 @@ def _surely(
     tried, left = search.alone(singles), search.before
     if reading is not search.stated:
         tried, left = search.beside_bias(singles), biased
-    return search.ranked(tried, left / limits.SURE_IMPROVEMENT) if left > limits.SUSPICIOUS else ()
+    return search.ranked(tried, left / LIMITS.sure_improvement) if left > LIMITS.suspicious else ()
 
 
 def _impossible(search: _Search, singles: Sequence[Mistake], biased: float) -> tuple[Remedy, ...]:
     """Mistakes that explain impossible data; none where a stale bias explains them as well."""
-    alone = search.ranked(search.alone(singles), limits.ORDINARY)
-    if alone and alone[0].after < limits.CLEAR:
+    alone = search.ranked(search.alone(singles), LIMITS.ordinary)
+    if alone and alone[0].after < LIMITS.clear:
         return alone
-    explained = biased < min(limits.ORDINARY, search.before / limits.IMPROVEMENT)
+    explained = biased < min(LIMITS.ordinary, search.before / LIMITS.improvement)
     if explained and not _as_good(alone, biased):
         return ()
-    beside = search.ranked(search.beside_bias(singles), limits.PAIR_ORDINARY)
+    beside = search.ranked(search.beside_bias(singles), LIMITS.pair_ordinary)
     if alone and (not beside or _as_good(alone, beside[0].after)):
         return alone
-    if search.before < limits.PAIR_IMPOSSIBLE or (beside and beside[0].after < limits.CLEAR):
+    if search.before < LIMITS.pair_impossible or (beside and beside[0].after < LIMITS.clear):
         return beside
-    pairs = search.ranked(_pairs(search.misfits, search.stated, singles), limits.PAIR_ORDINARY)
+    pairs = search.ranked(_pairs(search.misfits, search.stated, singles), LIMITS.pair_ordinary)
     return beside if beside and not _as_good(pairs, beside[0].after) else pairs
 
 
@@ -150,7 +147,7 @@ def _as_good(remedies: Sequence[Remedy], other: float) -> bool:
 
 def _alike(misfit: float) -> float:
     """The misfit below which the data hold two explanations equal."""
-    return limits.EQUAL_FACTOR * misfit + limits.EQUAL_MISFIT
+    return LIMITS.equal_factor * misfit + LIMITS.equal_misfit
 
 
 def _ranked(
@@ -162,7 +159,7 @@ def _ranked(
 ) -> tuple[Remedy, ...]:
     """Those that mend, cut to the best and its equals, the most common mistake first."""
     mending = []
-    limit = min(ordinary, before / limits.IMPROVEMENT)
+    limit = min(ordinary, before / LIMITS.improvement)
     for mistake in tried:
         mended = mistake.mend(stated)
         if misfits.mends(mended, limit):
@@ -187,7 +184,7 @@ def _pairs(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> lis
     pairs = {
         frozenset((id(a), id(b))): both(a, b) for a in helpful for b in singles if _differ(a, b)
     }
-    if not any(misfits.mends(pair.mend(stated), limits.PAIR_ORDINARY) for pair in pairs.values()):
+    if not any(misfits.mends(pair.mend(stated), LIMITS.pair_ordinary) for pair in pairs.values()):
         for i, a in enumerate(singles):
             for b in singles[:i]:
                 if _may_meet(a, b):
@@ -196,7 +193,7 @@ def _pairs(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> lis
 
 
 def _broken(fits: dict[str, LinearFit]) -> frozenset[str]:
-    return frozenset(law for law, fit in fits.items() if fit.worst > limits.ORDINARY)
+    return frozenset(law for law, fit in fits.items() if fit.worst > LIMITS.ordinary)
 
 
 def _differ(first: Mistake, second: Mistake) -> bool:
@@ -206,7 +203,7 @@ def _differ(first: Mistake, second: Mistake) -> bool:
 
 def _may_meet(first: Mistake, second: Mistake) -> bool:
     """Whether two mistakes of which neither mends a law alone are tried together."""
-    common = first.rarity + second.rarity <= _RAREST_PAIR
+    common = first.rarity + second.rarity <= LIMITS.rarest_pair
     return common and _differ(first, second) and not (_scales(first) and _scales(second))
 
 
@@ -223,16 +220,6 @@ def misfit_of(fits: dict[str, LinearFit]) -> dict[str, float]:
     return {law: float(np.round(fit.worst, 3)) for law, fit in fits.items()}
 
 
-# Two directions of rotation are told apart if the smaller holds this share of the larger's.
-_SECOND_DIRECTION = 0.15
-# Decimals of axes as they are proposed: a hundredth of a degree is better than they are known.
-_DECIMALS = 4
-# A rotation this close to a signed permutation [rad] is one, and a misaligned sensor.
-_MISALIGNED = 0.15
-_ROUNDS = 6
-_RARITY = 5
-
-
 def turned_sensor(misfits: Misfits, reading: Reading) -> list[Mistake]:
     """The rotation of the rate sensor's frame that the data themselves propose.
 
@@ -242,7 +229,9 @@ def turned_sensor(misfits: Misfits, reading: Reading) -> list[Mistake]:
     words = "the rates are along other axes"
     rotations = [_from_fixes(misfits, reading), _from_momentum(misfits, reading)]
     return [
-        axes_mistake(axes, np.round(axes @ rotation.T, _DECIMALS), _RARITY, words)
+        axes_mistake(
+            axes, np.round(axes @ rotation.T, LIMITS.axis_decimals), LIMITS.sensor_rarity, words
+        )
         for rotation in rotations
         if rotation is not None and not _whole(rotation) and not _whole(axes @ rotation.T)
     ]
@@ -254,7 +243,7 @@ def turned_beside_bias(misfits: Misfits, reading: Reading) -> list[Mistake]:
     Rotation and bias are estimated by turns.
     """
     best: list[Mistake] = []
-    for _ in range(_ROUNDS):
+    for _ in range(LIMITS.sensor_rounds):
         proposed = turned_sensor(misfits, reading)
         if not proposed:
             break
@@ -268,7 +257,7 @@ def turned_beside_bias(misfits: Misfits, reading: Reading) -> list[Mistake]:
 
 def _whole(rotation: np.ndarray) -> bool:
     """Whether a rotation is a signed permutation but for a misalignment; those are tried anyway."""
-    return bool(np.abs(rotation - np.round(rotation)).max() < _MISALIGNED)
+    return bool(np.abs(rotation - np.round(rotation)).max() < LIMITS.misaligned_axes)
 
 
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
@@ -300,7 +289,7 @@ def _from_fixes(misfits: Misfits, reading: Reading) -> np.ndarray | None:
         return None
     products = np.concatenate(seen).T @ np.concatenate(told)
     sizes = np.linalg.svd(products, compute_uv=False)
-    if sizes[1] <= _SECOND_DIRECTION**2 * sizes[0]:
+    if sizes[1] <= LIMITS.second_direction**2 * sizes[0]:
         return None
     return nearest_rotation(products)
 
@@ -312,7 +301,7 @@ def _from_momentum(misfits: Misfits, reading: Reading) -> np.ndarray | None:
     if stored is None or not reading.axes_B.shape[1]:
         return None
     rotation = np.eye(3)
-    for _ in range(_ROUNDS):
+    for _ in range(LIMITS.sensor_rounds):
         turned = replace(reading, rate=rotation @ reading.rate)
         moving = misfits.motion(turned)
         rate = np.einsum("snij,snj->sni", moving.to_start, moving.rate_B)
@@ -338,9 +327,6 @@ def _without_mean(rows: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return (rows - mean) * weight
 
 
-_STALE_BIAS_ROUNDS = 4
-# A step shorter than this share of the bias's sd has converged.
-_CONVERGED = 0.05
 # Bias along body axes and its sd [rad/s].
 _Told = tuple[np.ndarray, np.ndarray]
 
@@ -351,18 +337,18 @@ def with_own_bias(misfits: Misfits, reading: Reading) -> Reading:
     Returns: with another bias; the reading itself where no bias makes it agree with the data.
     """
     drive = misfits.fit(DRIVE, reading)
-    if drive is not None and drive.worst > limits.ORDINARY:
+    if drive is not None and drive.worst > LIMITS.ordinary:
         return reading
     rate_B = misfits.motion(reading).rate_B[misfits.slews.valid]
     rms = float(np.sqrt(np.mean(np.sum(rate_B**2, axis=-1))))
-    told: _Told = (reading.bias_B, np.full(3, limits.STALE_SHARE * rms))
+    told: _Told = (reading.bias_B, np.full(3, LIMITS.stale_share * rms))
     for law in (CLOSURE, CONSERVATION):
         more = _kept(misfits, law, reading, told)
         if more is None:
             return reading
         told = more
     off = np.sqrt(((told[0] - reading.bias_B) ** 2).sum())
-    return replace(reading, bias_B=told[0]) if off < limits.STALEST_SHARE * rms else reading
+    return replace(reading, bias_B=told[0]) if off < LIMITS.stalest_share * rms else reading
 
 
 def _kept(misfits: Misfits, law: str, reading: Reading, before: _Told) -> _Told | None:
@@ -377,19 +363,19 @@ def _kept(misfits: Misfits, law: str, reading: Reading, before: _Told) -> _Told 
 def _told_by(misfits: Misfits, law: str, reading: Reading, before: _Told) -> _Told | None:
     """Bias and sd as a law tells them; None if it is broken whatever the bias is."""
     bias_B, sd = before
-    last = 2.0 * limits.HOPELESS
-    for _ in range(_STALE_BIAS_ROUNDS):
+    last = 2.0 * LIMITS.hopeless
+    for _ in range(LIMITS.stale_bias_rounds):
         data = misfits.law(law, replace(reading, bias_B=bias_B), sd)
         if data is None:
             return before
         fit = data.fit()
         misfit = float(fit.misfit.max(initial=0.0))
-        if misfit > max(limits.ORDINARY, 0.5 * last):
+        if misfit > max(LIMITS.ordinary, 0.5 * last):
             return None
         which = slice(data.bias_from, data.bias_from + 3)
         step = sd * fit.values[which]
         bias_B, last = bias_B + step, misfit
-        if np.abs(step).max() < _CONVERGED * sd.max():
+        if np.abs(step).max() < LIMITS.bias_converged * sd.max():
             break
     return bias_B, sd * fit.sds[which]
 

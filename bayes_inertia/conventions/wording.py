@@ -6,9 +6,9 @@ import difflib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bayes_inertia.conventions import limits
 from bayes_inertia.conventions.doubts import LAWS_IN_WORDS
 from bayes_inertia.conventions.hypothesis import Mistake
+from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.search import Remedy
 
 
@@ -70,7 +70,7 @@ _SD = "in sds of what noise, a wrong J of 30 % and physical effects can make"
 
 def _impossible(misfits: Mapping[str, float]) -> str:
     broken = max(misfits, key=lambda law: misfits[law])
-    if misfits[broken] <= limits.IMPOSSIBLE:
+    if misfits[broken] <= LIMITS.impossible:
         return (
             f"The data hardly agree with the stated conventions: {LAWS_IN_WORDS[broken]} is off by "
             f"{misfits[broken]:.3g} sd ({_SD})."

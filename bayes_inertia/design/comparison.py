@@ -7,6 +7,7 @@ import numpy as np
 from bayes_inertia.design.expected_accuracy import expected_sd
 from bayes_inertia.design.limits import Limits
 from bayes_inertia.design.margins import Margin, planned_margins
+from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.simulated_fits import AchievedErrors
 from bayes_inertia.flight.mission import Mission
 from bayes_inertia.flight.plan import Plan
@@ -14,8 +15,6 @@ from bayes_inertia.maths.values import array_dataclass
 
 # What the names of such plans say.
 _REFERENCE = "slews like the paper's"
-# Flights that expected sds are averaged over.
-_EXPECTED_FLIGHTS = 24
 
 
 @array_dataclass
@@ -84,7 +83,7 @@ def assess_plan(
         key: [margin.used for margin in margins if margin.limit.startswith(f"{key} of")]
         for key in ("torque", "momentum")
     }
-    expected = expected_sd(plan, mission, truths=_EXPECTED_FLIGHTS, seed=seed + 1)
+    expected = expected_sd(plan, mission, truths=NUMERICS.expected_flights, seed=seed + 1)
     return Contender(
         name=name,
         plan=plan,

@@ -13,7 +13,7 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.design.after_campaign import draw_bodies, plan_after
 from bayes_inertia.design.feasibility import axes_of_control
-from bayes_inertia.design.goals import CORRECTED_TURN_DEG
+from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.flight.final_errors import predict_correction_slew
 from bayes_inertia.flight.follow_on import following_plan, spacecraft_at
 from bayes_inertia.flight.mission import Mission
@@ -27,7 +27,7 @@ from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import ParameterSpace
 from bayes_inertia.physics.slew_input import idle_slew
 
-_SLEW_ANGLE = np.radians(CORRECTED_TURN_DEG)
+_SLEW_ANGLE = np.radians(NUMERICS.corrected_turn_deg)
 
 Values = dict[str, dict[str, AnyArray]]
 

@@ -28,6 +28,7 @@ from bayes_inertia.design.goals import Goal, parse_goal
 from bayes_inertia.design.information_forecast import prepare_forecast
 from bayes_inertia.design.limits import Limits, hardware_limits
 from bayes_inertia.design.margins import Margin, broken_limits, flown_margins, planned_margins
+from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.plan_arrays import planned_slews, slew_arrays
 from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.design.plan_search import improved_plans, random_plans
@@ -43,9 +44,6 @@ from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.named_effects import effects_named
 from bayes_inertia.physics.parameters import ParameterSpace
 from bayes_inertia.progress import Progress, silent
-
-# A limit that a plan comes this close to, of what its reserve leaves, is active.
-_ACTIVE_SLACK = 0.01
 
 
 @dataclass(frozen=True)
@@ -306,7 +304,7 @@ def _judged(
         units=dict(zip(layout.names, layout.units, strict=True)),
         margins=planned_margins(plan, setup.missions[0].spacecraft, limits),
         flown=_tightest([flown_margins(flight, limits) for flight in flights]),
-        active=tuple(name for name, slack in slacks.items() if slack < _ACTIVE_SLACK),
+        active=tuple(name for name, slack in slacks.items() if slack < NUMERICS.active_slack),
         history=history,
         seconds=0.0,
     )
@@ -315,14 +313,6 @@ def _judged(
 def _tightest(margins: Sequence[tuple[Margin, ...]]) -> tuple[Margin, ...]:
     """The smallest margin of each limit over several flights."""
     return tuple(min(same, key=lambda m: m.left) for same in zip(*margins, strict=True))
-
-
-# The paper's angular acceleration [rad/s^2].
-_PAPER_ACCELERATION = math.radians(0.05)
-# By what factor, and how often at most, angles are reduced until a plan fits its time.
-_REDUCTION, _MOST_REDUCTIONS = 0.93, 60
-# Smallest angle [rad] of a slew like the paper's.
-_SMALLEST_ANGLE = 1e-3
 
 
 class DesignSetup(NamedTuple):
@@ -406,10 +396,13 @@ def paper_like_reference(base: Plan, region: FeasibleRegion, n: int, total_time:
     with very small ones if none do.
     """
     paper = [paper_like_plan().slews[i % 5] for i in range(n)]
-    acceleration = min(_PAPER_ACCELERATION, region.acceleration)
+    acceleration = min(NUMERICS.paper_acceleration, region.acceleration)
     share = 1.0
-    for _ in range(_MOST_REDUCTIONS):
-        angles = [max(min(share * s.angle, region.angles[1]), _SMALLEST_ANGLE) for s in paper]
+    for _ in range(NUMERICS.most_reductions):
+        angles = [
+            max(min(share * s.angle, region.angles[1]), NUMERICS.paper_smallest_angle)
+            for s in paper
+        ]
         slews = tuple(
             PlannedSlew(slew.axis_B, angle, rate=region.rate, acceleration=acceleration)
             for slew, angle in zip(paper, angles, strict=True)
@@ -417,12 +410,8 @@ def paper_like_reference(base: Plan, region: FeasibleRegion, n: int, total_time:
         plan = replace(base, name=f"{n} slews like the paper's", slews=slews)
         if plan.starts[-1] + plan.durations[-1] <= total_time + 1e-9:
             break
-        share *= _REDUCTION
+        share *= NUMERICS.angle_reduction
     return plan
-
-
-# How far rounding to an operator's digits may reach into a reserve [fraction of the limit].
-_ROUNDING_SLACK = 2e-3
 
 
 def best_plan(
@@ -444,7 +433,7 @@ def best_plan(
             plan = replace(base, slews=slews)
             slacks = problem.least_slacks(problem.variables(slew_arrays(plan)))
             binding = min(slacks, key=slacks.__getitem__)
-            enough = slacks[binding] >= -_ROUNDING_SLACK
+            enough = slacks[binding] >= -NUMERICS.rounding_slack
             if enough and not broken_limits(planned_margins(plan, spacecraft, limits)):
                 return plan
             nearest = max(nearest, (slacks[binding], binding, plan), key=lambda n: n[0])

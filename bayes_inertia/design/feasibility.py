@@ -10,13 +10,11 @@ import numpy as np
 from bayes_inertia.design.feasible_region import FeasibleRegion
 from bayes_inertia.design.limits import Limits
 from bayes_inertia.design.margins import broken_limits, planned_margins
+from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.errors import BayesInertiaError, DesignError
 from bayes_inertia.flight.plan import Plan, PlannedSlew
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.maths.values import AnyArray
-
-# A slew that hardly turns [rad]: it shows what the start alone demands.
-_NEGLIGIBLE_ANGLE = 1e-6
 
 
 def require_feasible(
@@ -29,7 +27,7 @@ def require_feasible(
     require_three_axes(spacecraft.wheel_axes_B, DesignError)
     smallest = PlannedSlew((1.0, 0.0, 0.0), region.angles[0], region.rate, region.acceleration)
     _require_time(replace(base, slews=(smallest,) * n_slews), limits)
-    still = replace(smallest, angle=_NEGLIGIBLE_ANGLE)
+    still = replace(smallest, angle=NUMERICS.negligible_angle)
     _require_start(replace(base, slews=(still,)), spacecraft, limits)
     if limits.end_attitude is not None:
         at_end = replace(base, start_attitude=limits.end_attitude, slews=(still,))

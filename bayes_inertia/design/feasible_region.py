@@ -15,19 +15,10 @@ from jax import Array
 
 from bayes_inertia.design.limits import HardwareLimits, Limits
 from bayes_inertia.design.margins import demands
+from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.plan_arrays import PlanTimes, SlewArrays
 from bayes_inertia.design.planned_motion import PlannedMotion, RigidBody
 from bayes_inertia.maths.values import AnyArray
-
-# Shortest ramp [s] and smallest angle [rad]: shorter ones are over before the controller settles.
-_SHORTEST_RAMP = 4.0
-_SMALLEST_ANGLE = math.radians(5.0)
-# Largest rate [rad/s] where nothing limits it.
-_DEFAULT_RATE = math.radians(1.0)
-# How many sds of the scale factors keep-out cones are widened by.
-_SCALE_FACTOR_SIGMAS = 2.5
-# Smallest fractions of rate and acceleration.
-SMALLEST_FRACTIONS = (0.15, 0.03)
 
 
 class FeasibleRegion(NamedTuple):
@@ -93,14 +84,14 @@ def region_within(
         (1.0 - limits.rate_reserve) * (limits.rate or math.inf),
         (1.0 - limits.rate_reserve) * hardware.sensor_range,
     )
-    rate = rate if math.isfinite(rate) else default_rate or _DEFAULT_RATE
-    acceleration = min(limits.acceleration or math.inf, rate / _SHORTEST_RAMP)
+    rate = rate if math.isfinite(rate) else default_rate or NUMERICS.default_rate
+    acceleration = min(limits.acceleration or math.inf, rate / NUMERICS.shortest_ramp)
     keep = 1.0 - limits.wheel_reserve
     return FeasibleRegion(
         rate=rate,
         acceleration=acceleration,
         angles=(
-            min(_SMALLEST_ANGLE, 0.5 * (limits.angle or math.pi)),
+            min(NUMERICS.smallest_angle, 0.5 * (limits.angle or math.pi)),
             min(limits.angle or math.pi, math.pi),
         ),
         torque=keep * hardware.wheel_torque,
@@ -109,7 +100,7 @@ def region_within(
         cones_N=np.array([c.direction_N for c in limits.keep_out]).reshape(-1, 3),
         half_angles=np.array([c.half_angle for c in limits.keep_out]),
         boresight_B=hardware.boresight_B,
-        pointing_error=_SCALE_FACTOR_SIGMAS * scale_factor_sigma,
+        pointing_error=NUMERICS.scale_factor_sigmas * scale_factor_sigma,
     )
 
 

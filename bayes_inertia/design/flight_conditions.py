@@ -9,15 +9,13 @@ import numpy as np
 from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.model_data import Sensors
 from bayes_inertia.physics.nuisances import NuisanceScale
-
-# Points of the table that holds an orbit's environment.
-_ORBIT_POINTS = 200
 
 
 class InverseNoise(NamedTuple):
@@ -151,7 +149,7 @@ def orbit_environment(orbit: Orbit | None, duration: float) -> EnvironmentTable:
     >>> orbit_environment(None, 100.0).position_N.shape
     (200, 3)
     """
-    time = np.linspace(0.0, duration, _ORBIT_POINTS)
+    time = np.linspace(0.0, duration, NUMERICS.orbit_points)
     none = np.zeros((len(time), 3))
     if orbit is None:
         return EnvironmentTable(time, none, none)

@@ -12,17 +12,16 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.errors import CampaignError
 
-# Turn of the slew whose correction is forecast [deg], as everywhere in the package.
-CORRECTED_TURN_DEG = 60.0
 # What the number of each goal means, and its unit; smaller is better.
 GOALS = {
     "cross_terms": ("largest sd of a product of inertia", "kg m^2"),
     "inertia": ("typical sd of J: geometric mean over the axes of its error ellipsoid", "kg m^2"),
     "scale_factors": ("largest sd of a scale factor", ""),
     "correction_slew": (
-        f"sd of the correction slew after {CORRECTED_TURN_DEG:g} deg "
+        f"sd of the correction slew after {NUMERICS.corrected_turn_deg:g} deg "
         "about an axis of any direction",
         "rad",
     ),
@@ -31,9 +30,7 @@ GOALS = {
         "prior sd",
     ),
 }
-_REFERENCE_ANGLE = math.radians(CORRECTED_TURN_DEG)
-# The largest of several sds, made smooth: a norm of this order is at most 5 % above that of three.
-_NORM_ORDER = 24
+_REFERENCE_ANGLE = math.radians(NUMERICS.corrected_turn_deg)
 
 
 @dataclass(frozen=True)
@@ -154,7 +151,9 @@ def criterion(
 def _smooth_largest(variances: Array) -> Array:
     """A norm close to the largest of variances (n,)."""
     top = jnp.max(variances)
-    return top * jnp.sum((variances / top) ** (_NORM_ORDER // 2)) ** (2.0 / _NORM_ORDER)
+    return top * jnp.sum((variances / top) ** (NUMERICS.norm_order // 2)) ** (
+        2.0 / NUMERICS.norm_order
+    )
 
 
 def correction_sensitivity() -> np.ndarray:

@@ -15,15 +15,13 @@ import numpy as np
 from jax import Array
 
 from bayes_inertia.design.limits import Limits, hardware_limits
+from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.planned_motion import PlannedMotion, motion_of_plan, rigid_body
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.plan_flight import Flight
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.values import AnyArray
-
-# A limit counts as kept when this fraction of it is missing: rounding.
-_ROUNDING_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -58,7 +56,7 @@ class Margin:
     @property
     def kept(self) -> bool:
         """Whether the limit is respected (to rounding)."""
-        return self.left >= -_ROUNDING_TOLERANCE
+        return self.left >= -NUMERICS.rounding_tolerance
 
     @property
     def says(self) -> str:

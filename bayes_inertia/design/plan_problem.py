@@ -27,14 +27,13 @@ from bayes_inertia.design.information_forecast import (
     rigid_body_at,
 )
 from bayes_inertia.design.information_matrix import expected_covariance
+from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.plan_arrays import SlewArrays
 from bayes_inertia.design.planned_motion import motion_of_slews
 from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.linear_algebra import inverse
 from bayes_inertia.maths.values import AnyArray, array_dataclass
 
-# Plans that one call of compiled code scores.
-_PLANS_PER_BATCH = 10
 # Half the time to compile, twice the 20 ms to run, some hundred times.
 _WITHOUT_OPTIMIZATION = {"xla_backend_optimization_level": 0}
 
@@ -132,8 +131,8 @@ class PlanProblem:
         static = (self.goal, self.forecast.layout, self.groups)
         given = (self.forecast.arrays, self.thetas[truth], self.region, self.end_attitude)
         batches = [
-            np.resize(x[i : i + _PLANS_PER_BATCH], (_PLANS_PER_BATCH, *x.shape[1:]))
-            for i in range(0, len(x), _PLANS_PER_BATCH)
+            np.resize(x[i : i + NUMERICS.plans_per_batch], (NUMERICS.plans_per_batch, *x.shape[1:]))
+            for i in range(0, len(x), NUMERICS.plans_per_batch)
         ]
         parts = [_scores(*static, *given, batch) for batch in batches]
         return jax.tree.map(lambda *pieces: np.concatenate(pieces)[: len(x)], *parts)

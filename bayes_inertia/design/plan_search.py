@@ -9,19 +9,10 @@ from __future__ import annotations
 import numpy as np
 from scipy import optimize
 
-from bayes_inertia.design.feasible_region import (
-    SMALLEST_FRACTIONS,
-    draw_variables,
-)
+from bayes_inertia.design.feasible_region import draw_variables
+from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.plan_problem import PlanProblem
 from bayes_inertia.progress import Progress, silent
-
-# Limits are kept this far away [fraction] in the search, so that rounding does not cross them.
-_LIMIT_CLEARANCE = 1e-3
-# Slack [fraction] that stands for a limit which does not exist: SLSQP cannot hold infinity.
-_UNLIMITED_SLACK = 1e3
-# Most steps of each descent.
-_DESCENT_STEPS = 50
 
 
 def random_plans(
@@ -57,13 +48,13 @@ def improved_plan(
 
     def slacks(flat: np.ndarray) -> np.ndarray:
         values = problem.slacks_and_jacobian(flat.reshape(shape))[0]
-        return np.minimum(values, _UNLIMITED_SLACK) - _LIMIT_CLEARANCE
+        return np.minimum(values, NUMERICS.unlimited_slack) - NUMERICS.limit_clearance
 
     def jacobian(flat: np.ndarray) -> np.ndarray:
         slopes = problem.slacks_and_jacobian(flat.reshape(shape))[1]
         return np.nan_to_num(slopes).reshape(-1, flat.size)
 
-    fractions = [(smallest, 1.0) for smallest in SMALLEST_FRACTIONS]
+    fractions = [(smallest, 1.0) for smallest in NUMERICS.smallest_fractions]
     optimum = optimize.minimize(
         value,
         x.ravel(),
@@ -94,10 +85,10 @@ def improved_plans(
     descents: list[tuple[np.ndarray, tuple[float, ...]]] = []
     for k in order:
         say("improving the best, plans", len(descents), len(order) + 1)
-        descents.append(improved_plan(problem, x[k], _DESCENT_STEPS, 1))
+        descents.append(improved_plan(problem, x[k], NUMERICS.descent_steps, 1))
     say("improving the best, plans", len(order), len(order) + 1)
     best = [descents[k][0] for k in _ranked(problem, [plan for plan, _ in descents])]
-    final = improved_plan(problem, best[0], _DESCENT_STEPS, len(problem.thetas))
+    final = improved_plan(problem, best[0], NUMERICS.descent_steps, len(problem.thetas))
     return [final[0], *best], (*(history for _, history in descents), final[1])
 
 

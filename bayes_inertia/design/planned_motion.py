@@ -21,6 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.plan_arrays import (
     PlanStart,
     PlanTimes,
@@ -35,11 +36,7 @@ from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.jax_settings import require_usable_jax
 from bayes_inertia.maths.values import AnyArray
 
-# Rows in the rest before, each ramp, the coast, the settling and the rest after.
-_ROWS_OF_PHASES = (8, 14, 24, 14, 8, 8)
-ROWS = sum(_ROWS_OF_PHASES) + 1
-# Shortest coast in the grid [s]: a slew without a coast keeps increasing times.
-_SHORTEST_COAST = 0.05
+ROWS = sum(NUMERICS.rows_of_phases) + 1
 
 
 class RigidBody(NamedTuple):
@@ -190,7 +187,7 @@ def _rest_attitudes(rotation_B: Array, attitude: Array) -> Array:
 def _time_grid(slews: SlewArrays, angle: Array, times: PlanTimes) -> tuple[Array, float]:
     """Times (n, ROWS) of all rows [s], and when the motion begins [s]."""
     peak, ramp = _peak_and_ramp(angle, slews.rate, slews.acceleration, slews.smooth)
-    coast = jnp.maximum(angle / peak - ramp, _SHORTEST_COAST)
+    coast = jnp.maximum(angle / peak - ramp, NUMERICS.shortest_coast)
     same = jnp.ones_like(ramp)
     lengths = (
         times.rest_before * same,
@@ -202,7 +199,7 @@ def _time_grid(slews: SlewArrays, angle: Array, times: PlanTimes) -> tuple[Array
     )
     steps = [
         jnp.broadcast_to(length[:, None] / rows, (len(ramp), rows))
-        for length, rows in zip(lengths, _ROWS_OF_PHASES, strict=True)
+        for length, rows in zip(lengths, NUMERICS.rows_of_phases, strict=True)
     ]
     # Sums as matrix products: they compile much faster than cumulative sums.
     return jnp.concatenate(steps, 1) @ np.tri(ROWS, ROWS - 1, -1).T, times.rest_before

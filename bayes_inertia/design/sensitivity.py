@@ -121,7 +121,7 @@ def telemetry_sensitivity(
     stochastic = [e.name for e in structure.effects if isinstance(e, StochasticEffect)]
     if structure.hyperparameters:
         raise EffectError(
-            "has no fixed shape, which plans are not designed for",
+            "is stochastic, which plans are not designed for",
             where=stochastic[0],
             advice="leave it out of the design",
         )

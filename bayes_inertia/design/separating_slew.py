@@ -27,7 +27,6 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.design.after_campaign import plan_after
 from bayes_inertia.design.feasibility import require_three_axes
 from bayes_inertia.design.feasible_region import (
-    SMALLEST_FRACTIONS,
     FeasibleRegion,
     constraint_slacks,
     draw_variables,
@@ -46,6 +45,7 @@ from bayes_inertia.design.information_forecast import (
 from bayes_inertia.design.information_matrix import covariance_after, information_matrices
 from bayes_inertia.design.limits import Limits, hardware_limits
 from bayes_inertia.design.margins import Margin, broken_limits, planned_margins
+from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.design.plan_arrays import plan_start, plan_times, planned_slews
 from bayes_inertia.design.planned_motion import motion_of_slews
 from bayes_inertia.errors import CampaignError, EffectError
@@ -58,13 +58,6 @@ from bayes_inertia.maths.linear_algebra import canonical_correlation, inverse
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.forward_model import Model
-
-# Slews that one call of compiled code scores, and how many such calls draw from the whole region.
-_BATCH, _FIRST_BATCHES = 128, 4
-# Rounds of the search around the best, how many are kept in each, and how far it reaches at first.
-_ROUNDS, _KEPT, _FIRST_WIDTH = 5, 10, 0.3
-# What a violated limit adds to the logarithm of the goal, for each fraction of the limit.
-_LIMIT_PENALTY = 1e3
 
 Score = Callable[[np.ndarray], tuple[Array, Array]]
 
@@ -198,7 +191,7 @@ def _scores(
         missing = jnp.sum(jnp.maximum(0.0, -slacks))
         covariance = covariance_after(arrays, information)
         value = criterion(goal, covariance, theta, arrays.prior_sd, groups)
-        return jnp.log(value) + _LIMIT_PENALTY * missing, information[0]
+        return jnp.log(value) + NUMERICS.limit_penalty * missing, information[0]
 
     return jax.lax.map(one, x)
 
@@ -209,16 +202,18 @@ def _search(
     """The best slew (5,) and its information: random slews, then others ever closer to the best."""
     rng = np.random.default_rng([seed, 11])
     times, body = task.forecast.layout.times, task.forecast.body(task.theta)
-    x = draw_variables(rng, _FIRST_BATCHES * _BATCH, 1, region, times, body)[:, 0]
-    scored = [score(part) for part in np.split(x, _FIRST_BATCHES)]
+    x = draw_variables(
+        rng, NUMERICS.first_batches * NUMERICS.slews_per_batch, 1, region, times, body
+    )[:, 0]
+    scored = [score(part) for part in np.split(x, NUMERICS.first_batches)]
     values, information = (np.concatenate([np.asarray(s[i]) for s in scored]) for i in (0, 1))
-    width = _FIRST_WIDTH
-    for _ in range(_ROUNDS):
-        order = np.argsort(values)[:_KEPT]
-        children = x[order][rng.integers(0, _KEPT, _BATCH)] * (
-            1.0 + width * rng.normal(size=(_BATCH, 5))
+    width = NUMERICS.first_width
+    for _ in range(NUMERICS.search_rounds):
+        order = np.argsort(values)[: NUMERICS.kept_each_round]
+        children = x[order][rng.integers(0, NUMERICS.kept_each_round, NUMERICS.slews_per_batch)] * (
+            1.0 + width * rng.normal(size=(NUMERICS.slews_per_batch, 5))
         )
-        children[:, 3:] = np.clip(children[:, 3:], SMALLEST_FRACTIONS, 1.0)
+        children[:, 3:] = np.clip(children[:, 3:], NUMERICS.smallest_fractions, 1.0)
         x = np.concatenate([x[order], children])
         values, information = (
             np.concatenate([old[order], np.asarray(new)])

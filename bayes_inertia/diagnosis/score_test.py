@@ -18,7 +18,8 @@ from scipy import stats
 from bayes_inertia.diagnosis.evidence import log_bayes_factor_of
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
-from bayes_inertia.maths.linear_algebra import VISIBLE, canonical_correlation
+from bayes_inertia.maths.linear_algebra import canonical_correlation
+from bayes_inertia.maths.numerics import NUMERICS as MATHS_NUMERICS
 from bayes_inertia.maths.values import array_dataclass
 
 
@@ -86,7 +87,7 @@ class ScoreTests:
         """
         index = self.indices[k]
         powers, directions = np.linalg.eigh(self.matrix[np.ix_(index, index)])
-        keep = powers > VISIBLE
+        keep = powers > MATHS_NUMERICS.visible_power
         return powers[keep], directions[:, keep]
 
     def dof(self, k: int) -> int:

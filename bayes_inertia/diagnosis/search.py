@@ -51,7 +51,7 @@ from bayes_inertia.diagnosis.torque_response import torque_response
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.optimizer import without_effect
 from bayes_inertia.maths.blas_threads import on_one_blas_thread
-from bayes_inertia.maths.linear_algebra import VISIBLE
+from bayes_inertia.maths.numerics import NUMERICS as MATHS_NUMERICS
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effects import LIBRARY, FlexibleMode
 from bayes_inertia.physics.forward_model import Model
@@ -265,7 +265,7 @@ def is_needless(estimate: Estimate, effect: str) -> bool:
     covariance = estimate.covariance[np.ix_(amplitudes, amplitudes)] / np.outer(sd, sd)
     precision = np.linalg.inv(covariance)
     powers, directions = np.linalg.eigh(precision - np.eye(len(amplitudes)))
-    visible = powers > VISIBLE
+    visible = powers > MATHS_NUMERICS.visible_power
     along = directions[:, visible].T @ precision @ amplitude
     chi2 = np.sum(along**2 / powers[visible])
     return bool(stats.chi2.sf(chi2, max(visible.sum(), 1)) > _NEEDLESS_P_VALUE)

@@ -32,6 +32,7 @@ from bayes_inertia.flight.control_law import (
     target_attitude,
     wheel_command,
 )
+from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.maths import quaternion
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.equations_of_motion import (
@@ -42,10 +43,6 @@ from bayes_inertia.physics.equations_of_motion import (
 from bayes_inertia.physics.motion_step import advance, grid_rows
 from bayes_inertia.physics.slew_context import Trajectory
 from bayes_inertia.physics.slew_input import SlewInput
-
-# Relaxation ends when no command changes by more than this fraction of the largest.
-RELAXATION_TOLERANCE = 1e-9
-MAX_ROUNDS = 60
 
 
 class _HookTerms(NamedTuple):
@@ -128,7 +125,9 @@ def fly_slew(
 
     def not_converged(carry) -> Array:
         rounds, flown, _ = carry
-        return (flown.relaxation_change > RELAXATION_TOLERANCE) & (rounds < MAX_ROUNDS)
+        return (flown.relaxation_change > NUMERICS.relaxation_tolerance) & (
+            rounds < NUMERICS.most_relaxations
+        )
 
     def fly_again(carry):
         rounds, _, terms = carry

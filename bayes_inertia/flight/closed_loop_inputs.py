@@ -18,15 +18,13 @@ from bayes_inertia.flight.closed_loop_data import Plant, SensorNoise
 from bayes_inertia.flight.control_law import ControlLaw, SlewSchedule
 from bayes_inertia.flight.integration_grids import integration_grid
 from bayes_inertia.flight.mission import Mission
+from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft
 from bayes_inertia.maths.values import Vector
 from bayes_inertia.physics.active_effects import ActiveEffects
 from bayes_inertia.physics.slew_input import SlewInput, Start
-
-# Stands for a limit that the hardware does not have, in any unit.
-_NO_LIMIT = 1e30
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,8 +258,8 @@ def control_law(spacecraft: Spacecraft, controller: Controller) -> ControlLaw:
         wheel_axes_B=jnp.asarray(G),
         allocation=jnp.asarray(np.linalg.pinv(G)),
         spin_inertia=jnp.asarray([w.spin_inertia for w in spacecraft.wheels]),
-        max_torque=jnp.asarray([w.max_torque or _NO_LIMIT for w in spacecraft.wheels]),
+        max_torque=jnp.asarray([w.max_torque or NUMERICS.no_limit for w in spacecraft.wheels]),
         stiffness=jnp.asarray(controller.bandwidth**2),
         damping=jnp.asarray(2.0 * controller.damping * controller.bandwidth),
-        rate_range=jnp.asarray(sensor.range or _NO_LIMIT),
+        rate_range=jnp.asarray(sensor.range or NUMERICS.no_limit),
     )

@@ -10,14 +10,9 @@ from scipy.spatial.transform import Rotation
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import RateSensor
 from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import Plan, PlannedSlew
 from bayes_inertia.flight.slew_profile import ramp_factor
-
-# A flown rotation may be off the planned one by so much [rad], and by this share of its angle:
-# errors of J, K and bias on board.
-_ROTATION, _ROTATION_SHARE = math.radians(2.0), 0.1
-# A flown peak rate may be off the planned one by this share, and by so many noise sigmas.
-_PEAK_SHARE, _PEAK_SIGMAS = 0.25, 6.0
 
 
 def other_slews(plan: Plan, campaign: Campaign) -> str:
@@ -57,7 +52,9 @@ def _other_rotation(planned: PlannedSlew, flown: Slew, rate_B: np.ndarray | None
     if rotation is None:
         return ""
     wanted = Rotation.from_rotvec(planned.angle * np.array(planned.axis_B))
-    if (wanted.inv() * rotation).magnitude() <= _ROTATION + _ROTATION_SHARE * planned.angle:
+    if (
+        wanted.inv() * rotation
+    ).magnitude() <= NUMERICS.rotation_off + NUMERICS.rotation_off_share * planned.angle:
         return ""
     return f"turned by {_rotation_text(rotation)}, the plan says {_rotation_text(wanted)}"
 
@@ -74,7 +71,9 @@ def _other_peak(planned: PlannedSlew, rate_B: np.ndarray | None, sensor: RateSen
         return ""
     reached = math.sqrt(planned.acceleration * planned.angle / ramp_factor(planned.profile))
     wanted, peak = min(planned.rate, reached), float(np.linalg.norm(rate_B, axis=1).max())
-    if abs(peak - wanted) <= _PEAK_SHARE * wanted + _PEAK_SIGMAS * max(sensor.sigma):
+    if abs(
+        peak - wanted
+    ) <= NUMERICS.peak_rate_off_share * wanted + NUMERICS.peak_rate_off_sigmas * max(sensor.sigma):
         return ""
     flown, said = (f"{math.degrees(x):.3g} deg/s" for x in (peak, wanted))
     return f"reached {flown}, the plan says {said}"

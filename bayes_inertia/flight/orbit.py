@@ -8,10 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
-
-_EARTH_GM = 3.986004418e14  # [m^3/s^2]
-_EARTH_DIPOLE = 7.75e15  # [T m^3], axial term of the geomagnetic field
-_SMALLEST_RADIUS = 6.0e6  # [m]
+from bayes_inertia.flight.numerics import NUMERICS
 
 
 @dataclass(frozen=True)
@@ -46,7 +43,7 @@ class Orbit:
     argument: float = math.radians(10.0)
 
     def __post_init__(self) -> None:
-        if not self.radius > _SMALLEST_RADIUS:
+        if not self.radius > NUMERICS.smallest_radius:
             raise CampaignError(
                 f"{self.radius / 1e3:.6g} km lies inside the Earth",
                 where="key orbit.radius_km",
@@ -66,7 +63,7 @@ class Orbit:
         (n, 3) array
             From the Earth's centre, in inertial axes [m].
         """
-        u = self.argument + math.sqrt(_EARTH_GM / self.radius**3) * np.asarray(time)
+        u = self.argument + math.sqrt(NUMERICS.earth_gm / self.radius**3) * np.asarray(time)
         cos_i, sin_i = math.cos(self.inclination), math.sin(self.inclination)
         cos_n, sin_n = math.cos(self.node), math.sin(self.node)
         to_node = np.array([cos_n, sin_n, 0.0])
@@ -94,4 +91,4 @@ class Orbit:
         position = self.position_N(time)
         up = position / self.radius
         south = np.array([0.0, 0.0, -1.0])
-        return _EARTH_DIPOLE / self.radius**3 * (3.0 * (up @ south)[:, None] * up - south)
+        return NUMERICS.earth_dipole / self.radius**3 * (3.0 * (up @ south)[:, None] * up - south)

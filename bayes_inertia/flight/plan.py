@@ -16,12 +16,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.checks import require
+from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.flight.slew_profile import Profile, ramp_factor
 from bayes_inertia.maths.values import Vector
-
-# Rows of telemetry of a slew; more is a plan with a slip of units.
-_MOST_ROWS = 5_000_000
 
 
 def _require_positive(value: float, key: str) -> None:
@@ -225,9 +223,9 @@ class Plan:
         least = self.rest_before + slew.motion_time + self.settle + self.rest_after
         longest = max(least, slew.duration or 0.0) / self.telemetry_period
         require(
-            longest <= _MOST_ROWS,
+            longest <= NUMERICS.most_rows_of_slew,
             "slews",
-            f"a slew has {longest:.3g} rows of telemetry, more than {_MOST_ROWS:,}",
+            f"a slew has {longest:.3g} rows of telemetry, more than {NUMERICS.most_rows_of_slew:,}",
             "look at the units of rate_deg_per_s, acceleration_deg_per_s2 and telemetry_period_s",
         )
         needed = math.ceil(least / self.telemetry_period - 1e-6) * self.telemetry_period

@@ -12,9 +12,10 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import EffectError
-from bayes_inertia.flight.closed_loop import RELAXATION_TOLERANCE, fly_slews
+from bayes_inertia.flight.closed_loop import fly_slews
 from bayes_inertia.flight.closed_loop_inputs import closed_loop_inputs
 from bayes_inertia.flight.mission import Mission
+from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.spacecraft import Controller, Spacecraft
 from bayes_inertia.maths.values import array_dataclass
@@ -136,7 +137,7 @@ def _check_converged(flown: Any, planned: Campaign, effects: Sequence[Effect]) -
     """Raise for a slew that runs away or whose relaxation did not end."""
     bad = ~np.isfinite(flown.attitude).all(axis=(1, 2))
     if effects:
-        bad |= ~(flown.relaxation_change <= RELAXATION_TOLERANCE)
+        bad |= ~(flown.relaxation_change <= NUMERICS.relaxation_tolerance)
     if bad.any():
         raise EffectError(
             "the closed loop is not stable with these effects",

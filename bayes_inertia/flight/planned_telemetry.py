@@ -9,13 +9,11 @@ from scipy.spatial.transform import Rotation
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.flight.mission import Mission
+from bayes_inertia.flight.numerics import NUMERICS
 from bayes_inertia.flight.plan import Plan
 from bayes_inertia.flight.slew_profile import angle_and_rate
 from bayes_inertia.flight.spacecraft import Spacecraft
 from bayes_inertia.maths.jax_settings import require_usable_jax
-
-# Rows are padded to multiples of this, so that few shapes are compiled.
-_ROW_MULTIPLE = 32
 
 
 def planned_campaign(plan: Plan, mission: Mission, name: str | None = None) -> Campaign:
@@ -77,7 +75,7 @@ def _planned_slew(
 def _planned_motion(plan: Plan) -> tuple[np.ndarray, np.ndarray]:
     """Angle [rad] and rate [rad/s] of all slews (slews, rows), padded at the end."""
     longest = max(len(plan.times(i)) for i in range(len(plan.slews)))
-    n_rows = -(-longest // _ROW_MULTIPLE) * _ROW_MULTIPLE
+    n_rows = -(-longest // NUMERICS.row_multiple) * NUMERICS.row_multiple
     time = plan.telemetry_period * np.arange(n_rows) - plan.rest_before
     settings = [
         np.array([[getattr(slew, key)] for slew in plan.slews])

@@ -81,7 +81,7 @@ class Spacecraft:
         for effect in self.effects:
             if isinstance(effect, StochasticEffect):
                 raise EffectError(
-                    "has no fixed shape, which simulated flights do not draw",
+                    "is stochastic, which simulated flights do not draw",
                     where=effect.name,
                     advice="fly without it",
                 )

@@ -20,20 +20,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.slew import bad_quaternion
+from bayes_inertia.importing.limits import LIMITS
 
 AttitudeForm = Literal["quaternion", "euler", "dcm", "mrp"]
 COLUMNS_OF_FORM = {"quaternion": 4, "euler": 3, "dcm": 9, "mrp": 3}
 """Number of columns that each form of an attitude has."""
 
 _CONJUGATE = np.array([-1.0, -1.0, -1.0, 1.0])
-# Largest element of M M^T - 1 of a matrix that counts as a rotation.
-_NOT_ORTHOGONAL = 1e-3
-# A jump between two rows that no body makes, if it comes back to the very same attitude [rad].
-_JUMP = 0.1
-# So many of the attitudes that stand most often are looked at, told apart by such a sum of theirs.
-_MOST_COMMON, _KEY = 4, np.array([1.0, np.pi, np.e, np.sqrt(2.0)])
-# Rows looked at for what rounding does to an attitude.
-_ROWS_OF_ROUNDING = 50
+# Weights of a sum that tells attitudes apart.
+_KEY = np.array([1.0, np.pi, np.e, np.sqrt(2.0)])
 
 
 @dataclass(frozen=True)
@@ -117,7 +112,7 @@ def without_solution(
     """
     size = np.abs(values[:, 0])
     impossible = {
-        "quaternion": np.abs(size - 0.5) > _NOT_ORTHOGONAL,
+        "quaternion": np.abs(size - 0.5) > LIMITS.not_orthogonal,
         "dcm": size >= 0.0,
         "mrp": size > 1.0,
         "euler": size * convention.radians > 2.0 * np.pi,
@@ -145,12 +140,12 @@ def standing_mark(quaternions: np.ndarray, time: np.ndarray) -> np.ndarray:
     q, steps = quaternions[rows], np.diff(time[rows])
     usual = 1.5 * float(np.median(steps)) if len(steps) else 0.0
     _, first, counts = np.unique(q @ _KEY, return_index=True, return_counts=True)
-    for row in first[np.argsort(-counts)[:_MOST_COMMON]]:
+    for row in first[np.argsort(-counts)[: LIMITS.most_common_attitudes]]:
         same = (q == q[row]).all(axis=1)
         # After a pause a body may be anywhere.
         borders = np.flatnonzero((same[1:] != same[:-1]) & (steps < usual))
         others = np.where(same[borders, None], q[borders + 1], q[borders])
-        jumps = np.abs(others @ q[row]) < np.cos(0.5 * _JUMP)
+        jumps = np.abs(others @ q[row]) < np.cos(0.5 * LIMITS.attitude_jump)
         again = int((same[1:] & ~same[:-1]).sum() + same[0]) > 1
         # Of two that stand still, the one beside several others is the mark.
         if again and len(borders) > 1 and jumps.all() and np.any(others != others[0]):
@@ -175,7 +170,7 @@ def rounding_of_attitudes(
     0.0002
     """
     given = values[np.isfinite(values).all(axis=1)]
-    given = given[:: max(1, len(given) // _ROWS_OF_ROUNDING)]
+    given = given[:: max(1, len(given) // LIMITS.attitudes_of_rounding)]
     if not len(given):
         return 0.0
     exact = Rotation.from_quat(to_quaternions(given, convention))
@@ -206,7 +201,7 @@ def bad_attitude(values: np.ndarray, convention: AttitudeConvention) -> tuple[in
     if convention.form == "dcm":
         matrices = values.reshape(-1, 3, 3)
         square = np.einsum("nij,nkj->nik", matrices, matrices) - np.eye(3)
-        bad = np.abs(square).max(axis=(1, 2)) > _NOT_ORTHOGONAL
+        bad = np.abs(square).max(axis=(1, 2)) > LIMITS.not_orthogonal
         if bad.any():
             return int(np.argmax(bad)), (
                 "the matrix is no rotation: its rows are not of length 1 and square to each other"

@@ -14,19 +14,14 @@ import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.file_share import ZERO_OF_FILE, FileShare
+from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.tables.leap_seconds import SECOND
 from bayes_inertia.tables.stamp_parts import unit_size
 from bayes_inertia.tables.time_stamps import FREE_CLOCKS
 
-_BITS = (16, 24, 31, 32)
 # Counts of these are scaled to other units by ground software; also the unit of the file itself.
 _UNITS = ("s", "100 ms", "10 ms", "ms", "100 us", "10 us", "us")
 _DAYS = {"86400 s": 86400 * SECOND, "604800 s": 604800 * SECOND}  # Seconds of the day, of the week.
-# Across a wrap rows follow each other within this many steps: one may be lost, stamps jitter.
-_NEAREST, _FARTHEST = 0.2, 2.5
-# A pause longer than this share of the period may hide a whole one; a wrap in it needs a long one.
-_PAUSE = 0.1
-_LONG_BITS = 24
 
 
 @dataclass(frozen=True)
@@ -110,10 +105,10 @@ def _periods(share: FileShare) -> list[_Period]:
     periods = [_Period(name, ns, True) for name, ns in _DAYS.items()]
     for unit, size in sizes.items():
         whole = unit == own and not np.any(share.counts % max(int(size), 1))
-        for bits in _BITS:
+        for bits in LIMITS.counter_bits:
             ns = int(size * 2**bits)
             name = f"2^{bits} {unit}" if unit.isalpha() else f"2^{bits} counts of {unit}"
-            periods.append(_Period(name, ns, whole and bits >= _LONG_BITS))
+            periods.append(_Period(name, ns, whole and bits >= LIMITS.long_counter_bits))
     return [period for period in periods if period.ns < 2**61]  # Sums stay within 64 bits.
 
 
@@ -125,11 +120,11 @@ def _clean_wraps(counts: np.ndarray, steps: np.ndarray, step: float, period: _Pe
     if not (signed or (lowest >= 0 and highest < period.ns)):
         return none
     ahead = steps + period.ns
-    clean = (ahead >= _NEAREST * step) & (ahead <= _FARTHEST * step)
+    clean = (ahead >= LIMITS.wrap_nearest * step) & (ahead <= LIMITS.wrap_farthest * step)
     if period.own and not signed:
         # A clock that was set back begins at zero; a counter that wrapped in a pause does not.
-        clean |= (ahead > 0) & (ahead <= _PAUSE * period.ns) & (counts[1:] >= step)
-    return clean & (steps < 0) & (step < _PAUSE * period.ns)
+        clean |= (ahead > 0) & (ahead <= LIMITS.wrap_pause * period.ns) & (counts[1:] >= step)
+    return clean & (steps < 0) & (step < LIMITS.wrap_pause * period.ns)
 
 
 def _placed(share: FileShare, period: _Period, centre: int) -> FileShare:
@@ -145,7 +140,7 @@ def _unwrapped(share: FileShare, period: _Period, centre: int) -> FileShare:
     counts = share.stamps.ns - share.stamps.zero_ns
     ahead = np.unwrap(counts[present], period=period.ns).astype(np.int64)
     steps = np.diff(ahead)
-    if len(steps) and np.abs(steps).max() > _PAUSE * period.ns:
+    if len(steps) and np.abs(steps).max() > LIMITS.wrap_pause * period.ns:
         row = int(np.flatnonzero(present)[int(np.argmax(np.abs(steps))) + 1])
         raise CampaignError(
             f"the counter wraps every {period.name} ({period.ns / SECOND:.6g} s): how often it "

@@ -7,15 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.motion_scan import MotionScan
 from bayes_inertia.importing.slew_cutting import DroppedPart, SlewCut
 
-_SIZE = (9.0, 4.5)  # [inch]
-_MOST_POINTS = 6000
 _SLEW, _DROPPED, _LINE = "#2a78d6", "#c2541b", "#4d4d4d"
-_LABEL_AT = 0.97  # Of the height.
-# The axis of speeds begins at this share of the lower threshold.
-_BOTTOM = 0.03
 
 
 def cut_picture(cut: SlewCut, clock: str) -> str:
@@ -28,7 +24,7 @@ def cut_picture(cut: SlewCut, clock: str) -> str:
     assert scan is not None
     settings: Any = {"svg.hashsalt": "bayes-inertia", "svg.fonttype": "none", "font.size": 9}
     with mpl.rc_context(settings):
-        figure = Figure(figsize=_SIZE, layout="constrained")
+        figure = Figure(figsize=LIMITS.picture_size, layout="constrained")
         FigureCanvasSVG(figure)
         axes = figure.add_subplot()
         _shade(axes, cut)
@@ -45,7 +41,7 @@ def cut_picture(cut: SlewCut, clock: str) -> str:
                 fontsize=8,
             )
         axes.set_yscale("log")
-        bottom = _BOTTOM * np.degrees(scan.low)
+        bottom = LIMITS.bottom_of_axis * np.degrees(scan.low)
         axes.set_ylim(bottom=bottom)
         axes.set_xlabel(f"time since {clock} [s]")
         axes.set_ylabel("rate [deg/s], smoothed, less the rate at rest")
@@ -62,7 +58,7 @@ def _shade(axes: Any, cut: SlewCut) -> None:
     for window in cut.windows:
         axes.axvspan(window.start, window.end, color=_SLEW, alpha=0.18, linewidth=0)
         middle = 0.5 * (window.start + window.end)
-        at = (middle, _LABEL_AT)
+        at = (middle, LIMITS.label_height)
         mixed = ("data", "axes fraction")
         axes.annotate(window.name, at, xycoords=mixed, ha="center", va="top", fontsize=8)
     for part in _motions(cut):
@@ -96,7 +92,7 @@ def _reasons(cut: SlewCut) -> str:
 
 def _thinned(scan: MotionScan) -> tuple[np.ndarray, np.ndarray]:
     """Few enough points to draw, the peaks among them; pauses break the line."""
-    width = max(1, len(scan.time) // _MOST_POINTS)
+    width = max(1, len(scan.time) // LIMITS.most_points_drawn)
     times: list[np.ndarray] = []
     speeds: list[np.ndarray] = []
     pause = np.array([np.nan])

@@ -31,8 +31,9 @@ from bayes_inertia.importing.imported_folder import (
     table_texts,
     zero_of_clock,
 )
+from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.log_reader import read_logs
-from bayes_inertia.importing.logged_stream import MOST_LEFT_OUT, LoggedStream
+from bayes_inertia.importing.logged_stream import LoggedStream
 from bayes_inertia.importing.mapped_lines import BESIDE_RATES, OFFSET_OF, RECORD_FILE
 from bayes_inertia.importing.mapping import parse_mapping, streams_that_hold
 from bayes_inertia.importing.mapping_schema import MappingPart
@@ -41,10 +42,6 @@ from bayes_inertia.importing.slew_cutting import SlewCut, cut_into_slews
 from bayes_inertia.importing.slew_tables import slew_tables
 from bayes_inertia.progress import Progress, silent
 
-# A known offset that puts this share of the readings into slews is meant.
-_MEANT = 0.998
-# What units of time lie apart; spans are so alike, and steps of such streams so different.
-_UNITS_APART, _ALIKE, _OTHER_STEPS = (60.0, 3.6e3, 1e3, 6e4, 1e6, 3.6e6, 1e9), 0.03, 10.0
 _MEASURED = ("rate", "attitude", "wheel_momentum", "wheel_speed")
 
 
@@ -170,8 +167,8 @@ def _refuse_other_unit_of_time(logs: Logs, label: str) -> None:
         span = float(np.median([spans[other] for other in others]))
         step = float(np.median([several[other].step for other in others]))
         size, steps = (max(x, 1.0 / x) for x in (span / spans[key], step / stream.step))
-        ratio = min(_UNITS_APART, key=lambda unit: abs(size / unit - 1.0))
-        if abs(size / ratio - 1.0) < _ALIKE and steps > _OTHER_STEPS:
+        ratio = min(LIMITS.unit_factors_of_time, key=lambda unit: abs(size / unit - 1.0))
+        if abs(size / ratio - 1.0) < LIMITS.alike_spans and steps > LIMITS.different_steps:
             files = ", ".join(PurePath(file).name for file in stream.files)
             raise CampaignError(
                 f"the stamps of {files} span {spans[key]:.6g} s, those of the other streams "
@@ -242,10 +239,10 @@ def _beside(stream: LoggedStream, rate: LoggedStream, cut: SlewCut) -> list[str]
     away = np.abs(stream.time - rate.time[[after - 1, after]]).min(axis=0)
     count = len(stream.time)
     beside = int((~inside & (away > 2.0 * rate.step)).sum())
-    if beside <= max(1.0, MOST_LEFT_OUT * count):
+    if beside <= max(1.0, LIMITS.most_left_out * count):
         return []
     known = known_offset(stream.time, spans)
-    if known is None or known[2] < _MEANT * count:
+    if known is None or known[2] < LIMITS.meant_offset_share * count:
         return [f"{beside} of {count} readings {BESIDE_RATES} and are left out"]
     seconds, why, there = known
     key = OFFSET_OF.format(stream.holds)

@@ -14,6 +14,7 @@ from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.attitude_forms import standing_mark
 from bayes_inertia.importing.common_clock import Logs, on_one_clock
 from bayes_inertia.importing.file_share import SHARED_ZERO, ZERO_OF_FILE, FileShare
+from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.mapping_schema import (
     AttitudeStream,
     MappedStream,
@@ -31,7 +32,6 @@ from bayes_inertia.tables.raw_table import RawColumn, RawTable
 from bayes_inertia.tables.text_form import TextOptions
 from bayes_inertia.tables.time_stamps import FREE_CLOCKS, TimeStamps, times_to_seconds
 
-_FEWEST_RATES = 10  # Fewer tell neither rest nor slew.
 _WHEEL_OFF = "a wheel that is off: take it out of [[wheels]] and its columns out of every stream"
 _STREAM_OUT = "leave the [[streams]] of {holds} out of the mapping"
 _ADVICE_OF_EMPTY = {
@@ -186,7 +186,7 @@ def _refuse_few_rates(
     a_slew_each = len(shares) > 1 and mapping.cut.by != "rest" and not mapping.slews
     for together in [[share] for share in shares] if a_slew_each else [shares]:
         counts = np.sum([np.isfinite(share.values).sum(axis=0) for share in together], axis=0)
-        few = [n for n, c in zip(part.names, counts, strict=True) if c < _FEWEST_RATES]
+        few = [n for n, c in zip(part.names, counts, strict=True) if c < LIMITS.fewest_rates]
         if few:
             files = ", ".join(share.file for share in together)
             raise CampaignError(

@@ -9,9 +9,9 @@ import numpy as np
 
 from bayes_inertia.campaign.row_order import set_back_row
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.maths.values import array_dataclass
 
-MOST_LEFT_OUT = 0.05
 """Of the rows of a stream: the most that an import leaves out with no more than a note.
 
 As many at random would make the sds larger by 2.6 % only; more are a clock or a column that was
@@ -98,9 +98,11 @@ def left_out(count: int, rows: int, why: str, *, where: str, advice: str) -> str
     '2 of 900 rows have no time and are left out'
     """
     what = f"{count} of {rows} rows {why}"
-    if count > max(1.0, MOST_LEFT_OUT * rows):
+    if count > max(1.0, LIMITS.most_left_out * rows):
         raise CampaignError(
-            f"{what}; more than {MOST_LEFT_OUT:.0%} are not left out", where=where, advice=advice
+            f"{what}; more than {LIMITS.most_left_out:.0%} are not left out",
+            where=where,
+            advice=advice,
         )
     return f"{what} and are left out"
 

@@ -21,6 +21,7 @@ import numpy as np
 from bayes_inertia.campaign.checked_toml import checked_document, toml_document
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.attitude_forms import COLUMNS_OF_FORM, AttitudeConvention, bad_attitude
+from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.mapped_lines import lines_of
 from bayes_inertia.importing.mapping_schema import (
     AttitudeStream,
@@ -33,8 +34,6 @@ from bayes_inertia.importing.questions import refuse_open_questions
 from bayes_inertia.importing.unit_factors import QUANTITIES, unit_factor
 from bayes_inertia.tables.time_stamps import FREE_CLOCKS
 
-# Smallest determinant of three axes that do not lie in one plane.
-_INDEPENDENT = 1e-3
 _OR_ALL = {
     "wheel_torque": "",
     "wheel_momentum": ", or leave out what all tachometers read",
@@ -212,7 +211,7 @@ def _check_mounting(stream: RateStream, mapping: MappingPart, where: str) -> Non
             'add mounting = [[...], [...], [...]], v_sensor = mounting v_body (frame = "sensor")',
         )
     for key in given:
-        independent = abs(np.linalg.det(np.array(getattr(stream, key)))) > _INDEPENDENT
+        independent = abs(np.linalg.det(np.array(getattr(stream, key)))) > LIMITS.independent_axes
         what = "the axes lie in one plane"
         _require(independent, f"{where}.{key}", what, "give three independent axes")
     advice = "keep one of them"

@@ -7,9 +7,8 @@ from typing import Any
 
 import tomlkit
 
+from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.questions import open_questions, question_at
-
-_WIDTH = 96  # Of a comment.
 
 
 def mapping_value(value: Any) -> str:
@@ -36,7 +35,7 @@ def mapping_comment(text: str) -> str:
     >>> mapping_comment("as drawn")
     '# as drawn'
     """
-    return "\n".join(f"# {line}" for line in textwrap.wrap(text, _WIDTH))
+    return "\n".join(f"# {line}" for line in textwrap.wrap(text, LIMITS.comment_width))
 
 
 def mapping_entry(path: tuple[str, ...], value: Any, comment: str = "", hint: str = "") -> str:

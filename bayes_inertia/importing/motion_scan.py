@@ -13,29 +13,10 @@ import numpy as np
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.logged_stream import LoggedStream
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 from bayes_inertia.maths.values import array_dataclass
-
-_AVERAGED_S = 1.0  # [s] the running mean, but at least so many rows:
-_AVERAGED_ROWS = 5
-_OUTLIER_ROWS = 5  # The running median: two rows in a row may be outliers.
-# Share of the readings that are slowest: the rate at rest is their median.
-_SLOWEST = 0.2
-# A body whose slowest rate is more than this share of its largest does not rest, unless it keeps
-# that rate for this share of the time, as one that points to the Earth does.
-_RESTS_BELOW = 0.2
-_RESTS_FOR = 0.3
-# A log whose rates do not exceed their noise at rest by this factor shows no slew.
-_VISIBLE = 8.0
-# `low` is this factor above the median at rest, but at most this share of `high`.
-_ABOVE_REST = 4.0
-_LOW_OVER_HIGH = 1.0 / 3.0
-# A slower moment shorter than this, as between braking and settling, is no rest [s].
-_DIP_S = 5.0
-# `high` is at most this share of the largest rate.
-_LARGEST_THRESHOLD = 0.1
-_SIGMAS_OF_REST = 3.0
 
 
 @array_dataclass
@@ -100,24 +81,31 @@ def scan_motion(rate: LoggedStream, *, threshold: float | None, pause: float) ->
     segment = np.concatenate([[0], np.cumsum(np.diff(rate.time) > pause)])
     rates, width = _smoothed(rate, segment)
     norm = np.linalg.norm(rates, axis=1)
-    rest_rate = np.median(rates[norm <= np.quantile(norm, _SLOWEST)], axis=0)
+    rest_rate = np.median(rates[norm <= np.quantile(norm, LIMITS.slowest_share)], axis=0)
     speed = np.linalg.norm(rates - rest_rate, axis=1)
-    floor = _SIGMAS_OF_REST * _noise(rate) / np.sqrt(width)
+    floor = LIMITS.sigmas_of_rest * _noise(rate) / np.sqrt(width)
     largest = float(speed.max())
     high = threshold or _threshold(floor, largest, rate)
     at_rest = speed[speed < high]
-    if len(at_rest) < _RESTS_FOR * len(speed):
+    if len(at_rest) < LIMITS.rests_for * len(speed):
         _require_rest(float(np.linalg.norm(rest_rate)), float(norm.max()), rate)
     level = float(np.median(at_rest)) if len(at_rest) else 0.0
     # Near the noise, so that a slew is over only when it has settled.
-    low = min(high, max(min(_LOW_OVER_HIGH * high, _ABOVE_REST * level), 2.0 * level, 1e-3 * high))
+    low = min(
+        high,
+        max(
+            min(LIMITS.low_over_high * high, LIMITS.low_above_rest * level),
+            2.0 * level,
+            1e-3 * high,
+        ),
+    )
     motions = _hysteresis(rate.time, speed, segment, low, high)
     return MotionScan(rate.time, speed, segment, low, high, motions, rest_rate)
 
 
 def _require_rest(slowest: float, largest: float, rate: LoggedStream) -> None:
     """Refuse a log of a body that turns all the time."""
-    if slowest > _RESTS_BELOW * largest:
+    if slowest > LIMITS.rests_below * largest:
         raise CampaignError(
             f"the body never rests: it turns by {slowest:.2g} rad/s at least, "
             f"{largest:.2g} rad/s at most",
@@ -131,14 +119,14 @@ def _smoothed(rate: LoggedStream, segment: np.ndarray) -> tuple[np.ndarray, int]
 
     Missing readings are bridged here, where rates are only looked at.
     """
-    width = max(_AVERAGED_ROWS, round(_AVERAGED_S / max(rate.step, 1e-9)))
+    width = max(LIMITS.averaged_rows, round(LIMITS.averaged_s / max(rate.step, 1e-9)))
     width = min(width, len(rate.time))
     smooth = np.empty_like(rate.values)
     for k in np.unique(segment):
         rows = np.flatnonzero(segment == k)
         for axis in range(rate.values.shape[1]):
             values = _bridged(rate.time[rows], rate.values[rows, axis])
-            values = median_filter(values, min(_OUTLIER_ROWS, len(rows)), mode="nearest")
+            values = median_filter(values, min(LIMITS.outlier_rows, len(rows)), mode="nearest")
             smooth[rows, axis] = uniform_filter1d(values, width, mode="nearest")
     return smooth, width
 
@@ -161,7 +149,7 @@ def _noise(rate: LoggedStream) -> float:
 
 
 def _threshold(floor: float, largest: float, rate: LoggedStream) -> float:
-    if largest <= _VISIBLE * floor or largest == 0.0:
+    if largest <= LIMITS.visible_motion * floor or largest == 0.0:
         raise CampaignError(
             f"no slew is to be seen: the largest rate, {largest:.2g} rad/s, is hardly above the "
             f"noise, {floor:.2g} rad/s",
@@ -170,7 +158,9 @@ def _threshold(floor: float, largest: float, rate: LoggedStream) -> float:
             "start and end",
         )
     # Half way between noise and slew, on a logarithmic scale.
-    return float(min(np.sqrt(max(floor, 1e-4 * largest) * largest), _LARGEST_THRESHOLD * largest))
+    return float(
+        min(np.sqrt(max(floor, 1e-4 * largest) * largest), LIMITS.largest_threshold * largest)
+    )
 
 
 def _hysteresis(
@@ -194,6 +184,6 @@ def _without_dips(time: np.ndarray, above: np.ndarray, segment: np.ndarray) -> n
     rows = np.flatnonzero(above)
     closed = above.copy()
     for i, j in pairwise(rows.tolist()):
-        if j - i > 1 and time[j] - time[i] < _DIP_S and segment[i] == segment[j]:
+        if j - i > 1 and time[j] - time[i] < LIMITS.longest_dip_s and segment[i] == segment[j]:
             closed[i:j] = True
     return closed

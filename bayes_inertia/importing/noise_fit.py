@@ -18,19 +18,8 @@ import numpy as np
 from scipy.optimize import nnls
 
 from bayes_inertia.campaign.quantisation import quantisation_sigma, quantisation_step
+from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.maths.values import array_dataclass
-
-_FEWEST_DIFFERENCES = 8
-_SMALLEST_SERIES = 6
-# Largest improvement of chi^2 that chance may give to a kind of noise that is not there.
-_CHANCE = 9.0
-_REWEIGHTINGS = 5
-# Rows of a log that show the step of its rounding.
-_ROWS_OF_ROUNDING = 20_000
-_NUMBERS_OF_DECIMALS = 200  # of a column; fewer than so many show no step:
-_FEWEST_NUMBERS = 3
-# Readings whose differences are larger than this many sds of their rounding show other noise.
-_ONLY_ROUNDING = 3.0
 
 
 @array_dataclass
@@ -85,7 +74,7 @@ def rounding_sigmas(values: np.ndarray) -> np.ndarray:
     [43.3, 43.3, 0.14]
     """
     # Coarse rounding, which alone matters, is seen in a part of a long log.
-    values = values[:: max(1, len(values) // _ROWS_OF_ROUNDING)]
+    values = values[:: max(1, len(values) // LIMITS.rows_of_rounding)]
     columns = [np.unique(column[np.isfinite(column)]) for column in values.T]
     # Two values alone show a step only where they are multiples of it themselves.
     steps = [
@@ -105,10 +94,10 @@ def _decimal_step(columns: Sequence[np.ndarray]) -> float:
     numbers = {
         number
         for column in columns
-        for number in column[:: max(1, len(column) // _NUMBERS_OF_DECIMALS)].tolist()
+        for number in column[:: max(1, len(column) // LIMITS.numbers_of_decimals)].tolist()
         if number != 0.0
     }
-    if len(numbers) < _FEWEST_NUMBERS:
+    if len(numbers) < LIMITS.fewest_numbers:
         return 0.0
     # Twelve digits: products with a step have rounding of their own in the last ones.
     last = [Decimal(f"{number:.12g}").normalize().as_tuple().exponent for number in numbers]
@@ -130,7 +119,7 @@ def fit_noise(series: Sequence[np.ndarray], step: float, rounding: float = 0.0) 
     >>> round(fit.white, 1), fit.random_walk, fit.quantisation
     (2.0, 0.0, 0.0)
     """
-    series = [values for values in series if len(values) >= _SMALLEST_SERIES]
+    series = [values for values in series if len(values) >= LIMITS.smallest_series]
     lengths, variances, freedom = _hadamard(series)
     samples = sum(len(values) for values in series)
     if samples:
@@ -138,13 +127,15 @@ def fit_noise(series: Sequence[np.ndarray], step: float, rounding: float = 0.0) 
         rounding = max(rounding, quantisation_sigma(step_seen))
     if not len(lengths):
         # Rounding may leave one value only.
-        still = samples > _FEWEST_DIFFERENCES and all(np.ptp(values) == 0.0 for values in series)
+        still = samples > LIMITS.fewest_differences and all(
+            np.ptp(values) == 0.0 for values in series
+        )
         return _rounded(samples, step, rounding) if still and rounding > 0.0 else None
     kinds = np.stack([_white(lengths), _walk(lengths), np.ones(len(lengths))], axis=1)
     shares = _shares(kinds, variances, freedom)
     white, walk, flicker = np.sqrt(shares)
     # A walk alone does not show how much less the white noise is; rounding that hides all does.
-    if white == 0.0 and np.sqrt(variances[0]) > _ONLY_ROUNDING * rounding:
+    if white == 0.0 and np.sqrt(variances[0]) > LIMITS.only_rounding * rounding:
         return None
     return NoiseFit(
         float(max(white, rounding)),
@@ -181,7 +172,7 @@ def _hadamard(series: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.
     while 3 * m <= longest:
         squares = np.concatenate([_second_differences(values, m) ** 2 for values in series])
         independent = sum(max(len(values) // m - 2, 0) for values in series)
-        if independent < _FEWEST_DIFFERENCES or squares.mean() == 0.0:
+        if independent < LIMITS.fewest_differences or squares.mean() == 0.0:
             break
         lengths.append(m)
         variances.append(squares.mean() / 6.0)
@@ -222,7 +213,7 @@ def _shares(kinds: np.ndarray, variances: np.ndarray, freedom: np.ndarray) -> np
         others = [k for k in range(kinds.shape[1]) if k not in chosen]
         trials = [(*_fitted(kinds, variances, freedom, [*chosen, k]), k) for k in others]
         trial, trial_misfit, kind = min(trials, key=lambda found: found[1])
-        if misfit - trial_misfit < _CHANCE:
+        if misfit - trial_misfit < LIMITS.chance_improvement:
             break
         chosen.append(kind)
         best, misfit = trial, trial_misfit
@@ -237,7 +228,7 @@ def _fitted(
     A variance of n degrees of freedom is distributed as that times chi^2 of n over n.
     """
     model = variances
-    for _ in range(_REWEIGHTINGS):
+    for _ in range(LIMITS.reweightings):
         weights = np.sqrt(freedom / 2.0) / model
         found, _ = nnls(kinds[:, chosen] * weights[:, None], variances * weights)
         model = np.maximum(kinds[:, chosen] @ found, 1e-3 * variances)

@@ -13,19 +13,12 @@ from scipy.spatial.transform import Rotation
 from bayes_inertia.campaign.quantisation import quantisation_sigma
 from bayes_inertia.campaign.stuck import stuck_fixes
 from bayes_inertia.importing.common_clock import Logs
+from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.logged_stream import LoggedStream
 from bayes_inertia.importing.mapping_schema import MappingPart
 from bayes_inertia.importing.motion_scan import MotionScan
 from bayes_inertia.importing.noise_fit import NoiseFit, fit_noise
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD
-
-# Steps between readings of one series differ by at most this share of the median step.
-_EVEN = 0.1
-# A stated noise further from the seen one than this factor is worth a word.
-_DIFFERS = 1.3
-# A reading is an outlier beyond so many sds from the running median of so many readings.
-_OUTLIER_SDS = 8.0
-_MEDIAN_OF = 7
 
 
 @dataclass(frozen=True)
@@ -72,7 +65,7 @@ class RestNoise:
         if self.stated is None:
             return False
         return any(
-            abs(np.log(fit.white / stated)) > np.log(_DIFFERS) + 3.0 * fit.white_error
+            abs(np.log(fit.white / stated)) > np.log(LIMITS.noise_differs) + 3.0 * fit.white_error
             for fit, stated in zip(self.fits, self.stated, strict=True)
             if fit.white > 0.0
         )
@@ -186,12 +179,14 @@ def _without_outliers(values: np.ndarray) -> np.ndarray:
     """Which readings (n,) are numbers and no outliers: a few of these would look like noise."""
     given = np.isfinite(values)
     rows = np.flatnonzero(given)
-    if len(rows) < _MEDIAN_OF:
+    if len(rows) < LIMITS.outlier_median_rows:
         return given
-    away = np.abs(values[rows] - median_filter(values[rows], _MEDIAN_OF, mode="nearest"))
+    away = np.abs(
+        values[rows] - median_filter(values[rows], LIMITS.outlier_median_rows, mode="nearest")
+    )
     spread = SD_OVER_MAD * float(np.median(away))
     # Readings that are rounded coarsely have no spread to judge by.
-    given[rows] = (away <= _OUTLIER_SDS * spread) | (spread == 0.0)
+    given[rows] = (away <= LIMITS.outlier_sds * spread) | (spread == 0.0)
     return given
 
 
@@ -204,5 +199,5 @@ def _series(time: np.ndarray, given: np.ndarray, scan: MotionScan) -> list[np.nd
     if len(rows) < 2:
         return []
     steps = np.diff(time[rows])
-    even = np.abs(steps - np.median(steps)) <= _EVEN * np.median(steps)
+    even = np.abs(steps - np.median(steps)) <= LIMITS.even_steps * np.median(steps)
     return np.split(rows, np.flatnonzero(~even) + 1)

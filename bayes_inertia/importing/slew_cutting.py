@@ -11,27 +11,11 @@ import numpy as np
 from bayes_inertia.campaign.schema import Vector3
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.importing.common_clock import Logs
+from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.log_reader import utc_ns
 from bayes_inertia.importing.mapping_schema import CutPart, MappedSlew, MappingPart
 from bayes_inertia.importing.motion_scan import MotionScan, scan_motion
 from bayes_inertia.tables.leap_seconds import SECOND
-
-# Rest kept on each side of a slew unless the mapping says otherwise: as long as the motion, and at
-# least these seconds and so many fixes. Rest tells the bias and the attitude before and after.
-_REST_KEPT_S = 120.0
-_FIXES_KEPT = 10
-_LONGEST_WAIT_S = 300.0  # [s] for the first fixes after a motion.
-# Fewer seconds at rest than these, or than hold so many fixes or rates, are no rest.
-_SHORTEST_REST_S = 2.0
-_FIXES_IN_REST = 3
-_RATES_IN_REST = 10
-# A slew begins with its first command if that spares it this share of its first rest at most.
-_WITHOUT_COMMAND = 0.1
-# A pause of the rates longer than this divides a log [s], and longer than so many steps.
-_PAUSE_S = 30.0
-_PAUSE_STEPS = 20
-# A motion that turns less than this share of the largest one is no slew.
-_SMALL_TURN = 0.03
 
 
 @dataclass(frozen=True)
@@ -113,7 +97,7 @@ def cut_into_slews(logs: Logs, mapping: MappingPart, label: str) -> SlewCut:
     otherwise.
     """
     rate, cut = logs.streams["rate"], mapping.cut
-    pause = cut.gap_s or max(_PAUSE_S, _PAUSE_STEPS * rate.step)
+    pause = cut.gap_s or max(LIMITS.pause_s, LIMITS.pause_steps * rate.step)
     by = cut.by or ("files" if len(rate.files) > 1 and not rate.overlap else "rest")
     if mapping.slews or by == "files":
         windows = _stated_windows(logs, mapping, label) if mapping.slews else _of_files(logs)
@@ -225,7 +209,7 @@ def _from_first_command(window: SlewWindow, logs: Logs) -> SlewWindow:
         return window
     in_force = (torque.time > window.start - 2.0 * torque.step) & (torque.time <= window.start)
     later = torque.time[torque.time > window.start]
-    latest = window.start + _WITHOUT_COMMAND * (window.motion[0] - window.start)
+    latest = window.start + LIMITS.rest_without_command * (window.motion[0] - window.start)
     if in_force.any() or not len(later) or later[0] > latest:
         return window
     return replace(window, start=float(later[0]))
@@ -243,7 +227,9 @@ def _at_rests(
     fixes = _fixes(logs)
     step = float(np.median(np.diff(fixes))) if len(fixes) > 1 else 0.0
     shortest = cut.min_rest_s or max(
-        _SHORTEST_REST_S, _RATES_IN_REST * logs.streams["rate"].step, _FIXES_IN_REST * step
+        LIMITS.shortest_rest_s,
+        LIMITS.rates_in_rest * logs.streams["rate"].step,
+        LIMITS.fixes_in_rest * step,
     )
     motions = _merged(scan, shortest)
     turned = [_turned(scan, *motion) for motion in motions]
@@ -282,11 +268,11 @@ def _wanted_rests(
         # The fixes nearest to the motion first; those in other motions do not matter here.
         sides = (start - fixes[fixes < start][::-1], fixes[fixes > end] - end)
         for away, seconds, side in zip(sides, stated, wanted, strict=True):
-            count = _FIXES_KEPT if seconds is None else _FIXES_IN_REST
+            count = LIMITS.fixes_kept if seconds is None else LIMITS.fixes_in_rest
             least = float(away[min(count, len(away)) - 1]) if len(away) else 0.0
             # A tracker that comes back much later is no part of this slew.
-            least = least if least <= _LONGEST_WAIT_S else 0.0
-            usual = max(_REST_KEPT_S, end - start) if seconds is None else seconds
+            least = least if least <= LIMITS.longest_wait_s else 0.0
+            usual = max(LIMITS.rest_kept_s, end - start) if seconds is None else seconds
             side.append(max(usual, least, shortest))
     return wanted
 
@@ -335,7 +321,7 @@ def _merged(scan: MotionScan, shortest: float) -> list[tuple[float, float]]:
 
 def _why_not(turned: float, largest: float, before: float, after: float, shortest: float) -> str:
     """Why a motion is no slew; "" if it is."""
-    if turned < _SMALL_TURN * largest:
+    if turned < LIMITS.small_turn * largest:
         return f"turns {np.degrees(turned):.2g} deg only"
     # The rest between two slews is shared, and half of it may be shorter than a whole rest.
     for rest, side, edge in ((before, "before", "begins"), (after, "after", "ends")):

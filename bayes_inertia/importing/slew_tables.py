@@ -7,14 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.logged_stream import LoggedStream
 from bayes_inertia.importing.slew_cutting import SlewWindow
 from bayes_inertia.importing.written_columns import WrittenColumns
-
-# Rows of a table are written to the nanosecond.
-_DECIMALS_OF_TIME = 9
-# Commands are logged at every step if this share of so many steps is alike.
-_MOST, _FEWEST_STEPS = 0.9, 30
 
 
 @dataclass(frozen=True)
@@ -63,7 +59,7 @@ def slew_tables(window: SlewWindow, streams: dict[str, LoggedStream]) -> SlewTab
         {
             key: LoggedStream(
                 key,
-                np.round(stream.time - start, _DECIMALS_OF_TIME),
+                np.round(stream.time - start, LIMITS.decimals_of_time),
                 stream.values,
                 stream.file,
                 stream.files,
@@ -95,7 +91,9 @@ def _from_start(torque: LoggedStream, start: float, end: float) -> LoggedStream:
 
 def _at_every_step(torque: LoggedStream) -> bool:
     steps = np.diff(torque.time)
-    return len(steps) >= _FEWEST_STEPS and bool(np.quantile(steps, _MOST) < 1.5 * torque.step)
+    return len(steps) >= LIMITS.fewest_alike_steps and bool(
+        np.quantile(steps, LIMITS.most_alike_steps) < 1.5 * torque.step
+    )
 
 
 def csv_of(stream: LoggedStream, columns: WrittenColumns) -> str:

@@ -19,6 +19,7 @@ from bayes_inertia.errors import OutputError
 from bayes_inertia.files import write_atomically
 from bayes_inertia.importing.column_families import ColumnFamily, families
 from bayes_inertia.importing.file_share import SHARED_ZERO
+from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.mapping_schema import MAPPING_FORMAT
 from bayes_inertia.importing.mapping_text import mapping_comment, mapping_entry, mapping_value
 from bayes_inertia.importing.questions import UNKNOWN, open_questions
@@ -59,7 +60,6 @@ _NOTHING_SEEN = """\
 """
 # Names, in small letters, of a column that says which packet a row is.
 _PACKET = re.compile(r"(.*[ _.])?(packet|pkt|apid|msg|message|record)([ _]?(type|name|id))?")
-_MOST_PACKETS = 40  # More different values are a counter, or texts.
 _WHEEL_STREAMS = ("wheel_torque", "wheel_momentum", "wheel_speed")
 
 
@@ -153,7 +153,10 @@ def _packets(table: RawTable) -> dict[tuple[str, str | int] | None, RawTable]:
     """The rows of each packet where a column says which, with the columns that it fills."""
     for name, column in table.columns.items():
         values, counts = np.unique(column.values, return_counts=True)
-        if _PACKET.fullmatch(name.lower()) and 1 < len(values) <= _MOST_PACKETS < counts.sum():
+        if (
+            _PACKET.fullmatch(name.lower())
+            and 1 < len(values) <= LIMITS.most_packets < counts.sum()
+        ):
             of_row = column.values == values[:, None]
             parts = zip(values.tolist(), of_row, strict=True)
             return {(name, _plain(value)): _filled(table, name, rows) for value, rows in parts}

@@ -15,6 +15,7 @@ from bayes_inertia.importing.attitude_forms import (
     to_quaternions,
     without_solution,
 )
+from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.mapping_schema import (
     AttitudeStream,
     MappedStream,
@@ -26,12 +27,6 @@ from bayes_inertia.importing.noise_fit import rounding_sigmas
 from bayes_inertia.importing.stated_facts import agreed_attitude, agreed_unit
 from bayes_inertia.importing.unit_factors import to_si_with, unit_factor
 from bayes_inertia.tables.raw_table import RawTable, number_of
-
-# Quaternions of one length, but for this share of it, are counts; this share of the rows must be.
-_EVEN_LENGTH = 1e-3
-_MOST = 0.9
-# A column with less than this share of the readings of the fullest is worth a word.
-_COMPLETE = 0.95
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +87,9 @@ def _readings(
     counts = np.isfinite(values).sum(axis=0)
     fewest = int(np.argmin(counts))
     # Commands may change one by one.
-    if counts[fewest] < (1 if isinstance(part, TorqueStream) else _COMPLETE * counts.max()):
+    if counts[fewest] < (
+        1 if isinstance(part, TorqueStream) else LIMITS.complete_column * counts.max()
+    ):
         said.append(f"{part.names[fewest]} has {counts[fewest]} readings, others {counts.max()}")
     return 0.0 - values if body else values, tuple(roundings.tolist()), said
 
@@ -134,8 +131,11 @@ def _advice_on(row: int, read: np.ndarray, convention: AttitudeConvention, scale
     different = np.unique(read[np.isfinite(read).all(axis=1)], axis=0)
     lengths = np.linalg.norm(different, axis=1)
     length = max(float(np.median(lengths)), 1e-300) if len(lengths) else 1.0
-    even = len(different) > 1 and np.mean(np.abs(lengths / length - 1.0) <= _EVEN_LENGTH) >= _MOST
-    counts = convention.form == "quaternion" and even and abs(length - 1.0) > _EVEN_LENGTH
+    even = (
+        len(different) > 1
+        and np.mean(np.abs(lengths / length - 1.0) <= LIMITS.even_length) >= LIMITS.most_even_rows
+    )
+    counts = convention.form == "quaternion" and even and abs(length - 1.0) > LIMITS.even_length
     if counts and not scaled:
         return f"if these are counts, add scale = {1.0 / length:.10g} to the stream"
     if (read == read[row]).all(axis=1).sum() > 1:

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.importing.limits import LIMITS
 
 QUANTITIES: Mapping[str, tuple[str, str]] = MappingProxyType(
     {
@@ -75,7 +76,6 @@ _NEWTON_METRE = re.compile(r"([munkcµμ]?)N([cm]?m)(s?)")
 _JOULE_SECOND = re.compile(r"([munkµμ]?)J(s)")
 # Words with a slash of their own take a prefix in brackets: mdps, krpm.
 _PREFIXES = {"k": "1e3", "m": "1e-3", "u": "1e-6", "µ": "1e-6", "μ": "1e-6", "n": "1e-9"}
-_SHORTEST_NAME = 5  # Letters: Newton and Hertz are names, which have no capitals; kNms is none.
 # What a word means where pint's own meaning does not fit the quantity.
 _SECOND_MEANINGS = {"as": "arcsec", "lb": "lbf", "oz": "ozf"}
 # Of a wheel these count turns; 1/s is left open.
@@ -118,7 +118,7 @@ def _word(text: str) -> str:
     inner = _WORDS.get(small[1:], "")
     if small not in _WORDS and text[:1] in _PREFIXES and ("/" in inner or "(" in inner):
         return f"({_PREFIXES[text[0]]}*({inner}))"
-    return _WORDS.get(small, small if len(text) >= _SHORTEST_NAME else text)
+    return _WORDS.get(small, small if len(text) >= LIMITS.shortest_unit_name else text)
 
 
 def spelled_for_pint(unit: str) -> str:

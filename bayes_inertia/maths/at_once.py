@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import jax
 
-_THREADS = 2
+from bayes_inertia.maths.numerics import NUMERICS
 
 
 def at_once[T](tasks: Sequence[Callable[[], T]]) -> list[T]:
@@ -25,5 +25,5 @@ def at_once[T](tasks: Sequence[Callable[[], T]]) -> list[T]:
     """
     if len(tasks) == 1:
         return [jax.block_until_ready(tasks[0]())]
-    with ThreadPoolExecutor(_THREADS) as pool:
+    with ThreadPoolExecutor(NUMERICS.threads) as pool:
         return list(pool.map(lambda task: jax.block_until_ready(task()), tasks))

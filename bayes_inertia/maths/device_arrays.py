@@ -7,14 +7,8 @@ import numpy as np
 from jax import Array
 
 from bayes_inertia.maths.jax_settings import require_usable_jax
+from bayes_inertia.maths.numerics import NUMERICS
 from bayes_inertia.maths.values import AnyArray
-
-# Rows or star-tracker fixes of a slew are padded to so many at least. Sizes are multiples of three,
-# as the rows of an integration step are.
-_SMALLEST = 48
-# Up to here sizes are doubled: compiling (30 s of a fit) costs more than running (5 s). Beyond,
-# there is a size between.
-_RUNS_SOON = 768
 
 
 def on_device(values: AnyArray) -> Array:
@@ -33,7 +27,7 @@ def on_device(values: AnyArray) -> Array:
     return jax.device_put(np.asarray(values))
 
 
-def padded_size(n: int, least: int = _SMALLEST, *, often: bool = False) -> int:
+def padded_size(n: int, least: int = NUMERICS.smallest_padding, *, often: bool = False) -> int:
     """The size that an axis of n numbers is padded to, so that other lengths share a program.
 
     `often`: whether all sizes have one between them and the next, as from 768 on: what is compiled
@@ -48,7 +42,9 @@ def padded_size(n: int, least: int = _SMALLEST, *, often: bool = False) -> int:
     while octave < n:
         octave *= 2
     between = 3 * octave // 4
-    return between if least < n <= between and (often or octave > _RUNS_SOON) else octave
+    return (
+        between if least < n <= between and (often or octave > NUMERICS.doubled_up_to) else octave
+    )
 
 
 def repeated(rows: AnyArray, size: int, axis: int = 1) -> AnyArray:

@@ -13,21 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
-# Damping of a correction: stiff directions move, weak ones stay. Corrections of one step at most.
-_CORRECTION_DAMPING, _MOST_CORRECTIONS = 1e-2, 5
-# A descent ends when so many steps together gained less than so many tolerances.
-_STALL_STEPS, _STALL_TOLERANCES = 5, 100.0
-# Gauss-Newton converges the more slowly the larger the misfit, which counts up to so many times.
-_MOST_MISFIT_COUNTED = 30.0
-# Half-width of the trust region, in sizes of the coordinates: at first, and where no step is short
-# enough.
-_FIRST_RADIUS, _SMALLEST_RADIUS = 1.0, 1e-12
-# Share of a step's promise below which it disappoints and is corrected, and below and above which
-# the region shrinks and grows, and by what.
-_DISAPPOINTING_SHARE, _POOR_SHARE, _GOOD_SHARE = 0.5, 0.25, 0.75
-_SHRINK, _GROW = 0.25, 2.0
-# Damping that keeps the normal matrix definite in spite of rounding, relative.
-_LEAST_DAMPING = 1e-12
+from bayes_inertia.maths.numerics import NUMERICS
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,10 +31,10 @@ class _Problem[X]:
 
     def corrected(self, x: X, value: float, target: float) -> tuple[X, float]:
         """A point lower than x beside the valley's bottom; enough once the target is reached."""
-        for _ in range(_MOST_CORRECTIONS):
+        for _ in range(NUMERICS.most_corrections):
             if not np.isfinite(value) or value <= target:
                 break
-            step = _damped_step(*self.equations(x), _CORRECTION_DAMPING)
+            step = _damped_step(*self.equations(x), NUMERICS.correction_damping)
             trial, reached = self.at(self.move(x, step))
             if reached >= value:
                 break
@@ -71,7 +57,7 @@ class _QuadraticModel:
         hessian, gradient = hessian * np.outer(size, size), gradient * size
         curvature = gradient @ hessian @ gradient
         length = gradient @ gradient / curvature if curvature > 0.0 else 0.0
-        newton = _damped_step(hessian, gradient, _LEAST_DAMPING)
+        newton = _damped_step(hessian, gradient, NUMERICS.least_damping)
         return cls(hessian, gradient, newton, -length * gradient)
 
     def gain(self, step: np.ndarray) -> float:
@@ -126,8 +112,8 @@ def dogleg[X](
     [0.0, 0.0]
     """
     problem = _Problem(objective, equations, move)
-    (x, best), radius = problem.at(x), _FIRST_RADIUS
-    reached_before = [np.inf] * _STALL_STEPS
+    (x, best), radius = problem.at(x), NUMERICS.first_radius
+    reached_before = [np.inf] * NUMERICS.stall_steps
     model = _QuadraticModel.at(*equations(x), size)
     for _ in range(steps):
         step = model.step(radius)
@@ -135,19 +121,19 @@ def dogleg[X](
         if not np.isfinite(promised):
             break
         trial, reached = problem.at(move(x, step * size))
-        if promised > _STALL_TOLERANCES * _counted(tolerance, best / expected):
-            wanted = best - _DISAPPOINTING_SHARE * promised
+        if promised > NUMERICS.stall_tolerances * _counted(tolerance, best / expected):
+            wanted = best - NUMERICS.disappointing_share * promised
             trial, reached = problem.corrected(trial, reached, wanted)
         radius = _next_radius(radius, step, (best - reached) / max(promised, 1e-300))
         if np.isfinite(reached) and reached <= best:
             x, best = trial, reached
             reached_before = [*reached_before[1:], best]
             counted = _counted(tolerance, best / expected)
-            stalled = reached_before[0] - best < _STALL_TOLERANCES * counted
+            stalled = reached_before[0] - best < NUMERICS.stall_tolerances * counted
             if stalled or model.gain(model.newton) < counted:
                 break
             model = _QuadraticModel.at(*equations(x), size)
-        if promised < 1e-3 * tolerance or radius < _SMALLEST_RADIUS:
+        if promised < 1e-3 * tolerance or radius < NUMERICS.smallest_radius:
             break
     return x, best
 
@@ -155,15 +141,15 @@ def dogleg[X](
 def _counted(tolerance: float, misfit: float) -> float:
     """The tolerance of an objective that is so many times what noise alone makes."""
     larger = max(1.0, misfit)
-    return tolerance * larger * min(larger, _MOST_MISFIT_COUNTED)
+    return tolerance * larger * min(larger, NUMERICS.most_misfit_counted)
 
 
 def _next_radius(radius: float, step: np.ndarray, share: float) -> float:
     """The half-width of the region after a step that kept this share of its promise."""
-    if share < _POOR_SHARE:
-        return _SHRINK * min(radius, _length(step))
+    if share < NUMERICS.poor_share:
+        return NUMERICS.shrink * min(radius, _length(step))
     at_the_edge = _length(step) > 0.999 * radius
-    return _GROW * radius if share > _GOOD_SHARE and at_the_edge else radius
+    return NUMERICS.grow * radius if share > NUMERICS.good_share and at_the_edge else radius
 
 
 def _length(step: np.ndarray) -> float:

@@ -6,9 +6,7 @@ import numpy as np
 from scipy import linalg
 
 from bayes_inertia.errors import EstimateError
-
-# Signal-to-noise power, for an effect of prior size, below which a direction is invisible.
-VISIBLE = 1.0
+from bayes_inertia.maths.numerics import NUMERICS
 
 
 def solve(matrix: np.ndarray, vector: np.ndarray) -> np.ndarray:
@@ -86,7 +84,7 @@ def canonical_correlation(matrix: np.ndarray, first: int) -> float:
     sides = []
     for block in (matrix[:first, :first], matrix[first:, first:]):
         powers, directions = np.linalg.eigh(block)
-        keep = powers > VISIBLE
+        keep = powers > NUMERICS.visible_power
         sides.append(directions[:, keep] / np.sqrt(powers[keep]))
     if not all(side.shape[1] for side in sides):
         return 0.0

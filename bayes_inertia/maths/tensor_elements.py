@@ -6,5 +6,6 @@ It imports no JAX, so that a campaign is read without it.
 from __future__ import annotations
 
 ELEMENTS = ("Jxx", "Jyy", "Jzz", "Jxy", "Jxz", "Jyz")
-ROWS_OF_ELEMENTS = (0, 1, 2, 0, 0, 1)
-COLUMNS_OF_ELEMENTS = (0, 1, 2, 1, 2, 2)
+ROWS_OF_ELEMENTS, COLUMNS_OF_ELEMENTS = (
+    tuple("xyz".index(name[k]) for name in ELEMENTS) for k in (-2, -1)
+)

@@ -12,16 +12,8 @@ from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.physical_draws import are_physical
+from bayes_inertia.observability.limits import LIMITS
 from bayes_inertia.observability.result import Observability, ParameterObservability
-
-# A difference is reported above its limit plus four times its Monte Carlo error.
-_MAX_LOG_SD_RATIO = 0.05
-_MAX_SHIFT = 0.1  # [predicted sd]
-_MAX_SKEWNESS = 0.2
-_MAX_KURTOSIS = 0.5
-_MONTE_CARLO_ERRORS = 4.0
-# Part of the predicted Gaussian that no body can have, above which it is named.
-_UNPHYSICAL_SHARE_NAMED = 1e-3
 
 
 @dataclass(frozen=True)
@@ -92,12 +84,12 @@ def _compare(
     sd = float(draws.std(ddof=1))
     shift, ratio = float((draws.mean() - p.value) / p.sd), sd / p.sd
     skewness, kurtosis = float(stats.skew(draws)), float(stats.kurtosis(draws))
-    differs = abs(np.log(ratio)) > _MAX_LOG_SD_RATIO + _MONTE_CARLO_ERRORS / np.sqrt(
+    differs = abs(np.log(ratio)) > LIMITS.max_log_sd_ratio + LIMITS.monte_carlo_errors / np.sqrt(
         2.0 * effective
-    ) or abs(shift) > _MAX_SHIFT + _MONTE_CARLO_ERRORS / np.sqrt(effective)
-    odd = abs(skewness) > _MAX_SKEWNESS + _MONTE_CARLO_ERRORS * np.sqrt(6.0 / effective) or abs(
-        kurtosis
-    ) > _MAX_KURTOSIS + _MONTE_CARLO_ERRORS * np.sqrt(24.0 / effective)
+    ) or abs(shift) > LIMITS.max_shift + LIMITS.monte_carlo_errors / np.sqrt(effective)
+    odd = abs(skewness) > LIMITS.max_skewness + LIMITS.monte_carlo_errors * np.sqrt(
+        6.0 / effective
+    ) or abs(kurtosis) > LIMITS.max_kurtosis + LIMITS.monte_carlo_errors * np.sqrt(24.0 / effective)
     warnings = []
     if p.verdict in ("prior", "weakly"):
         warnings.append("prior-dominated: both numbers say mostly what was known before")
@@ -107,7 +99,7 @@ def _compare(
             f"mean moved by {shift:+.2g} predicted sd; use the posterior's"
         )
     if (
-        unphysical > _UNPHYSICAL_SHARE_NAMED
+        unphysical > LIMITS.unphysical_share_named
         and p.name in inertia_tensor.ELEMENTS
         and (differs or odd)
     ):

@@ -36,9 +36,9 @@ from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.objective import block_index, prior_rows
 from bayes_inertia.inference.point import N_BIAS
 from bayes_inertia.maths.linear_algebra import inverse
-from bayes_inertia.observability.degeneracy import EXACT_BELOW, in_words, stated_degeneracies
+from bayes_inertia.observability.degeneracy import in_words, stated_degeneracies
+from bayes_inertia.observability.limits import LIMITS
 from bayes_inertia.observability.result import (
-    PRIOR_BELOW,
     Direction,
     InformationArrival,
     Observability,
@@ -46,7 +46,6 @@ from bayes_inertia.observability.result import (
 )
 
 GROUPS = ("J", "K", "initial conditions", "tachometer noise", "rate bias", "effects")
-_MAX_PARTNERS = 3  # correlated parameters that are listed
 _ATTITUDE_INDEX = CHANNELS.index("attitude")
 
 
@@ -210,7 +209,7 @@ def _parameters(
 
 def _partners(names: list[str], correlation: np.ndarray, k: int) -> tuple[tuple[str, float], ...]:
     """The parameters that parameter k is most correlated with."""
-    nearest = [j for j in np.argsort(-np.abs(correlation)) if j != k][:_MAX_PARTNERS]
+    nearest = [j for j in np.argsort(-np.abs(correlation)) if j != k][: LIMITS.max_partners]
     return tuple((names[j], float(correlation[j])) for j in nearest)
 
 
@@ -224,7 +223,9 @@ def _directions(estimate: Estimate, names: list[str]) -> tuple[Direction, ...]:
     typical = max(float(np.median(information)), 1.0)
     directions = []
     for k in np.argsort(-left):
-        exact = bool(information[k] < EXACT_BELOW * typical and 1.0 - left[k] < PRIOR_BELOW)
+        exact = bool(
+            information[k] < LIMITS.exact_below * typical and 1.0 - left[k] < LIMITS.prior_below
+        )
         weights = vectors[:, k] * np.sign(vectors[np.argmax(np.abs(vectors[:, k])), k])
         directions.append(
             Direction(

@@ -18,12 +18,8 @@ from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.linear_algebra import inverse
+from bayes_inertia.observability.limits import LIMITS
 
-# A direction with less than this part of the typical information counts as exactly degenerate.
-EXACT_BELOW = 1e-6
-# An axis counts as not turned about when its rms rate is below this part of the main axis's,
-# or below the noise.
-_MIN_TURNED_RATE_RATIO = 0.02
 _GAIN_PREFIX = "wheel_torque_gain."
 _SCALE_FACTORS = ("K1", "K2", "K3")
 
@@ -184,7 +180,7 @@ def _common_gain(estimate: Estimate) -> Degeneracy:
     places = _places(estimate, gains)
     direction[places] = estimate.theta[estimate.free[places]]
     ratio = _ratio(estimate, direction, J_part)
-    exact = ratio < EXACT_BELOW
+    exact = ratio < LIMITS.exact_below
     has_tachometers = model.structure.drive == "commanded" and bool(
         estimate.information.n_data[:, 2].any()
     )
@@ -214,7 +210,7 @@ def _no_wheels(estimate: Estimate) -> Degeneracy:
         "There are no wheels: a body that turns freely shows the ratios of J's elements "
         "and never their size, which stays as the prior says."
     )
-    exact = ratio < EXACT_BELOW
+    exact = ratio < LIMITS.exact_below
     return Degeneracy("no wheels", exact, True, inertia_tensor.ELEMENTS, ratio, says)
 
 
@@ -249,7 +245,7 @@ def _unturned_axes(estimate: Estimate) -> list[Degeneracy]:
     campaign = estimate.model.campaign
     rms, axes_B = turned_axes(campaign)
     noise = float(np.max(campaign.rate_sensor.sigma))
-    turned = int(np.sum(rms > max(_MIN_TURNED_RATE_RATIO * rms[0], noise)))
+    turned = int(np.sum(rms > max(LIMITS.min_turned_rate_ratio * rms[0], noise)))
     if turned == 3 or rms[0] == 0.0:
         return []
     exact = bool(rms[min(turned, 2)] < noise)
@@ -301,7 +297,7 @@ def _no_attitude(estimate: Estimate) -> list[Degeneracy]:
         "on that scale is left."
     )
     concerned = (*inertia_tensor.ELEMENTS, *_SCALE_FACTORS)
-    return [Degeneracy("no attitude", ratio < EXACT_BELOW, True, concerned, ratio, says)]
+    return [Degeneracy("no attitude", ratio < LIMITS.exact_below, True, concerned, ratio, says)]
 
 
 def _left_with_free_inertia(estimate: Estimate) -> float:

@@ -10,10 +10,7 @@ import numpy as np
 from bayes_inertia.inference.gate_limits import OBSERVABLE_ABOVE
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.observability.degeneracy import Degeneracy
-
-# Contraction of the prior variance: below, the answer is the prior; above, the data's.
-PRIOR_BELOW, DETERMINED_ABOVE = 0.05, 0.9
-_WINDOWS_PER_SLEW = 24  # of each slew, in which information is summed
+from bayes_inertia.observability.limits import LIMITS
 
 Determination = Literal["determined", "partly", "weakly", "prior"]
 
@@ -82,9 +79,9 @@ class ParameterObservability:
     @property
     def verdict(self) -> Determination:
         """How far the data determine it: "determined", "partly", "weakly" or "prior"."""
-        if self.contraction < PRIOR_BELOW:
+        if self.contraction < LIMITS.prior_below:
             return "prior"
-        if self.contraction >= DETERMINED_ABOVE:
+        if self.contraction >= LIMITS.determined_above:
             return "determined"
         return "partly" if self.contraction > OBSERVABLE_ABOVE else "weakly"
 
@@ -116,7 +113,7 @@ class Direction:
     @property
     def verdict_is_prior(self) -> bool:
         """Whether the data hardly narrow the prior along it."""
-        return self.contraction < PRIOR_BELOW
+        return self.contraction < LIMITS.prior_below
 
 
 @array_dataclass
@@ -209,7 +206,7 @@ class Observability:
 
 
 def in_windows(
-    arrival: InformationArrival, windows: int = _WINDOWS_PER_SLEW
+    arrival: InformationArrival, windows: int = LIMITS.windows_per_slew
 ) -> tuple[np.ndarray, np.ndarray]:
     """Sum the information of a slew in equal windows of time.
 

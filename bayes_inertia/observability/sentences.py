@@ -7,16 +7,13 @@ import math
 import numpy as np
 
 from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.observability.limits import LIMITS
 from bayes_inertia.observability.result import (
     Observability,
     ParameterObservability,
     commands_worth,
 )
 
-_MENTIONED_SD_RATIO = 1.2  # ratio of sds from which the worth of the commands is mentioned
-_LOST_VARIANCE_INFLATION = 1.21  # variance inflation from which something is called lost
-_MOST_GROUPS = 3
-_CARRIED = 0.5  # share of what is known from which one slew is said to carry a parameter
 _VERDICTS = {
     "determined": "determined",
     "partly": "partly determined",
@@ -32,7 +29,7 @@ def answer(observability: Observability) -> str:
     for p in observability.parameters:
         groups[_VERDICTS[p.verdict]].append(p.name)
         by_slew = p.share.sum(1)
-        if len(by_slew) > 1 and by_slew.max() > _CARRIED:
+        if len(by_slew) > 1 and by_slew.max() > LIMITS.carried:
             carried[observability.slews[int(np.argmax(by_slew))]].append(p.name)
     told = [f"{words}: {', '.join(names)}" for words, names in groups.items() if names]
     if len(groups[_VERDICTS["determined"]]) == len(observability.parameters):
@@ -64,14 +61,14 @@ def sentence(observability: Observability, name: str) -> str:
         source = _source(p, observability.slews)
         parts.append(f"{source}, half of that slew's part between {begin:.4g} and {end:.4g} s")
     worth = commands_worth(p, observability.drive)
-    if worth is not None and worth > _MENTIONED_SD_RATIO:
+    if worth is not None and worth > LIMITS.mentioned_sd_ratio:
         parts.append(f"without the recorded commands its sd would be {_factor(worth)} times larger")
     return "; ".join(parts) + "."
 
 
 def _lost(p: ParameterObservability) -> str:
     """To which other unknowns information is lost."""
-    if p.variance_inflation < _LOST_VARIANCE_INFLATION:
+    if p.variance_inflation < LIMITS.lost_variance_inflation:
         return "almost nothing is lost to other unknowns"
     logs = {group: math.log(max(factor, 1.0)) for group, factor in p.inflation.items()}
     worst = [
@@ -81,7 +78,7 @@ def _lost(p: ParameterObservability) -> str:
     ]
     named = ", ".join(
         f"{_group_without(p.name, group)} (× {_factor(math.sqrt(p.inflation[group]))})"
-        for group in worst[:_MOST_GROUPS]
+        for group in worst[: LIMITS.most_groups]
     )
     return (
         f"its sd is {_factor(math.sqrt(p.variance_inflation))} times what it would be "

@@ -6,10 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bayes_inertia.report.formatting import listed, plain
-
-# Answers that are told: more probable than this, and so many at most.
-_NEGLIGIBLE_PROBABILITY, _MOST_ANSWERS = 0.01, 4
-_NEARLY_CERTAIN = 0.99
+from bayes_inertia.report.layout import LAYOUT
 
 
 def beyond_prior_text(row: Mapping[str, Any]) -> str:
@@ -36,9 +33,11 @@ def probabilities_text(rows: Sequence[Mapping[str, Any]]) -> str:
     >>> rows = [{"kind": "effects", "effects": ["rate_bias"], "probability": 0.97}]
     >>> rows += [{"kind": "nameless", "effects": [], "probability": 0.03}]
     >>> probabilities_text(rows)
-    'How probable each answer is: rate bias 97 %; something without a name 3 %.'
+    'How probable each answer is: rate bias 97 %; an unmodelled disturbance 3 %.'
     """
-    told = [row for row in rows if row["probability"] > _NEGLIGIBLE_PROBABILITY][:_MOST_ANSWERS]
+    told = [row for row in rows if row["probability"] > LAYOUT.negligible_probability][
+        : LAYOUT.most_answers_told
+    ]
     answers = [f"{answer_text(row)} {per_cent(row['probability'])}" for row in told]
     return f"How probable each answer is: {'; '.join(answers)}."
 
@@ -53,7 +52,7 @@ def answer_text(row: Mapping[str, Any]) -> str:
     """
     words = {
         "nothing": "nothing is missing",
-        "nameless": "something without a name",
+        "nameless": "an unmodelled disturbance",
         "others": "other effects",
     }
     return words.get(row["kind"]) or listed([plain(name) for name in row["effects"]])
@@ -67,6 +66,6 @@ def per_cent(probability: float) -> str:
     >>> per_cent(0.123), per_cent(0.9999), per_cent(1e-9)
     ('12 %', 'over 99 %', 'under 1 %')
     """
-    if probability < 1.0 - _NEARLY_CERTAIN:
+    if probability < 1.0 - LAYOUT.nearly_certain:
         return "under 1 %"
-    return "over 99 %" if probability > _NEARLY_CERTAIN else f"{100.0 * probability:.0f} %"
+    return "over 99 %" if probability > LAYOUT.nearly_certain else f"{100.0 * probability:.0f} %"

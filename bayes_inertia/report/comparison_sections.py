@@ -16,14 +16,10 @@ from bayes_inertia.report.formatting import (
     typeset,
     unit_text,
 )
+from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.page import render_page
 from bayes_inertia.report.pictures.run_differences import draw_run_differences
-from bayes_inertia.report.run_comparison import (
-    NOTICEABLE_SD,
-    ComparedRun,
-    ParameterDifference,
-    RunComparison,
-)
+from bayes_inertia.report.run_comparison import ComparedRun, ParameterDifference, RunComparison
 from bayes_inertia.report.section import Picture, Section, packaged
 from bayes_inertia.report.uncertainty import exponents_of, sd_in_print
 
@@ -41,7 +37,7 @@ def comparison_page(comparison: RunComparison) -> str:
 
 
 def _verdict_section(comparison: RunComparison) -> Section:
-    far = any(abs(p.in_sd or 0.0) > NOTICEABLE_SD for p in comparison.J_and_K)
+    far = any(abs(p.in_sd or 0.0) > LAYOUT.noticeable_sd for p in comparison.J_and_K)
     runs = [_run_box(letter, run) for letter, run in _lettered(comparison)]
     context = {
         "sentence": comparison.sentence,
@@ -89,7 +85,7 @@ def _parameter_row(parameter: ParameterDifference, power: int) -> dict[str, Any]
         "sides": [_cells(row, power) for row in (parameter.first, parameter.second)],
         "difference": shown,
         "in_sd": NOT_GIVEN if in_sd is None else tenths(in_sd),
-        "noticeable": in_sd is not None and abs(in_sd) > NOTICEABLE_SD,
+        "noticeable": in_sd is not None and abs(in_sd) > LAYOUT.noticeable_sd,
     }
 
 

@@ -30,16 +30,12 @@ from bayes_inertia.report.formatting import (
     value_text,
     vector_text,
 )
+from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures.candidates import draw_candidates
-from bayes_inertia.report.pictures.disagreement import MOST_SLEWS, draw_disagreement
+from bayes_inertia.report.pictures.disagreement import draw_disagreement
 from bayes_inertia.report.pictures.equivalent_signal import draw_signal
 from bayes_inertia.report.pictures.steps import draw_misfit_by_step, draw_shifts
 from bayes_inertia.report.section import Picture, Section, packaged
-
-_SHOWN = 3  # rows of a table of evidence; the others are folded
-_MOST_WINDOWS_LISTED = 12
-_MOST_MATCHES_LISTED = 3
-_MOST_ANSWERS_LISTED = 8
 
 
 def diagnosis_sections(content: Mapping[str, Any]) -> list[Section]:
@@ -71,12 +67,12 @@ def _disagreement_section(content: Mapping[str, Any]) -> Section:
             "score": f"{window['score']:.1f}",
             "p": p_value_text(window["p_value"]),
         }
-        for window in windows[:_MOST_WINDOWS_LISTED]
+        for window in windows[: LAYOUT.most_windows_listed]
     ]
     return Section(
         "Where does the base model disagree?",
         packaged("disagreement.html"),
-        {"rows": rows, "shown": _SHOWN, "total": len(windows)},
+        {"rows": rows, "shown": LAYOUT.evidence_rows_shown, "total": len(windows)},
         tuple(_disagreement_pictures(content)),
     )
 
@@ -85,7 +81,9 @@ def _disagreement_pictures(content: Mapping[str, Any]) -> list[Picture]:
     before, after = content["pictures"]["before"], content["pictures"]["after"]
     starts = content.get("slew_start", {})
     which = (
-        " The nine slews that disagree most are drawn." if len(before["slews"]) > MOST_SLEWS else ""
+        " The nine slews that disagree most are drawn."
+        if len(before["slews"]) > LAYOUT.most_slews_of_disagreement
+        else ""
     )
     caption = (
         "The base model. Mean of measured minus predicted in short stretches of time, "
@@ -121,7 +119,7 @@ def _candidates_section(content: Mapping[str, Any]) -> Section:
     )
     alt = "All candidates by strength of evidence"
     context = {
-        "shown": _SHOWN,
+        "shown": LAYOUT.evidence_rows_shown,
         "rows": [_candidate_row(candidate, content) for candidate in content["candidates"]],
         "alike": alike_sentences(content),
     }
@@ -203,11 +201,11 @@ def _answers_section(content: Mapping[str, Any]) -> Section | None:
             "prior": per_cent(math.exp(row["log_prior"])),
             "log_evidence": tenths(row["log_evidence"]),
         }
-        for row in content.get("hypotheses", [])[:_MOST_ANSWERS_LISTED]
+        for row in content.get("hypotheses", [])[: LAYOUT.most_answers_listed]
     ]
     if not rows:
         return None
-    context = {"rows": rows, "shown": _SHOWN}
+    context = {"rows": rows, "shown": LAYOUT.evidence_rows_shown}
     return Section("How probable each answer is", packaged("answers.html"), context)
 
 
@@ -252,7 +250,7 @@ def _could_hide_section(content: Mapping[str, Any]) -> Section | None:
         for row, shift, sd in zip(found, shifts, sds, strict=True)
     ]
     heads = (sd_head("could be off by", shift_power), sd_head("model's sd", sd_power))
-    context = {"rows": rows, "heads": heads, "shown": _SHOWN}
+    context = {"rows": rows, "heads": heads, "shown": LAYOUT.evidence_rows_shown}
     return Section("What could still hide", packaged("could_hide.html"), context)
 
 
@@ -285,7 +283,7 @@ def _unknown_rows(unknown: Mapping[str, Any]) -> list[tuple[str, str]]:
     frequency = unknown["frequency_hz"]
     matches = "; ".join(
         f"{match['with']} ({100.0 * match['share']:.0f} %)"
-        for match in unknown["matches"][:_MOST_MATCHES_LISTED]
+        for match in unknown["matches"][: LAYOUT.most_matches_listed]
     )
     share = 100.0 * unknown["axis_share"]
     return [

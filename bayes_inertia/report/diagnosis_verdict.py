@@ -29,6 +29,7 @@ from bayes_inertia.report.formatting import (
     probability,
     vector_text,
 )
+from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.verdict import Level, Verdict
 
 _LEVELS: dict[str, Level] = {
@@ -37,7 +38,6 @@ _LEVELS: dict[str, Level] = {
     "ambiguous": "caution",
     "unknown": "bad",
 }
-_RARE_P_VALUE = 1e-3  # p-value below which "one campaign of so many" is no longer counted out
 
 
 def diagnosis_verdict(content: Mapping[str, Any]) -> Verdict:
@@ -104,7 +104,7 @@ def _on_disagreement(content: Mapping[str, Any]) -> str:
     if content["verdict"] == "consistent":
         often = (
             f"one campaign of {round(1.0 / p_value)}"
-            if p_value > _RARE_P_VALUE
+            if p_value > LAYOUT.rare_p_value
             else "fewer than one campaign of 1000"
         )
         return (
@@ -194,7 +194,7 @@ def _on_block_means(content: Mapping[str, Any]) -> list[str]:
     return [
         f"Rates are means of {readings} readings each, which hold all that a rigid body's motion "
         "shows: ringing faster than a quarter of their rate was not looked for. "
-        "Rows of dirt are counted in these means."
+        "Rows with faults are counted in these means."
     ]
 
 

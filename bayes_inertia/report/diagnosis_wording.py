@@ -14,6 +14,7 @@ from bayes_inertia.report.formatting import (
     unit_text,
     value_text,
 )
+from bayes_inertia.report.layout import LAYOUT
 
 # Files of version 0.1 do not state the rules of their search: they were these.
 _RULES_OF_0_1 = {
@@ -21,8 +22,6 @@ _RULES_OF_0_1 = {
     "log_evidence_margin": 3.0,
     "imitation_correlation": 0.6,
 }
-# In units of the sd: a smaller difference between two models is called none.
-_NEGLIGIBLE_DIFFERENCE_SD = 0.1
 
 
 def rules_of(content: Mapping[str, Any]) -> Mapping[str, float]:
@@ -87,7 +86,7 @@ def averaging_text(content: Mapping[str, Any]) -> str:
     text = (
         f"J and K are averaged over what may be true ({shares}), so that they hold whichever it is"
     )
-    if gap < _NEGLIGIBLE_DIFFERENCE_SD:
+    if gap < LAYOUT.negligible_difference_sd:
         return f"{text}; it makes no difference to them."
     return f"{text}: if it is {plain(effect)}, {name} is {gap:.1f} sd from where the first has it."
 
@@ -99,8 +98,8 @@ def nameless_text(content: Mapping[str, Any]) -> str:
 
     Examples
     --------
-    >>> nameless_text({"nameless_lead": 1.5})[:60]
-    'Something without a name (a torque or sensor error of free s'
+    >>> nameless_text({"nameless_lead": 1.5})[:61]
+    'An unmodelled disturbance (a torque or sensor error of free s'
     >>> nameless_text({"nameless_lead": -20.0})
     ''
     """
@@ -108,31 +107,31 @@ def nameless_text(content: Mapping[str, Any]) -> str:
     if lead is None or lead < -rules_of(content)["log_evidence_margin"]:
         return ""
     return (
-        "Something without a name (a torque or sensor error of free shape, "
+        "An unmodelled disturbance (a torque or sensor error of free shape, "
         "or in proportion to a rate, momentum, field or time) explains the data about as well: "
         "what is named is likely, not proven."
     )
 
 
 def nameless_signal(content: Mapping[str, Any]) -> str:
-    """What it is that has no name, and where it enters.
+    """The unmodelled disturbance, and where it enters.
 
     Examples
     --------
     >>> nameless_signal({"nameless_source": "rate sensor"})
-    'an error of the rate sensor without a name (of free shape over time)'
+    'an unmodelled error of the rate sensor (of free shape over time)'
     >>> nameless_signal({"nameless_source": "body torque"})
-    'a body torque without a name (of free shape over time)'
+    'an unmodelled body torque (of free shape over time)'
     >>> nameless_signal({"nameless_source": "body torque that follows wheel momentum"})
-    'a body torque without a name (in proportion to: wheel momentum)'
+    'an unmodelled body torque (in proportion to: wheel momentum)'
     """
     source, _, driver = content.get("nameless_source", "").partition(" that follows ")
     if source:
-        what = f"a {source}" if source.endswith("torque") else f"an error of the {source}"
+        what = source if source.endswith("torque") else f"error of the {source}"
         shape = f"in proportion to: {driver}" if driver else "of free shape over time"
-        return f"{what} without a name ({shape})"
+        return f"an unmodelled {what} ({shape})"
     return (
-        "something without a name (a signal of free shape, "
+        "an unmodelled disturbance (a signal of free shape, "
         "or in proportion to a rate, momentum, field or time)"
     )
 

@@ -1,6 +1,6 @@
 """The sections of a run's report, each a function of the posterior.
 
-The section of a fit's report that shows effects without a fixed shape over time.
+The section of a fit's report that shows stochastic effects over time.
 
 The sections of a fit on its parameters: the tables, and what the campaign determines.
 """
@@ -17,6 +17,7 @@ from bayes_inertia.report.criteria import Criteria, criteria_of
 from bayes_inertia.report.diagnosis_sections import diagnosis_sections
 from bayes_inertia.report.dirt_wording import dirt_rows
 from bayes_inertia.report.formatting import NOT_GIVEN, listed, number, plain, typeset, unit_text
+from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.parameter_wording import averaged_over, correlation_sentences, meaning
 from bayes_inertia.report.pictures.chains import draw_chains
 from bayes_inertia.report.pictures.equivalent_signal import draw_signal
@@ -125,7 +126,7 @@ def limits_section(posterior: Posterior) -> Section:
 
 
 _TEMPLATE = (
-    "<p>These have no fixed shape: in each slew they are free to be what the data ask for. "
+    "<p>These are stochastic: in each slew they are free to be what the data ask for. "
     "What they may have done is taken from the information on J and K. "
     "Where a band holds zero, nothing is missing there.</p>"
 )
@@ -139,7 +140,7 @@ def signals_section(posterior: Posterior) -> Section | None:
     if "signal" not in posterior.tree:
         return None
     pictures = tuple(_picture(posterior, str(name)) for name in posterior.tree["signal"].data_vars)
-    return Section("What has no fixed shape", _TEMPLATE, {}, pictures)
+    return Section("Stochastic effects", _TEMPLATE, {}, pictures)
 
 
 def _picture(posterior: Posterior, name: str) -> Picture:
@@ -163,9 +164,6 @@ def _picture(posterior: Posterior, name: str) -> Picture:
     )
     figure = draw_signal(signal, whole_band=True)
     return Picture(figure, caption, f"{title} over time, slew by slew")
-
-
-_MOST_PARAMETERS_DRAWN = 16
 
 
 def parameters_section(posterior: Posterior) -> Section:
@@ -233,17 +231,16 @@ def determination_section(posterior: Posterior) -> Section:
     """What the campaign determines, in words, and the pair plot."""
     rows, names = posterior.summary()["parameters"], posterior.names
     matrix = np.atleast_2d(np.corrcoef(posterior.samples.T)).tolist()
-    only_some = (
-        f" Only the {_MOST_PARAMETERS_DRAWN} most correlated of {len(names)} parameters are drawn."
-    )
+    most = LAYOUT.most_parameters_drawn
+    only_some = f" Only the {most} most correlated of {len(names)} parameters are drawn."
     picture = Picture(
-        draw_pairs(posterior, _MOST_PARAMETERS_DRAWN),
+        draw_pairs(posterior, most),
         "Every pair of parameters: posterior draws (shading) with the ellipse that holds 90 % "
         "of a normal distribution of the same covariance (blue)."
         " At the left of each row: middle ± half width of "
         "its cells (3.4 sd), and the unit. "
         "Numbers: correlations, framed beyond ±0.9."
-        f"{only_some if len(names) > _MOST_PARAMETERS_DRAWN else ''}",
+        f"{only_some if len(names) > most else ''}",
         "Pair plot of the posterior with correlations",
         folded=True,
     )

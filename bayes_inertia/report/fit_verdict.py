@@ -9,13 +9,11 @@ from typing import Any
 from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.report.criteria import Criteria, criteria_of
 from bayes_inertia.report.formatting import listed, probability, typeset
+from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.parameter_wording import averaged_over
 from bayes_inertia.report.residual_wording import channel_verdict
 from bayes_inertia.report.uncertainty import names_by_determination
 from bayes_inertia.report.verdict import Level, Verdict
-
-# A parameter whose sd would be so many times larger without one slew rests on that slew.
-_ONE_SLEW = 3.0
 
 
 def fit_verdict(summary: Mapping[str, Any], n_slews: int) -> Verdict:
@@ -247,7 +245,7 @@ def rests_on_one_slew(row: Mapping[str, Any]) -> bool:
     >>> rests_on_one_slew({"sd": 1e-4, "sd_without_it": 2e-3}), rests_on_one_slew({"sd": 1e-4})
     (True, False)
     """
-    return bool(row.get("sd_without_it", 0.0) > _ONE_SLEW * row["sd"])
+    return bool(row.get("sd_without_it", 0.0) > LAYOUT.rests_on_one_slew * row["sd"])
 
 
 def _on_undetermined(names: list[str]) -> list[str]:

@@ -10,6 +10,8 @@ import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from bayes_inertia.report.layout import LAYOUT
+
 ARCSEC = math.pi / (180.0 * 3600.0)  # [rad]
 CHANNEL_NAMES = {
     "rate": "rate sensor",
@@ -20,8 +22,6 @@ CHANNEL_NAMES = {
 NOT_GIVEN = "–"
 # What the last letter of a quantity's name says of its frame: `torque_N`, `rate_B`.
 _FRAMES = {"N": "inertial axes", "B": "body axes"}
-_SMALLEST_PLAIN = 1e-3  # smaller numbers are written with a power of ten
-_SMALLEST_P_VALUE = 1e-100
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
@@ -119,7 +119,7 @@ def two_digits(value: float) -> str:
     >>> two_digits(8.96e-5), two_digits(0.0121), two_digits(321.0)
     ('9.0 × 10⁻⁵', '0.012', '321')
     """
-    if not math.isfinite(value) or value == 0.0 or value >= _SMALLEST_PLAIN:
+    if not math.isfinite(value) or value == 0.0 or value >= LAYOUT.smallest_plain:
         return f"{value:#.2g}".rstrip(".") if value < 100.0 else f"{value:.0f}"
     digits, power = f"{value:.1e}".split("e")
     return f"{digits} {power_text(int(power))}"
@@ -178,10 +178,10 @@ def p_value_text(p: float) -> str:
     >>> p_value_text(0.03), p_value_text(1e-300), p_value_text(2.3e-7)
     ('0.03', '< 10⁻¹⁰⁰', '2 × 10⁻⁷')
     """
-    if p < _SMALLEST_P_VALUE:
-        return f"< {power_text(round(math.log10(_SMALLEST_P_VALUE)))[2:]}"
+    if p < LAYOUT.smallest_p_value:
+        return f"< {power_text(round(math.log10(LAYOUT.smallest_p_value)))[2:]}"
     digit, power = f"{p:.0e}".split("e")
-    return f"{digit} {power_text(int(power))}" if p < _SMALLEST_PLAIN else f"{p:.1g}"
+    return f"{digit} {power_text(int(power))}" if p < LAYOUT.smallest_plain else f"{p:.1g}"
 
 
 def probability(p: float) -> str:

@@ -6,9 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bayes_inertia.report.formatting import listed, plain
-
-# Beyond it two parameters are said to be hard to tell apart.
-STRONG_CORRELATION = 0.9
+from bayes_inertia.report.layout import LAYOUT
 
 
 def meaning(name: str) -> str:
@@ -42,7 +40,7 @@ def correlation_sentences(names: Sequence[str], matrix: Sequence[Sequence[float]
         (matrix[i][j], names[j], name)
         for i, name in enumerate(names)
         for j in range(i)
-        if abs(matrix[i][j]) > STRONG_CORRELATION
+        if abs(matrix[i][j]) > LAYOUT.strong_correlation
     ]
     sentences = []
     for correlation, first, second in sorted(pairs, key=lambda pair: -abs(pair[0])):
@@ -64,10 +62,6 @@ def _correlation_text(correlation: float) -> str:
     if size > 0.999:
         return f"beyond {sign}0.999"
     return f"{sign}{size:.{2 if size < 0.985 else 3}f}"
-
-
-# Of what J and K are averaged over so many cases are listed; the rest are summed up.
-_MOST_CASES = 5
 
 
 def averaged_over(summary: Mapping[str, Any]) -> str:
@@ -95,9 +89,9 @@ def averaged_over(summary: Mapping[str, Any]) -> str:
         for row in rows
     ]
     by_size = [cases[0], *sorted(cases[1:], key=lambda case: -case[1])] if cases else []
-    if len(by_size) > _MOST_CASES:
-        rest = sum(probability for _, probability in by_size[_MOST_CASES - 1 :])
-        by_size = [*by_size[: _MOST_CASES - 1], ("others", rest)]
+    if len(by_size) > LAYOUT.most_cases_listed:
+        rest = sum(probability for _, probability in by_size[LAYOUT.most_cases_listed - 1 :])
+        by_size = [*by_size[: LAYOUT.most_cases_listed - 1], ("others", rest)]
     return ", ".join(
         f"{effects or 'nothing more'} {100.0 * probability:.0f} %"
         for effects, probability in by_size

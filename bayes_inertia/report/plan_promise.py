@@ -7,10 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bayes_inertia.report.formatting import listed
-
-# Achieved over promised sds beyond it are pointed out. Those of single flights of one plan scatter
-# by 2 to 7 % (one sd, 48 simulated flights of two plans; the largest was 1.12).
-WORSE_THAN_PROMISED = 1.3
+from bayes_inertia.report.layout import LAYOUT
 
 
 @dataclass(frozen=True)
@@ -78,7 +75,7 @@ class PlanPromise:
     @property
     def worse(self) -> tuple[PromisedParameter, ...]:
         """Those known noticeably worse than promised, the worst first."""
-        worse = [p for p in self.parameters if p.ratio > WORSE_THAN_PROMISED]
+        worse = [p for p in self.parameters if p.ratio > LAYOUT.worse_than_promised]
         return tuple(sorted(worse, key=lambda p: -p.ratio))
 
     @property

@@ -13,7 +13,8 @@ from bayes_inertia.report.formatting import (
     plain,
     unit_text,
 )
-from bayes_inertia.report.plan_promise import WORSE_THAN_PROMISED, PlanPromise
+from bayes_inertia.report.layout import LAYOUT
+from bayes_inertia.report.plan_promise import PlanPromise
 from bayes_inertia.report.section import Section, packaged
 
 HEADINGS = ("prior sd", "promised sd", "quoted sd", "quoted / promised")
@@ -46,7 +47,7 @@ def promise_rows(promise: PlanPromise) -> list[dict[str, Any]]:
                 "name": p.name,
                 "unit": unit_text(p.unit, power),
                 "cells": (prior, promised, quoted, f"{p.ratio:.2f}"),
-                "noticeable": p.ratio > WORSE_THAN_PROMISED,
+                "noticeable": p.ratio > LAYOUT.worse_than_promised,
             }
         )
     return rows

@@ -21,12 +21,11 @@ from bayes_inertia.report.formatting import (
     unit_text,
     vector_text,
 )
+from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures.design import draw_comparison
 from bayes_inertia.report.section import Picture, Section, packaged
 
-_WORSE = 1.1  # ratio of sds from which a parameter is said to be known worse
 _PAPER = "slews like the paper's"
-_MANY_PLANS = 4  # columns that do not stand side by side on a phone
 _BASE_UNITS = ("kg m^2",) * 6 + ("",) * 3
 
 
@@ -104,7 +103,9 @@ def _times(ratio: float) -> str:
 
 def _worse_text(ratios: dict[str, float], than: str) -> str:
     """What a plan leaves worse than another."""
-    worse = [f"{plain(name)} ({r:.1f} times)" for name, r in ratios.items() if r > _WORSE]
+    worse = [
+        f"{plain(name)} ({r:.1f} times)" for name, r in ratios.items() if r > LAYOUT.worse_sd_ratio
+    ]
     if not worse:
         return f"No parameter is known worse than with {than}."
     return f"Known worse than with {than}: {listed(worse)}."
@@ -204,7 +205,7 @@ def _sds_section(contenders: Sequence[Contender]) -> Section:
         "level": "",
         "more": _worse_text(ratios, "another plan") if others else "",
         "heads": ["parameter", "unit", *(sd_head(f"{name}: sd", power) for name in names)],
-        "kind": "many short" if len(contenders) < _MANY_PLANS else "many",
+        "kind": "many short" if len(contenders) < LAYOUT.many_plans else "many",
         "numbers": tuple(range(2, 2 + len(contenders))),
         "extra": (1,),
         "rows": rows,

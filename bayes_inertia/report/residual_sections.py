@@ -20,6 +20,7 @@ from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.report.criteria import Criteria, criteria_of
 from bayes_inertia.report.formatting import CHANNEL_NAMES, NOT_GIVEN
+from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures.attitude import draw_attitude
 from bayes_inertia.report.pictures.posterior_data import (
     attitude_misfit,
@@ -28,13 +29,10 @@ from bayes_inertia.report.pictures.posterior_data import (
     values_of,
     worst_slews,
 )
-from bayes_inertia.report.pictures.telemetry import MOST_DOTS, draw_momentum, draw_rates
+from bayes_inertia.report.pictures.telemetry import draw_momentum, draw_rates
 from bayes_inertia.report.pictures.thinning import thinned_rows
 from bayes_inertia.report.residual_wording import channel_verdict, discount_text, whiteness_text
 from bayes_inertia.report.section import Picture, Section, packaged
-
-_MOST_SLEWS_DRAWN = 9
-_MOST_SLEWS_LISTED = 40
 
 
 def residuals_section(posterior: Posterior) -> Section:
@@ -53,7 +51,7 @@ def residuals_section(posterior: Posterior) -> Section:
                 "name": str(names[s]),
                 "cells": [_slew_cell(posterior, s, c) for c in measured],
             }
-            for s in worst_slews(posterior, _MOST_SLEWS_LISTED)
+            for s in worst_slews(posterior, LAYOUT.most_slews_listed)
         ],
         "discounted": fit["discounted"],
         "n_slews": len(n_data),
@@ -111,12 +109,12 @@ def telemetry_section(posterior: Posterior) -> Section | None:
 
 def _series_pictures(posterior: Posterior) -> list[Picture]:
     """Rates and wheel momentum over time, measured and simulated."""
-    slews, total = worst_slews(posterior, _MOST_SLEWS_DRAWN), n_slews(posterior)
+    slews, total = worst_slews(posterior, LAYOUT.most_slews_drawn), n_slews(posterior)
     which, pictures = "", []
-    if posterior.tree["constant_data"].sizes["row"] > MOST_DOTS:
+    if posterior.tree["constant_data"].sizes["row"] > LAYOUT.most_dots:
         which += (
-            f" Of more than {MOST_DOTS} rows, lines and bands show the lowest and highest values, "
-            "residuals evenly spaced rows and the lowest and highest of each stretch."
+            f" Of more than {LAYOUT.most_dots} rows, lines and bands show the lowest and highest "
+            "values, residuals evenly spaced rows and the lowest and highest of each stretch."
         )
     if len(slews) < total:
         which += f" The {len(slews)} of {total} slews that fit worst are drawn."
@@ -158,12 +156,7 @@ def _star_tracker_picture(posterior: Posterior) -> list[Picture]:
     return [Picture(figure, caption, "Attitude misfit before and after each slew", folded=True)]
 
 
-_MOST_NUMBERS = 24_000  # residuals in a page
-_NOT_MEASURED = -32768  # stands for a gap
-_LARGEST = 32767  # steps
-_FEWEST_ROWS = 50  # of a slew and channel
 _FEW_ROWS = CHANNEL_NAMES["attitude"]
-_STANDS_OUT = 5.0  # standard errors: noise makes one such channel and slew in a million
 
 
 @array_dataclass
@@ -234,7 +227,7 @@ def _measured_rows(
 
 
 def explorer_data(
-    channels: list[ResidualChannel], most_numbers: int = _MOST_NUMBERS
+    channels: list[ResidualChannel], most_numbers: int = LAYOUT.most_residuals
 ) -> dict[str, Any]:
     """Residuals as the page's script wants them.
 
@@ -251,7 +244,7 @@ def explorer_data(
 
 def _channel_content(channel: ResidualChannel, share: float) -> dict[str, Any]:
     largest = max((np.nanmax(np.abs(r)) for r in channel.residual if r.size), default=0.0)
-    step = float(f"{max(float(largest), 1.0) / _LARGEST:.6g}") * (1.0 + 1e-5)
+    step = float(f"{max(float(largest), 1.0) / LAYOUT.largest_step:.6g}") * (1.0 + 1e-5)
     return {
         "name": channel.name,
         "components": channel.components,
@@ -266,8 +259,8 @@ def _channel_content(channel: ResidualChannel, share: float) -> dict[str, Any]:
 def _slew_content(
     time: np.ndarray, residual: np.ndarray, share: float, step: float
 ) -> dict[str, Any]:
-    rows = thinned_rows(residual, max(_FEWEST_ROWS, int(share * len(time))))
-    steps = np.nan_to_num(np.round(residual[rows] / step), nan=_NOT_MEASURED)
+    rows = thinned_rows(residual, max(LAYOUT.fewest_residual_rows, int(share * len(time))))
+    steps = np.nan_to_num(np.round(residual[rows] / step), nan=LAYOUT.not_measured)
     return {
         "rows": len(time),
         "mean_square": float(f"{np.nanmean(residual**2):.3g}") if residual.size else None,
@@ -288,7 +281,7 @@ def _largest(channels: list[ResidualChannel]) -> list[int]:
         if residual.size
     }
     dense = {p: size for p, size in excess.items() if channels[p[0]].name != _FEW_ROWS}
-    if dense and not max(dense.values()) <= _STANDS_OUT < max(excess.values()):
+    if dense and not max(dense.values()) <= LAYOUT.stands_out < max(excess.values()):
         excess = dense
     c, s = max(excess, key=lambda place: excess[place])
     return [c, s]

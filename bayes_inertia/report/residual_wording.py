@@ -7,10 +7,7 @@ from typing import Any
 
 from bayes_inertia.report.criteria import Criteria
 from bayes_inertia.report.formatting import probability
-
-# Just outside a 99 % interval happens once in a hundred; gates reject at one in a thousand.
-# The interval is widened by this share of its half width before anything is called wrong.
-_INTERVAL_SLACK = 0.28
+from bayes_inertia.report.layout import LAYOUT
 
 
 def channel_verdict(fit: Mapping[str, Any], channel: str, criteria: Criteria) -> str:
@@ -33,7 +30,7 @@ def channel_verdict(fit: Mapping[str, Any], channel: str, criteria: Criteria) ->
     if reduced is None or interval is None:
         return "no data"
     coloured = p_white is not None and p_white < criteria.rejected_below
-    slack = _INTERVAL_SLACK * (interval[1] - interval[0]) / 2.0
+    slack = LAYOUT.interval_slack * (interval[1] - interval[0]) / 2.0
     if reduced > interval[1] + slack:
         return "too large" + (" and structured in time" if coloured else "")
     if coloured:

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from bayes_inertia.report.formatting import with_minus_sign
+from bayes_inertia.report.layout import LAYOUT
 
-# Differences beyond it are pointed out: noise makes one in three hundred.
-NOTICEABLE_SD = 3.0
 _ROW_KEYS = ("mean", "sd", "quoted_sd")
 
 
@@ -157,7 +156,7 @@ class RunComparison:
         if not known:
             return "The runs have no parameter in common."
         worst = max(known, key=lambda p: abs(p.in_sd or 0.0))
-        far = [p for p in known if abs(p.in_sd or 0.0) > NOTICEABLE_SD]
+        far = [p for p in known if abs(p.in_sd or 0.0) > LAYOUT.noticeable_sd]
         size = with_minus_sign(f"{worst.in_sd:+.1f}")
         if not far:
             return (
@@ -166,7 +165,7 @@ class RunComparison:
             )
         return (
             f"{len(far)} of {len(known)} elements of J and K differ by more than "
-            f"{NOTICEABLE_SD:g} combined sd, most of all {worst.name}: {size}."
+            f"{LAYOUT.noticeable_sd:g} combined sd, most of all {worst.name}: {size}."
         )
 
 

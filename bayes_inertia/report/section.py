@@ -10,10 +10,8 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures.figure_file import figure_bytes
-
-_LARGEST_SVG = 200_000  # bytes; beyond, a PNG with a palette is smaller and as good to read
-_LARGEST_PNG = 125_000  # bytes
 
 
 @dataclass(frozen=True)
@@ -94,6 +92,6 @@ def data_uri(picture: Picture) -> str:
     content, kind = b"", "image/svg+xml"
     if not picture.dense:
         content = figure_bytes(picture.figure, "svg")
-    if picture.dense or len(content) > _LARGEST_SVG:
-        content, kind = figure_bytes(picture.figure, "png", _LARGEST_PNG), "image/png"
+    if picture.dense or len(content) > LAYOUT.largest_svg:
+        content, kind = figure_bytes(picture.figure, "png", LAYOUT.largest_png), "image/png"
     return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"

@@ -17,7 +17,7 @@ from typing import Any, Literal
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.design.goals import CORRECTED_TURN_DEG
+from bayes_inertia.design.numerics import NUMERICS as DESIGN_NUMERICS
 from bayes_inertia.errors import SettingsError, StudyError
 from bayes_inertia.flight.final_errors import predict_correction_slew
 from bayes_inertia.flight.mission import Mission, most_like_mission
@@ -37,28 +37,16 @@ from bayes_inertia.physics.effects.constant_torque import ConstantTorque
 from bayes_inertia.physics.effects.rate_sensor_misalignment import RateSensorMisalignment
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.parameters import BASE_NAMES, N_BASE
-from bayes_inertia.studies.rank_statistics import LEVELS, Coverage, Ranks
+from bayes_inertia.studies.limits import LIMITS
+from bayes_inertia.studies.rank_statistics import Coverage, Ranks
 from bayes_inertia.studies.work import Row, TaskFailure, Work, WorkResult
 
 Pipeline = Literal["right", "small_sd", "no_scale_factors", "flipped_sign"]
 
-# Nearly independent draws that the truth is ranked among: ranks 0 to 199. With 199 the central
-# intervals of 50, 90 and 95 % are whole numbers of ranks.
-RANKED = 199
 SETTINGS = Settings(ensembles=2, walkers=50, steps=12, max_steps=12, threads=1)
 QUANTITIES = (*BASE_NAMES, "I1", "I2", "I3", "correction slew", "log posterior")
 # The slew [rad] whose correction is predicted, about an axis that all of J and K bear on.
-_CORRECTED_ANGLE = np.radians(CORRECTED_TURN_DEG)
-_CORRECTED_AXIS = (1.0, 1.0, 1.0)
-# The wrong pipelines: sds too small by this factor; K held this firmly.
-_SMALL_SD = 0.75
-_HELD_SCALE_FACTOR_SIGMA = 1e-7
-# Between rows of telemetry [s]: slow telemetry, so that a fit takes a second.
-_PERIOD = 1.0
-# The spacecraft of the paper; its constant torque [N m].
-_TORQUE_SIGMA = 5e-6
-# Probability that a right pipeline is rejected, by any quantity of any case.
-FALSE_ALARM = 0.01
+_CORRECTED_ANGLE = np.radians(DESIGN_NUMERICS.corrected_turn_deg)
 
 
 @dataclass(frozen=True)
@@ -106,10 +94,10 @@ class CalibrationCase:
 def calibration_cases() -> tuple[CalibrationCase, ...]:
     """All cases, of the MOST-like spacecraft at one row a second."""
     mission = most_like_mission()
-    five = replace(paper_like_plan(), telemetry_period=_PERIOD)
+    five = replace(paper_like_plan(), telemetry_period=LIMITS.period_s)
     weak = (PlannedSlew((1.0, 0.0, 0.0), 1.0), PlannedSlew((0.0, 1.0, 1.0), 1.0))
     two = replace(five, slews=weak)
-    effects = (ConstantTorque(_TORQUE_SIGMA), RateSensorMisalignment())
+    effects = (ConstantTorque(LIMITS.torque_sigma), RateSensorMisalignment())
     return (
         CalibrationCase("five-slews", "five slews about five axes", five, mission),
         CalibrationCase("two-slews", "weak data: two slews", two, mission),
@@ -172,7 +160,9 @@ class CalibrationFit:
         chains = sample(estimate, settings)
         # Each walker halfway and at its end: hardly correlated, nearly every step proposes anew.
         length, size = chains.samples.shape[2:]
-        draws = chains.samples[:, :, [length // 2 - 1, length - 1]].reshape(-1, size)[:RANKED]
+        draws = chains.samples[:, :, [length // 2 - 1, length - 1]].reshape(-1, size)[
+            : LIMITS.ranked_draws
+        ]
         density = log_density_at(estimate)
         values = _quantities(case, density, _changed(draws, self.pipeline))
         truth = _quantities(case, density, _truth(flight, model)[None])[0]
@@ -196,7 +186,7 @@ def calibration_work(
     options: dict[str, Any] = {
         "cases": {case.name: repr((case.plan, case.effects)) for case in cases},
         "settings": repr(SETTINGS),
-        "ranked": RANKED,
+        "ranked": LIMITS.ranked_draws,
         "pipeline": pipeline,
     }
     task = CalibrationFit({case.name: case for case in cases}, pipeline)
@@ -231,13 +221,13 @@ def _correction_slews(case: CalibrationCase, thetas: np.ndarray) -> np.ndarray:
     """Correction slew (n,) [rad] that each J and K (n, 9) predict, flown on the prior's mean."""
     mission = case.mission.at_prior_mean()
     craft = replace(mission.spacecraft, bias=(0.0, 0.0, 0.0))
-    plan = replace(case.plan, slews=(PlannedSlew(_CORRECTED_AXIS, _CORRECTED_ANGLE),))
+    plan = replace(case.plan, slews=(PlannedSlew(LIMITS.corrected_axis, _CORRECTED_ANGLE),))
     controller = Controller(craft.inertia_B, craft.scale_factor)
     return predict_correction_slew(thetas, plan, replace(mission, spacecraft=craft), controller)
 
 
 def _with_held_scale_factors(campaign: Campaign) -> Campaign:
-    sensor = replace(campaign.rate_sensor, scale_factor_sigma=(_HELD_SCALE_FACTOR_SIGMA,) * 3)
+    sensor = replace(campaign.rate_sensor, scale_factor_sigma=(LIMITS.held_scale_factor_sigma,) * 3)
     return replace(campaign, rate_sensor=sensor)
 
 
@@ -245,7 +235,7 @@ def _changed(draws: np.ndarray, pipeline: Pipeline) -> np.ndarray:
     """The draws as a pipeline reports them."""
     if pipeline == "small_sd":
         mean = draws.mean(0)
-        return mean + _SMALL_SD * (draws - mean)
+        return mean + LIMITS.small_sd * (draws - mean)
     if pipeline == "flipped_sign":
         changed = draws.copy()
         changed[:, 3:6] *= -1.0
@@ -281,16 +271,18 @@ class CaseCalibration:
     @cached_property
     def p_values(self) -> np.ndarray:
         """Of the uniformity of the ranks (14,)."""
-        return np.array([Ranks(ranks, RANKED).p_value for ranks in self.ranks.T])
+        return np.array([Ranks(ranks, LIMITS.ranked_draws).p_value for ranks in self.ranks.T])
 
     @property
     def departures(self) -> np.ndarray:
         """ECDFs minus that of uniform ranks, in standard errors (14, 199)."""
-        return np.array([Ranks(ranks, RANKED).departure for ranks in self.ranks.T])
+        return np.array([Ranks(ranks, LIMITS.ranked_draws).departure for ranks in self.ranks.T])
 
     def coverage(self, quantity: int) -> tuple[Coverage, ...]:
         """How often intervals of 50, 90 and 95 % held the truth of a quantity, by its index."""
-        return tuple(map(Ranks(self.ranks[:, quantity], RANKED).coverage, LEVELS))
+        return tuple(
+            map(Ranks(self.ranks[:, quantity], LIMITS.ranked_draws).coverage, LIMITS.levels)
+        )
 
 
 @array_dataclass
@@ -316,7 +308,7 @@ class Calibration:
     @property
     def limit(self) -> float:
         """p-value below which ranks are not uniform: 1 % shared by all cases and quantities."""
-        return FALSE_ALARM / (len(self.cases) * len(QUANTITIES))
+        return LIMITS.false_alarm / (len(self.cases) * len(QUANTITIES))
 
     @property
     def rejected(self) -> tuple[tuple[str, str], ...]:

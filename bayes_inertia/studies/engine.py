@@ -20,16 +20,12 @@ from threadpoolctl import threadpool_limits
 from bayes_inertia.errors import BayesInertiaError, StudyError
 from bayes_inertia.folder_lock import working_in
 from bayes_inertia.progress import Progress
+from bayes_inertia.studies.limits import LIMITS
 from bayes_inertia.studies.row_file import Outcome, RowFile
 from bayes_inertia.studies.work import Task, TaskFailure, Work, WorkResult, task_seed
 from bayes_inertia.studies.workers import IN_PROCESS, Engine, Workers, open_workers
 
 Notice = Callable[[str], None]
-
-# How often the driver looks whether workers came or went [s].
-_LOOK_EVERY = 1.0
-# A task whose worker died beside others is done again alone, so often: then it is the guilty one.
-_TRIES_ALONE = 2
 
 
 @dataclass(frozen=True)
@@ -119,8 +115,8 @@ def _outcomes(work: Work, left: Sequence[str], workers: Workers) -> Iterator[Out
         else:
             yield outcome
     for task in suspects:
-        alone = (_calls(work, [task], workers) for _ in range(_TRIES_ALONE))
-        reason = f"its worker died {1 + _TRIES_ALONE} times; was there enough memory?"
+        alone = (_calls(work, [task], workers) for _ in range(LIMITS.tries_alone))
+        reason = f"its worker died {1 + LIMITS.tries_alone} times; was there enough memory?"
         failure = TaskFailure(task, "WorkerDied", reason, final=False)
         yield next((outcome for tries in alone for _, outcome in tries if outcome), failure)
 
@@ -130,14 +126,14 @@ def _calls(
 ) -> Iterator[tuple[str, Outcome | None]]:
     """Each task with what became of it; with None where its worker died."""
     queue, running = deque(tasks), dict[Future, str]()
-    room, looked = 0, -_LOOK_EVERY
+    room, looked = 0, -LIMITS.driver_looks_every_s
     while queue or running:
-        if monotonic() - looked >= _LOOK_EVERY:
+        if monotonic() - looked >= LIMITS.driver_looks_every_s:
             room, looked = workers.room(), monotonic()
         while queue and len(running) < room:
             task = queue.popleft()
             running[workers.submit(_do, work.task, work.seed, task)] = task
-        done, _ = wait(running, timeout=_LOOK_EVERY, return_when=FIRST_COMPLETED)
+        done, _ = wait(running, timeout=LIMITS.driver_looks_every_s, return_when=FIRST_COMPLETED)
         for future in done:
             task = running.pop(future)
             yield task, _result(future, task, workers)

@@ -15,10 +15,7 @@ from scipy.optimize import brentq
 from scipy.special import gammaln, xlog1py, xlogy
 
 from bayes_inertia.maths.values import array_dataclass
-
-LEVELS = (0.5, 0.9, 0.95)
-# Bands are looked for between these many standard errors.
-_NARROWEST, _WIDEST = 0.5, 12.0
+from bayes_inertia.studies.limits import LIMITS
 
 
 class Coverage(NamedTuple):
@@ -115,8 +112,8 @@ def ecdf_band(n: int, ranked: int, level: float) -> float:
     return float(
         brentq(
             lambda width: probability_inside(n, ranked, width) - level,
-            _NARROWEST,
-            _WIDEST,
+            LIMITS.narrowest_band,
+            LIMITS.widest_band,
             xtol=1e-3,
         )
     )

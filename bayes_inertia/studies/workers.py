@@ -21,26 +21,17 @@ from warnings import catch_warnings, filterwarnings
 from joblib.externals.loky import ProcessPoolExecutor
 
 from bayes_inertia.errors import SettingsError, StudyError
+from bayes_inertia.studies.limits import LIMITS
 
 if TYPE_CHECKING:
     import distributed
 
 Engine = Literal["process", "joblib", "dask"]
 
-# Calls submitted for every worker: the next one waits there already.
-_CALLS_A_WORKER = 2
 # Two workers that share their cores with each other gain nothing from threads.
 _ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"), "1"
 )
-# How often a worker looks whether its driver lives [s].
-_LOOK_EVERY = 0.5
-# How long a scheduler may take to be found, to have its first worker, and to answer, and how long
-# workers may take to end [s].
-_CONNECT_SECONDS = 20.0
-_FIRST_WORKER_SECONDS = 300.0
-_ANSWER_SECONDS = 10.0
-_CLOSE_SECONDS = 2.0
 
 
 @dataclass(frozen=True)
@@ -114,7 +105,7 @@ def _loky(jobs: int) -> Iterator[Workers]:
         # loky replaces a worker whose memory has grown; its calls are not lost.
         filterwarnings("ignore", message="A worker stopped while some jobs")
         try:
-            yield Workers(submit, lambda: _CALLS_A_WORKER * jobs, (BrokenExecutor,))
+            yield Workers(submit, lambda: LIMITS.calls_a_worker * jobs, (BrokenExecutor,))
         finally:
             executor.shutdown(kill_workers=True)
 
@@ -125,7 +116,7 @@ def _live_with(driver: int) -> None:
 
     def watch() -> None:
         while os.getppid() == driver:
-            sleep(_LOOK_EVERY)
+            sleep(LIMITS.worker_looks_every_s)
         os._exit(1)
 
     Thread(target=watch, daemon=True, name="watch of the driver").start()
@@ -154,15 +145,15 @@ def _dask(scheduler: str | None, jobs: int) -> Iterator[Workers]:
             cluster.adapt(minimum=jobs, maximum=jobs)
             address = cluster.scheduler_address
         try:
-            client = Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
+            client = Client(address, timeout=LIMITS.connect_seconds, set_as_default=False)
         except (OSError, ValueError) as error:
             advice = "start one with `dask scheduler`, and give the address that it prints"
             raise StudyError("no dask scheduler answers", where=address, advice=advice) from error
         closing.callback(_close, client)
         try:
-            client.wait_for_workers(1, timeout=_FIRST_WORKER_SECONDS)
+            client.wait_for_workers(1, timeout=LIMITS.first_worker_seconds)
         except (TimeoutError, CancelledError) as error:
-            what = f"the dask scheduler has had no worker for {_FIRST_WORKER_SECONDS:.0f} s"
+            what = f"the dask scheduler has had no worker for {LIMITS.first_worker_seconds:.0f} s"
             advice = "start workers with `dask worker ADDRESS`"
             raise StudyError(what, where=address, advice=advice) from error
         executor = client.get_executor(pure=False)
@@ -174,17 +165,17 @@ def _room(client: distributed.Client, address: str) -> int:
     try:
         if client.status != "running" or client.scheduler is None:
             raise OSError("no connection")
-        threads = client.sync(client.scheduler.ncores, callback_timeout=_ANSWER_SECONDS)
+        threads = client.sync(client.scheduler.ncores, callback_timeout=LIMITS.answer_seconds)
     except OSError as error:
         raise StudyError(
             "the dask scheduler is gone",
             where=address,
             advice="the same command goes on with what was finished",
         ) from error
-    return max(1, _CALLS_A_WORKER * sum(threads.values()))
+    return max(1, LIMITS.calls_a_worker * sum(threads.values()))
 
 
 def _close(what: distributed.Client | distributed.LocalCluster) -> None:
     """Leave a scheduler, or end a cluster; either may be gone."""
     with suppress(OSError, RuntimeError, AssertionError):
-        what.close(timeout=_CLOSE_SECONDS)
+        what.close(timeout=LIMITS.close_seconds)

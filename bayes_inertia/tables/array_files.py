@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.mat_objects import opened_objects
 
-_MAX_DEPTH = 12  # Of groups inside groups.
-_MAX_ARRAYS = 20000
 _UNIT_NAMES = ("units", "unit", "Units", "Unit", "UNITS")
 _CALENDARS = ("standard", "gregorian", "proleptic_gregorian")
 _OPAQUE = ("MatlabOpaque", "MatlabFunction", "MatlabObject")
@@ -48,7 +47,7 @@ class FileArrays:
     def check_size(self, path: str, size: int) -> None:
         """Refuse an array of `size` bytes, before it is read, that no such file can hold."""
         self.left -= size
-        if self.left < 0 or len(self.arrays) > _MAX_ARRAYS:
+        if self.left < 0 or len(self.arrays) > LIMITS.most_arrays:
             raise FileError(f"{path} claims more data than such a file can hold")
 
     def add(self, path: str, value: Any, unit: str = "") -> None:
@@ -98,7 +97,7 @@ def read_hdf5(path: str, into: FileArrays, *, load: bool = True) -> None:
     import h5py
 
     def visit(node: Any, place: str, above: tuple[Any, ...]) -> None:
-        if len(above) > _MAX_DEPTH:
+        if len(above) > LIMITS.deepest_group:
             raise FileError(f"{place} is nested too deeply")
         for name in node:
             inner = f"{place}/{name}" if place else name
@@ -215,7 +214,7 @@ def read_mat(path: str, into: FileArrays) -> None:
 
 
 def _add_struct(struct: dict[str, Any], place: str, into: FileArrays, depth: int) -> None:
-    if depth > _MAX_DEPTH:
+    if depth > LIMITS.deepest_group:
         raise FileError(f"{place} is nested too deeply")
     for name, value in struct.items():
         if name.startswith(("__", "#")):

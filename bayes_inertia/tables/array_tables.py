@@ -16,10 +16,10 @@ import numpy as np
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.tables.array_files import FileArrays
 from bayes_inertia.tables.leap_seconds import SECOND
+from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.raw_table import RawColumn, RawTable
 from bayes_inertia.tables.time_texts import text_to_ns
 
-_MAX_WIDTH = 64  # Columns that one array may become; a picture is no telemetry.
 _WITH_ROWS = re.compile(r"(.*?)\s*\[(\d+) rows\]")
 _SINCE = re.compile(r"\s*([A-Za-z]+)\s+since\s+(\d{4}-\d{1,2}-\d{1,2}(?:[T ]\S+)?)\s*.*")
 _NS_OF: Mapping[str, int] = {
@@ -137,7 +137,7 @@ def _row_counts(arrays: Mapping[str, np.ndarray]) -> dict[str, int]:
             continue
         axis = _row_axis(array.shape, vectors)
         rows = array.shape[axis]
-        if rows > 1 and array.size // rows <= _MAX_WIDTH:
+        if rows > 1 and array.size // rows <= LIMITS.most_columns_of_array:
             counts[path] = rows
     return counts
 

@@ -28,15 +28,8 @@ from typing import Literal
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.tables import array_files
 from bayes_inertia.tables.array_files import FileArrays
+from bayes_inertia.tables.limits import LIMITS
 
-_SECONDS = 3.0  # Processor time for any file, once its library is loaded; more for a large one.
-_PATIENCE = 60.0  # [s] on the clock, and as many times more: other programs want the processor too.
-_BYTES_PER_SECOND = 5e6
-_LEAST_CONTENT = 10**8  # [bytes] that even a small, compressed file may hold.
-_COMPRESSION = 300  # Bytes of arrays a byte of file.
-_MOST_CONTENT = 2 * 2**30  # [bytes]
-# What a reader takes beside its libraries: some copies of the arrays, and room for its own.
-_COPIES, _ROOM = 4, 2**28  # [bytes]
 _FILES_KEPT = 16
 # One thread: the process computes nothing, and each thread takes memory.
 _ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
@@ -110,9 +103,15 @@ def _run(
     kind: str, path: str, seconds: float | None, size: int, label: str, advice: str
 ) -> FileArrays:
     """What the process finds in a file of this size, or an error that says what is wrong."""
-    limit = _SECONDS + size / _BYTES_PER_SECOND if seconds is None else seconds
-    content = min(_LEAST_CONTENT + _COMPRESSION * size, _MOST_CONTENT)
-    limits = [str(content), str(math.ceil(limit)), str(_ROOM + _COPIES * content)]
+    limit = (
+        LIMITS.processor_seconds + size / LIMITS.bytes_per_second if seconds is None else seconds
+    )
+    content = min(LIMITS.least_content + LIMITS.largest_compression * size, LIMITS.most_content)
+    limits = [
+        str(content),
+        str(math.ceil(limit)),
+        str(LIMITS.room_beside_arrays + LIMITS.copies_of_arrays * content),
+    ]
     paths = dict.fromkeys(p for p in (str(Path(__file__).parents[2]), *sys.path) if p)
     hangs = CampaignError(
         f"cannot be read within {limit:.0f} s as {_KINDS[kind][2]}",
@@ -123,7 +122,7 @@ def _run(
         done = subprocess.run(
             [sys.executable, "-P", "-m", __name__, kind, path, *limits],
             capture_output=True,
-            timeout=_PATIENCE * max(1.0, limit / _SECONDS),
+            timeout=LIMITS.clock_seconds * max(1.0, limit / LIMITS.processor_seconds),
             env={**os.environ, **_ENVIRONMENT, "PYTHONPATH": os.pathsep.join(paths)},
             check=False,
         )

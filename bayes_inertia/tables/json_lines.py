@@ -17,14 +17,10 @@ import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes
+from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.raw_table import RawColumn, RawTable
 from bayes_inertia.tables.text_cells import whole_lines
 from bayes_inertia.tables.time_columns import time_names
-
-_MAX_DEPTH = 12  # Of objects and lists inside each other.
-_MAX_COLUMNS = 2000
-_LONGEST_VECTOR = 16  # Numbers of one reading, as of a matrix; more are rows of a table.
-_FEW = 3  # Objects; of fewer none tells that the last one breaks off.
 
 
 def read_json_lines(path: Path) -> RawTable:
@@ -57,9 +53,9 @@ def _columns(records: Sequence[Any], lines: Sequence[int], label: str) -> dict[s
             column = cells.setdefault(name, [])
             column.extend([None] * (index - len(column)))
             column.append(value)
-        if len(cells) > _MAX_COLUMNS:
+        if len(cells) > LIMITS.most_columns_of_json:
             raise CampaignError(
-                f"more than {_MAX_COLUMNS} different keys",
+                f"more than {LIMITS.most_columns_of_json} different keys",
                 where=f"{label}, line {line}",
                 advice="give every line the same keys",
             )
@@ -106,7 +102,7 @@ def _arrays_of(document: Any, label: str) -> dict[str, np.ndarray] | None:
     found = {name: array for name, array in found.items() if len(array) > 1}
     stamp = RawTable("", {name: RawColumn(np.zeros(1)) for name in scalars})
     longest = max((len(array) for array in found.values()), default=0)
-    if not found or (longest <= _LONGEST_VECTOR and time_names(stamp)):
+    if not found or (longest <= LIMITS.longest_vector and time_names(stamp)):
         return None
     while all("/" in name for name in found) and len({n.partition("/")[0] for n in found}) == 1:
         found = {name.partition("/")[2]: array for name, array in found.items()}
@@ -188,7 +184,7 @@ def _records(text: str, label: str) -> tuple[list[dict[str, Any]], list[int], tu
         try:
             record = _parsed(line, where)
         except CampaignError:
-            if number < len(written) or len(records) < _FEW:
+            if number < len(written) or len(records) < LIMITS.few_objects:
                 raise
             return records, lines, (f"line {number}, the last, breaks off and was left out",)
         if not isinstance(record, dict):
@@ -213,7 +209,7 @@ def _parsed(text: str, where: str) -> Any:
 
 
 def _flatten(value: Any, name: str, flat: dict[str, Any], depth: int, where: str) -> None:
-    if depth > _MAX_DEPTH:
+    if depth > LIMITS.deepest_object:
         raise CampaignError("nested too deeply", where=where, advice=_ADVICE)
     if isinstance(value, dict):
         for key, item in value.items():

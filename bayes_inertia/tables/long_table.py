@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.raw_table import EMPTY_CELLS, RawColumn, RawTable
 from bayes_inertia.tables.text_table import text_column
 from bayes_inertia.tables.time_columns import time_names
@@ -21,7 +22,6 @@ _VALUE = re.compile(r"(.*[ _.])?(value|val|reading)s?")
 _RAW = re.compile(r"(.*[ _.])?raw[ _.]?.*")
 _UNIT = re.compile(r"(.*[ _.])?units?")
 _NO_LABEL = re.compile(r".*(valid|flag|status|quality|state|alarm|limit|severity|unit|time|date).*")
-_MOST_NAMES = 2000  # More parameters than these are texts of another kind.
 
 
 def one_row_a_time(table: RawTable) -> RawTable:
@@ -46,7 +46,7 @@ def one_row_a_time(table: RawTable) -> RawTable:
         return table
     named = _named_by(table, parameters, {*times, *values})
     labels = [".".join(cells) for cells in zip(*map(_texts, _columns(table, named)), strict=True)]
-    if len(set(labels)) > _MOST_NAMES or set(labels) & set(times):
+    if len(set(labels)) > LIMITS.most_parameters or set(labels) & set(times):
         return table
     cells = [c.values if c.exact is None else c.exact for c in _columns(table, times)]
     stamps = list(zip(*(column.tolist() for column in cells), strict=True))

@@ -17,6 +17,7 @@ import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes
+from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.raw_table import RawColumn, RawTable, StatedAttitude
 from bayes_inertia.tables.text_cells import decoded
 from bayes_inertia.tables.text_form import TextOptions
@@ -50,7 +51,6 @@ _UNITS: Mapping[str, tuple[int, str]] = MappingProxyType(
 )
 _UTC = re.compile(r"\s*(\d{4}):(\d{1,2}):(\d{1,2}):(\d{1,2}):(\d{2}):(\d{2}\.\d+)\s*")
 _OPTIONS = TextOptions(delimiter="whitespace", decimal=".", header_line=-1, units_line=-1)
-_LEAST_DIGITS = 6  # Significant digits below which a note says so.
 
 
 def read_42(path: Path) -> RawTable:
@@ -117,7 +117,7 @@ def _notes(path: Path, stem: str, columns: Mapping[str, RawColumn]) -> tuple[str
     size = max(
         (float(np.abs(c.values).max()) for c in columns.values() if not c.is_text), default=0.0
     )
-    if size >= 10.0 ** (_LEAST_DIGITS - 6):
+    if size >= 10.0 ** (LIMITS.least_digits - 6):
         return ()
     return (
         f"{path.name}: 42 writes six decimals, so a reading of up to {size:.3g} {_UNITS[stem][1]} "

@@ -10,9 +10,7 @@ import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.tables.array_files import FileArrays
-
-_MAX_WIDTH = 64  # Columns that a list may become.
-_LARGEST = 4 * 2**30  # [bytes] of all arrays of a NumPy file together.
+from bayes_inertia.tables.limits import LIMITS
 
 
 def parquet_arrays(path: Path) -> FileArrays:
@@ -68,7 +66,7 @@ def _parts(name: str, column: Any) -> dict[str, Any]:
         if types.is_fixed_size_list(kind):
             column = column.cast(pyarrow.list_(kind.value_type))
         lengths = compute.list_value_length(column).drop_null().unique().to_pylist()
-        if len(lengths) != 1 or not 0 < lengths[0] <= _MAX_WIDTH:
+        if len(lengths) != 1 or not 0 < lengths[0] <= LIMITS.most_columns_of_list:
             return {}
         parts = {}
         for index in range(lengths[0]):
@@ -145,5 +143,5 @@ def numpy_arrays(path: Path) -> FileArrays:
 def _check_size(file: BinaryIO) -> None:
     with zipfile.ZipFile(file) as members:
         total = sum(member.file_size for member in members.infolist())
-    if total > _LARGEST:
+    if total > LIMITS.largest_arrays:
         raise ValueError(f"{total / 2**30:.0f} GiB of arrays")

@@ -18,6 +18,7 @@ from bayes_inertia.tables.array_files import FileArrays
 from bayes_inertia.tables.array_tables import array_column, table_of, tables_of
 from bayes_inertia.tables.isolated import ArrayKind, read_arrays
 from bayes_inertia.tables.json_lines import json_arrays, read_json_lines
+from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.long_table import one_row_a_time
 from bayes_inertia.tables.nasa_42 import read_42
 from bayes_inertia.tables.plain_arrays import numpy_arrays, parquet_arrays
@@ -30,7 +31,6 @@ _OF_ROS = (
     "`pip install rosbags`; write the stamps and fields of each topic to a CSV, with its AnyReader"
 )
 _OF_ARDUPILOT = "`pip install pymavlink`, `mavlogdump.py --format csv --types IMU FILE.bin`"
-_HEAD = 1024  # Bytes by which a format is told.
 
 FileFormat = Literal["text", "aem", "json", "42", "parquet", "numpy", "hdf5", "netcdf", "mat"]
 
@@ -76,7 +76,7 @@ def file_format(path: Path) -> FileFormat:
 def _head(path: Path) -> bytes:
     try:
         with path.open("rb") as file:
-            return file.read(_HEAD)
+            return file.read(LIMITS.head_bytes)
     except OSError as error:
         raise CampaignError(
             f"cannot be opened ({error.strerror})", where=str(path), advice="check the path"

@@ -20,12 +20,11 @@ import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.tables.limits import LIMITS
 
 EMPTY_CELLS = frozenset({"", "nan", "na", "n/a", "null", "none", "-", "--", "#n/a"})
 """Cells of a text file, in small letters, that hold no reading."""
 
-# Names of columns that a message lists, and the characters of one.
-_MOST_NAMES, _LONGEST_NAME = 60, 60
 # Names as CCSDS (SANA registry), ground systems and 42 write them, in capitals.
 _INERTIAL = re.compile(
     r"N|(EME|J)2000|B1950|ECI.*|(ICRF|GCRF|GCRS|CIRS|TEME|MEME).*|(TOD|MOD)([_ /].*)?|.*INERTIAL.*"
@@ -219,9 +218,15 @@ def no_column(name: str, available: Sequence[str], where: str, why: str = "") ->
 
 def _listed(names: Sequence[str]) -> str:
     """Names of columns on one line, whatever a damaged header holds."""
-    plain = [name if name.isprintable() else ascii(name)[1:-1] for name in names[:_MOST_NAMES]]
-    short = [name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}..." for name in plain]
-    return ", ".join([*short, *["..."] * (len(names) > _MOST_NAMES)]) or "no column"
+    plain = [
+        name if name.isprintable() else ascii(name)[1:-1]
+        for name in names[: LIMITS.most_names_told]
+    ]
+    short = [
+        name if len(name) <= LIMITS.longest_name_told else f"{name[: LIMITS.longest_name_told]}..."
+        for name in plain
+    ]
+    return ", ".join([*short, *["..."] * (len(names) > LIMITS.most_names_told)]) or "no column"
 
 
 def number_of(cell: str, decimal: str = ".") -> float:

@@ -9,12 +9,11 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.tables.limits import LIMITS
 
 WHITESPACE = "whitespace"
-_SAMPLE_BYTES = 2**20  # By which an encoding is told.
 COMMENTS = ("#", "%", "//")
 _LINE_END = re.compile("\r\n|\n|\r")
-_MOST_CUT = 3  # Lines that losses of power may cut in a short file; in a long one, every 20th.
 _CONTROL = re.compile("[\x01-\x08\x0e-\x19\x1b-\x1f]")  # Signs of a binary file.
 _MARKS = (
     (codecs.BOM_UTF8, "utf-8-sig"),
@@ -67,7 +66,11 @@ def whole_lines(data: bytes, label: str, encoding: str = "") -> tuple[str, tuple
     cut = [number for number in zeros if lines[number - 1].strip("\0 \t")]
     kept = ["" if "\0" in line else line for line in lines]
     whole = sum(bool(line.strip()) for line in kept)
-    if len(cut) > max(_MOST_CUT, whole // 20) or not whole or _CONTROL.search("".join(kept)):
+    if (
+        len(cut) > max(LIMITS.most_cut_lines, whole // 20)
+        or not whole
+        or _CONTROL.search("".join(kept))
+    ):
         raise _zero_bytes(lines, label)
     where = f"line{'s' * (len(zeros) > 1)} {', '.join(map(str, zeros[:5]))}"
     gone = f"{len(cut)} line{'s' * (len(cut) > 1)} cut left out" if cut else "left out"
@@ -110,7 +113,7 @@ def _encoding(data: bytes) -> str:
         if data.startswith(mark):
             return name
     # No text of UTF-16 holds four NUL bytes in a row; a logger that lost power leaves them.
-    head = re.sub(rb"\0{4,}", b"", data[:_SAMPLE_BYTES])[:4000]
+    head = re.sub(rb"\0{4,}", b"", data[: LIMITS.encoding_sample_bytes])[:4000]
     if len(head) >= 4 and len(head[1::2]) and head[1::2].count(0) > 0.4 * len(head[1::2]):
         return "utf-16-le"
     if len(head) >= 4 and head[::2].count(0) > 0.4 * len(head[::2]):

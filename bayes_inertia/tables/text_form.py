@@ -9,16 +9,15 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from bayes_inertia.errors import CampaignError
+from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.raw_table import EMPTY_CELLS, number_of
 from bayes_inertia.tables.text_cells import WHITESPACE, split_rows
 from bayes_inertia.tables.time_texts import is_date
 
 _DELIMITERS = ("\t", ";", ",", "|", WHITESPACE)
-_SAMPLE = 200  # Rows by which a file is judged.
 # A table of one column is the last resort: every file is one by some delimiter. White space comes
 # after signs, for it takes the empty cells of a table with tabs away.
 _TRUST = MappingProxyType({WHITESPACE: 0.8})
-_ONE_COLUMN = 0.5
 # Not a whole row that a time begins.
 _ZONE = r"(\s?[A-Za-z]{1,4})?([+-]\d\d:?\d\d)?"
 _TIME = re.compile(
@@ -72,8 +71,8 @@ def is_reading(cell: str, decimal: str) -> bool:
 
 def told_form(lines: Sequence[tuple[int, str]], options: TextOptions, label: str) -> TextForm:
     """How a file separates its cells: the way that gives most rows of one length with readings."""
-    middle = max(len(lines) - _SAMPLE, 0) // 2
-    sample = list(lines[:10]) + list(lines[max(middle, 10) : middle + _SAMPLE])
+    middle = max(len(lines) - LIMITS.form_sample_rows, 0) // 2
+    sample = list(lines[:10]) + list(lines[max(middle, 10) : middle + LIMITS.form_sample_rows])
     best, best_score = TextForm(",", "."), -1.0
     for delimiter in [options.delimiter] if options.delimiter else _DELIMITERS:
         try:
@@ -81,7 +80,9 @@ def told_form(lines: Sequence[tuple[int, str]], options: TextOptions, label: str
         except CampaignError:  # A quote that is not closed: the reading itself will say where.
             rows = [tuple(line.split(delimiter)) for _, line in sample]
         for decimal in [options.decimal] if options.decimal else (".", ","):
-            trust = _TRUST.get(delimiter, 1.0) * (1.0 if _width(rows) > 1 else _ONE_COLUMN)
+            trust = _TRUST.get(delimiter, 1.0) * (
+                1.0 if _width(rows) > 1 else LIMITS.trust_in_one_column
+            )
             score = trust * _score(rows, decimal)
             if score > best_score + 1e-9:
                 best, best_score = TextForm(delimiter, decimal), score

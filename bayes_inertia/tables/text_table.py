@@ -12,6 +12,7 @@ import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes
+from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.raw_table import EMPTY_CELLS, RawColumn, RawTable, number_of
 from bayes_inertia.tables.text_cells import (
     COMMENTS,
@@ -22,8 +23,6 @@ from bayes_inertia.tables.text_cells import (
 )
 from bayes_inertia.tables.text_form import TextForm, TextOptions, is_reading, told_form
 
-_FEW = 4  # Rows; of fewer none tells how long the others should be.
-_JUDGED = 200  # Rows by which columns of numbers are told.
 _BRACKETS = re.compile(r".*?\s*[\[(<]([^\[\]()<>]*)[\])>]\s*")
 _UNIT_WORDS = frozenset(
     """s sec secs ms us µs μs ns min h hr rad deg mrad urad arcsec arcmin mas rpm rps rev dps turn
@@ -31,8 +30,6 @@ _UNIT_WORDS = frozenset(
     count counts raw bool utc tai gps iso unix date time none degrees radians seconds degree
     second radian °""".split()  # noqa: SIM905
 )
-_LOSSY_DIGITS = 15  # More significant digits than these a 64-bit float may round.
-_LOSSY_SIZE = 1e6  # Smaller numbers keep 1e-10 whatever their digits.
 
 
 def read_text_table(path: Path, options: TextOptions) -> RawTable:
@@ -86,7 +83,7 @@ def _without_cut_end(
     rows: list[CellRow], count: int, text: str
 ) -> tuple[list[CellRow], tuple[str, ...]]:
     """Rows without a last one that breaks off, as where a logger lost power; what to say of it."""
-    if len(rows) < _FEW or len(rows[-1].cells) >= count or text.endswith(("\n", "\r")):
+    if len(rows) < LIMITS.few_rows or len(rows[-1].cells) >= count or text.endswith(("\n", "\r")):
         return rows, ()
     return rows[:-1], (f"line {rows[-1].line}, the last, breaks off and was left out",)
 
@@ -132,7 +129,7 @@ def _common_length(rows: Sequence[CellRow]) -> int:
 
 def _judged(rows: Sequence[CellRow]) -> int:
     """How many of the last rows tell what columns hold: heads are short, but so may be files."""
-    return min(_JUDGED, (len(rows) + 1) // 2)
+    return min(LIMITS.judged_rows, (len(rows) + 1) // 2)
 
 
 def _first_data_row(
@@ -328,8 +325,8 @@ def text_column(cells: Sequence[str], decimal: str, unit: str = "") -> RawColumn
             return RawColumn(np.array(cells, dtype=np.dtypes.StringDType()), unit)
         values = np.array([number_of(cell, decimal) for cell in cells])
     finite = np.abs(values[np.isfinite(values)])
-    if finite.size and finite.max() >= _LOSSY_SIZE:
+    if finite.size and finite.max() >= LIMITS.lossy_size:
         digits = max(sum(c.isdigit() for c in cell) for cell in points)
-        if digits > _LOSSY_DIGITS:
+        if digits > LIMITS.lossy_digits:
             return RawColumn(values, unit, exact=np.array(points, dtype=np.dtypes.StringDType()))
     return RawColumn(values, unit)

@@ -20,6 +20,7 @@ import numpy as np
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.tables.leap_seconds import SECOND, tai_to_utc, utc_to_tai
+from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.raw_table import RawTable
 from bayes_inertia.tables.stamp_parts import (
     added_parts,
@@ -90,7 +91,6 @@ _TEXTS: Mapping[str, int | None] = MappingProxyType(
 TIME_KINDS = (*FREE_CLOCKS, *_TEXTS, *_NUMBERS, "gps_week", *_DAYS)
 """Kinds of time stamps that `times_to_seconds` reads."""
 
-_COARSEST = 0.05  # Of the step between stamps: the most that their rounding may be.
 _FIRST_NS = 5113 * _DAY  # 1972-01-01: before, UTC had no whole leap seconds.
 _LAST_NS = 51865 * _DAY  # 2100-01-01
 
@@ -326,7 +326,7 @@ def _check_steps(table: RawTable, names: Sequence[str], stamps: TimeStamps) -> N
         return
     step = float(present[-1] - present[0]) / SECOND / (present.size - 1)
     single = table.column(names[-1]).single
-    if stamps.resolution_s > _COARSEST * step and (step > 0.0 or single):
+    if stamps.resolution_s > LIMITS.coarsest_stamp * step and (step > 0.0 or single):
         bits = "32-bit floats" if single else "this kind of number"
         raise CampaignError(
             f"{bits} can write these stamps only every {stamps.resolution_s:.2g} s, "

@@ -17,6 +17,7 @@ import numpy as np
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.tables.leap_seconds import SECOND, has_leap_second
+from bayes_inertia.tables.limits import LIMITS
 from bayes_inertia.tables.raw_table import EMPTY_CELLS, RawColumn, RawTable
 from bayes_inertia.tables.stamp_parts import unit_in_name
 
@@ -64,7 +65,6 @@ _DIRECTIVES: Mapping[str, str] = MappingProxyType(
 _CALENDAR = ("year", "month", "day", "doy")
 _PLAIN = re.compile(r"\d{4}-\d{2}-\d{2}[T ]\d{2}:\d{2}:\d{2}(\.\d{1,9})?Z?")
 _FIRST_DAY = date(1958, 1, 1).toordinal()
-_YEARS = (1958, 2199)  # Nanoseconds of other years may not fit 64 bits.
 _ADVICE = (
     "write times as 2024-05-01T12:34:56.789, with Z or an offset such as +01:00 where it is UTC, "
     "by day of year, 2024-122T12:34:56.789, or as 01 May 2024 12:34:56.789; or add their form to "
@@ -192,7 +192,9 @@ def plain_dates(cells: Sequence[str]) -> np.ndarray | None:
             stamps = np.array([cell.rstrip("Z") for cell in cells], dtype="datetime64[ns]")
     except (ValueError, UserWarning):
         return None
-    first, last = (np.datetime64(f"{year}-01-01", "ns") for year in (_YEARS[0], _YEARS[1]))
+    first, last = (
+        np.datetime64(f"{year}-01-01", "ns") for year in (LIMITS.years[0], LIMITS.years[1])
+    )
     if np.isnat(stamps).any() or stamps.min() < first or stamps.max() > last:
         return None
     return (stamps - first).astype(np.int64)
@@ -203,7 +205,7 @@ def _day_number(given: Mapping[str, str]) -> int:
     year = int(given["year"])
     if len(given["year"]) == 2:  # As strptime reads them.
         year += 1900 if year >= 69 else 2000
-    if not _YEARS[0] <= year <= _YEARS[1]:
+    if not LIMITS.years[0] <= year <= LIMITS.years[1]:
         raise ValueError("no year of space flight")
     if "doy" in given:
         count = int(given["doy"])

@@ -11,7 +11,8 @@ import pytest
 from bayes_inertia.app.calibration_folder import run_calibration
 from bayes_inertia.app.cli import main
 from bayes_inertia.errors import OutputError, SettingsError
-from bayes_inertia.studies.calibration import QUANTITIES, RANKED, CalibrationFit
+from bayes_inertia.studies.calibration import QUANTITIES, CalibrationFit
+from bayes_inertia.studies.limits import LIMITS as STUDIES_LIMITS
 
 
 @pytest.fixture
@@ -20,9 +21,9 @@ def ranked(monkeypatch):
 
     def fit(self, task_id, seed):
         rng = np.random.default_rng(seed)
-        rank = rng.integers(0, RANKED + 1, len(QUANTITIES))
+        rank = rng.integers(0, STUDIES_LIMITS.ranked_draws + 1, len(QUANTITIES))
         if self.pipeline == "small_sd":
-            rank = np.where(rank > RANKED // 2, RANKED, 0)
+            rank = np.where(rank > STUDIES_LIMITS.ranked_draws // 2, STUDIES_LIMITS.ranked_draws, 0)
         row = {"rank": rank, "explained": True, "nested_rhat": 1.0}
         return row | {key: rng.uniform(1.0, 2.0, len(rank)) for key in ("truth", "mean", "sd")}
 

@@ -6,13 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bayes_inertia.studies.calibration import (
-    QUANTITIES,
-    RANKED,
-    Calibration,
-    calibration_of,
-    cases_named,
-)
+from bayes_inertia.studies.calibration import QUANTITIES, Calibration, calibration_of, cases_named
+from bayes_inertia.studies.limits import LIMITS as STUDIES_LIMITS
 from bayes_inertia.studies.rank_statistics import (
     Ranks,
     ecdf_band,
@@ -25,7 +20,7 @@ def normal_ranks(n: int, seed: int, sd: float = 1.0, shift: float = 0.0) -> np.n
     """Ranks of n standard normal truths among draws of a normal posterior of this sd."""
     rng = np.random.default_rng(seed)
     truth = rng.standard_normal((n, 1))
-    draws = shift + sd * rng.standard_normal((n, RANKED))
+    draws = shift + sd * rng.standard_normal((n, STUDIES_LIMITS.ranked_draws))
     # Truth and draws come from one posterior: both around the same mean.
     return (draws < truth).sum(1)
 
@@ -43,14 +38,19 @@ def test_the_probability_of_the_band_is_exact(n, ranked, width):
 def test_the_band_holds_what_it_says():
     # Counts are whole numbers: the probability jumps.
     for level in (0.9, 0.99):
-        width = ecdf_band(100, RANKED, level)
-        assert probability_inside(100, RANKED, width + 0.01) >= level
-        assert probability_inside(100, RANKED, width - 0.01) <= level
+        width = ecdf_band(100, STUDIES_LIMITS.ranked_draws, level)
+        assert probability_inside(100, STUDIES_LIMITS.ranked_draws, width + 0.01) >= level
+        assert probability_inside(100, STUDIES_LIMITS.ranked_draws, width - 0.01) <= level
 
 
 def test_uniform_ranks_are_rejected_as_rarely_as_the_p_value_says():
     trials = 200
-    p = np.array([Ranks(normal_ranks(60, seed), RANKED).p_value for seed in range(trials)])
+    p = np.array(
+        [
+            Ranks(normal_ranks(60, seed), STUDIES_LIMITS.ranked_draws).p_value
+            for seed in range(trials)
+        ]
+    )
     for level in (0.05, 0.3):
         assert np.sum(p < level) <= stats.binom.ppf(0.999, trials, level)
     assert np.median(p) < 0.7
@@ -58,20 +58,26 @@ def test_uniform_ranks_are_rejected_as_rarely_as_the_p_value_says():
 
 def test_wrong_sds_and_shifts_are_rejected():
     for seed in range(5):
-        assert Ranks(normal_ranks(1000, seed, sd=0.75), RANKED).p_value < 1e-6
-        assert Ranks(normal_ranks(400, seed, shift=0.5), RANKED).p_value < 1e-6
+        assert Ranks(normal_ranks(1000, seed, sd=0.75), STUDIES_LIMITS.ranked_draws).p_value < 1e-6
+        assert Ranks(normal_ranks(400, seed, shift=0.5), STUDIES_LIMITS.ranked_draws).p_value < 1e-6
     # Uniform ranks of as many fits, five times.
-    assert min(Ranks(normal_ranks(1000, seed), RANKED).p_value for seed in range(5)) > 1e-4
+    assert (
+        min(
+            Ranks(normal_ranks(1000, seed), STUDIES_LIMITS.ranked_draws).p_value
+            for seed in range(5)
+        )
+        > 1e-4
+    )
 
 
 def test_coverage_counts_ranks():
     ranks = normal_ranks(2000, 5)
     for level in (0.5, 0.9, 0.95):
-        coverage = Ranks(ranks, RANKED).coverage(level)
+        coverage = Ranks(ranks, STUDIES_LIMITS.ranked_draws).coverage(level)
         assert coverage.low < coverage.share < coverage.high
         error = np.sqrt(level * (1.0 - level) / 2000)
         assert abs(coverage.share - level) < 4.0 * error
-    small = Ranks(normal_ranks(2000, 5, sd=0.75), RANKED).coverage(0.9)
+    small = Ranks(normal_ranks(2000, 5, sd=0.75), STUDIES_LIMITS.ranked_draws).coverage(0.9)
     assert small.high < 0.9
 
 

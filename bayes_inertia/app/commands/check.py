@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bayes_inertia.app.commands.options import Anyway, AsJson, CampaignFolder
+from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import headed, narrow_table, plain_console, print_json
 
 if TYPE_CHECKING:
     from bayes_inertia.campaign.campaign import Campaign
     from bayes_inertia.campaign.slew import Slew
 
-SLEWS_SHOWN = 20  # so that the rest of the answer stays on the screen
 FORMAT = "bayes-inertia-check/1"
 _COLUMNS = (
     "slew",
@@ -89,11 +89,11 @@ def show_campaign(campaign: Campaign) -> None:
     slews, wheels = len(campaign.slews), len(campaign.wheels)
     console.print(headed(campaign.name, f": {slews} slews, {wheels} wheels"))
     table = narrow_table(console, *_COLUMNS)
-    for slew in campaign.slews[:SLEWS_SHOWN]:
+    for slew in campaign.slews[: LAYOUT.slews_shown]:
         table.add_row(*_slew_cells(slew))
     console.print(table)
-    if slews > SLEWS_SHOWN:
-        console.print(f"... and {slews - SLEWS_SHOWN} slews more (all of them with --json)")
+    if slews > LAYOUT.slews_shown:
+        console.print(f"... and {slews - LAYOUT.slews_shown} slews more (all of them with --json)")
     moments = ", ".join(f"{m:.4g}" for m in np.linalg.eigvalsh(campaign.inertia.tensor))
     kind = "with" if campaign.inertia.includes_wheel_spin else "without"
     console.print(f"prior principal moments: {moments} kg m² ({kind} the wheels' spin inertia)")

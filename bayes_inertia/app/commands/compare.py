@@ -20,8 +20,8 @@ from bayes_inertia.app.commands.options import (
     SchedulerAddress,
     Seed,
 )
+from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import (
-    WORSE,
     headed,
     narrow_table,
     open_in_browser,
@@ -109,7 +109,9 @@ def _answer(contenders: Sequence[Contender]) -> str:
     told = ", ".join(f"{size} with {c.name}" for c, size in zip(others, sizes[1:], strict=True))
     least = np.min([c.expected for c in others], axis=0)
     ratios = zip(BASE_NAMES, best.expected / least, strict=True)
-    worse = ", ".join(f"{name} × {ratio:.1f}" for name, ratio in ratios if ratio > WORSE)
+    worse = ", ".join(
+        f"{name} × {ratio:.1f}" for name, ratio in ratios if ratio > LAYOUT.worse_sd_ratio
+    )
     return f"{said}, {told}; {f'worse than another: {worse}' if worse else 'nothing gets worse'}"
 
 

@@ -20,8 +20,8 @@ from bayes_inertia.app.commands.options import (
     Seed,
     names_in,
 )
+from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import (
-    WORSE,
     headed,
     narrow_table,
     open_in_browser,
@@ -46,7 +46,6 @@ _COLUMNS = (
     "lasts [s]",
 )
 
-_MARGINS_SHOWN = 3  # the tightest; broken ones are shown besides
 
 GoalOption = Annotated[
     str,
@@ -150,7 +149,7 @@ def _worse(design: Design) -> Text:
     from bayes_inertia.report.formatting import listed
 
     ratios = {name: sd / design.reference_sd[name] for name, sd in design.sd.items()}
-    worse = [f"{name} ({r:.1f} times)" for name, r in ratios.items() if r > WORSE]
+    worse = [f"{name} ({r:.1f} times)" for name, r in ratios.items() if r > LAYOUT.worse_sd_ratio]
     if not worse:
         return Text("no parameter gets worse than with slews like the paper's")
     rest = ": larger sd than with slews like the paper's"
@@ -168,14 +167,20 @@ def _sd_table(console: Console, design: Design, before: str) -> Table:
         power, paper = powers[design.units[name]], design.reference_sd[name]
         sds = (number(x, x, power) for x in (design.sd_before[name], sd, paper))
         ratio, unit = f"{sd / paper:.2f}", unit_text(design.units[name], power)
-        table.add_row(plain(name), *sds, ratio, unit, style="yellow" if sd > WORSE * paper else "")
+        table.add_row(
+            plain(name),
+            *sds,
+            ratio,
+            unit,
+            style="yellow" if sd > LAYOUT.worse_sd_ratio * paper else "",
+        )
     return table
 
 
 def _show_margins(console: Console, design: Design) -> None:
     """The tightest margins, and all that are broken."""
     margins = sorted(design.flown, key=lambda m: m.left)
-    shown = [m for i, m in enumerate(margins) if i < _MARGINS_SHOWN or not m.kept]
+    shown = [m for i, m in enumerate(margins) if i < LAYOUT.margins_of_design or not m.kept]
     more = f" ({len(margins) - len(shown)} more are kept)" if len(shown) < len(margins) else ""
     console.print(headed(f"tightest margins when flown in closed loop{more}:"))
     for margin in shown:

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
-from bayes_inertia.app.commands.check import SLEWS_SHOWN
 from bayes_inertia.app.commands.options import AsJson
+from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import (
     headed,
     narrow_table,
@@ -29,9 +29,6 @@ if TYPE_CHECKING:
     from bayes_inertia.importing.slew_cutting import SlewWindow
 
 START_FORMAT = "bayes-inertia-import-start/1"
-_LONGEST_LIST = 200  # Letters of the columns of one file; the mapping has them all.
-_SPANS_SHOWN = 6
-_SHORTEST_SPAN_S = 1.0  # [s]; shorter parts of a log that no slew needs are not worth a word.
 
 RawFiles = Annotated[list[Path], typer.Argument(help="Raw logs, of any format.")]
 Using = Annotated[Path | None, typer.Option(help="The mapping that says what the logs hold.")]
@@ -106,7 +103,7 @@ def _start(raw: list[Path], start: Path, as_json: bool) -> None:
 
 
 def _shortened(names: str) -> str:
-    return textwrap.shorten(names, _LONGEST_LIST, placeholder=" ...")
+    return textwrap.shorten(names, LAYOUT.longest_list, placeholder=" ...")
 
 
 def show_import(imported: ImportedCampaign) -> None:
@@ -151,7 +148,7 @@ def _show_slews(console: Console, imported: ImportedCampaign) -> None:
     table = narrow_table(
         console, "slew", "from [s]", "to [s]", "before (fixes)", "after (fixes)", "turned [deg]"
     )
-    for window in cut.windows[:SLEWS_SHOWN]:
+    for window in cut.windows[: LAYOUT.slews_shown]:
         table.add_row(
             window.name,
             f"{window.start:.1f}",
@@ -160,19 +157,25 @@ def _show_slews(console: Console, imported: ImportedCampaign) -> None:
             "?" if window.turned is None else f"{np.degrees(window.turned):.1f}",
         )
     console.print(table)
-    if len(cut.windows) > SLEWS_SHOWN:
-        console.print(f"... and {len(cut.windows) - SLEWS_SHOWN} slews more")
+    if len(cut.windows) > LAYOUT.slews_shown:
+        console.print(f"... and {len(cut.windows) - LAYOUT.slews_shown} slews more")
     for window in cut.windows:
         if "attitude" in imported.logs.streams and window.fixes is not None:
             for fixes, side in zip(window.fixes, ("before", "after"), strict=True):
                 if not fixes:
                     console.print(f"{window.name}: no star-tracker fix in the rest {side} it")
-    dropped = [part for part in cut.dropped if part.end - part.start >= _SHORTEST_SPAN_S]
+    dropped = [part for part in cut.dropped if part.end - part.start >= LAYOUT.shortest_span_s]
     for reason in dict.fromkeys(part.reason for part in dropped):
         parts = [part for part in dropped if part.reason == reason]
         seconds = sum(part.end - part.start for part in parts)
-        spans = ", ".join(f"{part.start:.0f} to {part.end:.0f}" for part in parts[:_SPANS_SHOWN])
-        more = f" and {len(parts) - _SPANS_SHOWN} more" if len(parts) > _SPANS_SHOWN else ""
+        spans = ", ".join(
+            f"{part.start:.0f} to {part.end:.0f}" for part in parts[: LAYOUT.spans_shown]
+        )
+        more = (
+            f" and {len(parts) - LAYOUT.spans_shown} more"
+            if len(parts) > LAYOUT.spans_shown
+            else ""
+        )
         console.print(f"left out, {reason}: {seconds:.0f} s ({spans} s{more})")
 
 

@@ -19,6 +19,7 @@ from bayes_inertia.app.commands.options import (
     Seed,
     names_in,
 )
+from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import (
     headed,
     indented,
@@ -38,9 +39,6 @@ if TYPE_CHECKING:
 
 _COLUMNS = ("name", "prior sd", "sd", "unit", "signal [σ]", "lost", "most from", "determined")
 _DETERMINED = {"determined": "yes", "weakly": "no: mostly prior", "prior": "no: prior"}
-_WEAK_SHOWN = 3  # parameters of which is said why they are not determined, the least known first
-# Ratio of sds from which the worth of the recorded commands is said.
-_WORTH = 1.2
 
 
 def observe_command(
@@ -96,10 +94,10 @@ def show_observability(observed: ObservedCampaign, folder: Path) -> None:
         "were known; most from: the slew that tells most, and its share"
     )
     weak = [p for p in observability.parameters if p.verdict != "determined"]
-    for p in sorted(weak, key=lambda p: p.contraction)[:_WEAK_SHOWN]:
+    for p in sorted(weak, key=lambda p: p.contraction)[: LAYOUT.weak_parameters_shown]:
         console.print(indented(typeset(sentence(observability, p.name))))
-    if len(weak) > _WEAK_SHOWN:
-        console.print(f"... and {len(weak) - _WEAK_SHOWN} weak ones more, in observability.json")
+    if (more := len(weak) - LAYOUT.weak_parameters_shown) > 0:
+        console.print(f"... and {more} weak ones more, in observability.json")
     console.print(_commands_worth(observability))
     _show_directions(observability)
     for degeneracy in observability.degeneracies:
@@ -138,15 +136,21 @@ def _commands_worth(observability: Observability) -> str:
     known = {name: ratio for name, ratio in worth.items() if ratio is not None}
     if not known:
         return "the recorded commands: worth unknown, the model was driven in one way only"
-    large = ", ".join(f"{name} × {r:.2g}" for name, r in known.items() if r > _WORTH)
-    return f"sd without the recorded commands: {large or f'less than × {_WORTH} for each'}"
+    large = ", ".join(
+        f"{name} × {r:.2g}" for name, r in known.items() if r > LAYOUT.worth_of_commands
+    )
+    return "sd without the recorded commands: " + (
+        large or f"less than × {LAYOUT.worth_of_commands} for each"
+    )
 
 
 def _show_directions(observability: Observability) -> None:
     from bayes_inertia.report.formatting import typeset
 
     console = plain_console()
-    for direction in [d for d in observability.directions if d.verdict_is_prior][:_WEAK_SHOWN]:
+    for direction in [d for d in observability.directions if d.verdict_is_prior][
+        : LAYOUT.weak_parameters_shown
+    ]:
         shrinks = 100 * (1 - (1 - direction.contraction) ** 0.5)
         kind = "exactly degenerate" if direction.exact else f"prior sd shrinks by {shrinks:.4g} %"
         console.print(headed("least known together:", f" {typeset(direction.says)} ({kind})"))

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import (
     headed,
     indented,
@@ -28,7 +29,6 @@ FORMAT = "bayes-inertia-run-result/1"
 _COLUMNS = ("estimate", "± sd", "unit", "prior sd", "contraction", "determined")
 _DETERMINED = {"determined": "yes", "partly determined": "partly", "not determined": "no"}
 _COLORS = {"good": "green", "caution": "yellow", "bad": "red"}
-_CANDIDATES_SHOWN = 3
 
 
 def show_run(
@@ -161,10 +161,10 @@ def show_diagnosis(content: dict[str, Any]) -> None:
         console.print(indented(sentence))
     scored = [c for c in content["candidates"] if c["p_value"] is not None]
     table = narrow_table(console, "candidate", "score", "dof", "p", "log Bayes", "")
-    for candidate in scored[:_CANDIDATES_SHOWN]:
+    for candidate in scored[: LAYOUT.candidates_shown]:
         table.add_row(*_candidate_cells(candidate, content))
     console.print(table)
-    if (more := len(scored) - _CANDIDATES_SHOWN) > 0:
+    if (more := len(scored) - LAYOUT.candidates_shown) > 0:
         console.print(f"... and {more} candidates more, in diagnosis.json")
 
 

@@ -9,11 +9,9 @@ import numpy as np
 
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.report.formatting import number
+from bayes_inertia.report.layout import LAYOUT
 
 FORMAT = "bayes-inertia-export/1"
-# Digits beyond the second of the sd, so that rounding moves a number by less than sd / 1000.
-_GUARD_DIGITS = 2
-_LINE = 200  # [characters] of a comment; CCSDS messages allow 254 a line
 
 
 @dataclass(frozen=True)
@@ -149,7 +147,9 @@ def one_line(text: str) -> str:
     'a b ?'
     """
     shown = "".join(c if c.isascii() and c.isprintable() else "?" for c in " ".join(text.split()))
-    return shown if len(shown) <= _LINE else f"{shown[: _LINE - 6]} [...]"
+    return (
+        shown if len(shown) <= LAYOUT.comment_line else f"{shown[: LAYOUT.comment_line - 6]} [...]"
+    )
 
 
 def rounded(value: float, sd: float) -> str:
@@ -173,7 +173,7 @@ def guarded_digits(value: float, sd: float) -> str:
     >>> guarded_digits(-0.01234567891, 0.000196)
     '-0.0123457'
     """
-    return rounded(value, sd / 10.0**_GUARD_DIGITS)
+    return rounded(value, sd / 10.0**LAYOUT.guard_digits)
 
 
 def tensor_digits(result: ExportedResult, tensor_B: np.ndarray) -> list[list[str]]:

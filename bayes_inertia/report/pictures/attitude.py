@@ -9,9 +9,8 @@ from matplotlib.lines import Line2D
 
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.formatting import ARCSEC
+from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import posterior_data, style
-
-_MOST_NAMES = 8  # more slews than this are numbered
 
 
 @style.styled
@@ -76,7 +75,7 @@ def _panel(axes: Axes, values: np.ndarray, slews: list[str], *, label_slews: boo
             fixes = values[s, :, i][np.isfinite(values[s, :, i])]
             if fixes.size:
                 _fixes(axes, s + 0.25 * (i - 1), fixes, i)
-    crowded = len(slews) > _MOST_NAMES
+    crowded = len(slews) > LAYOUT.most_slew_names
     shown = [str(i + 1) for i in range(len(slews))] if crowded else slews
     axes.set_xticks(range(len(slews)), shown if label_slews else [""] * len(slews))
     axes.set_xlim(-0.6, len(slews) - 0.4)

@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import style
 
-_ROW_HEIGHT = 2.5  # [in]
 _GROUPS = (("J", range(6)), ("K and moments", range(6, 12)), ("predictions", range(12, 14)))
 
 
@@ -43,7 +43,7 @@ def draw_calibration(cases: Sequence[RankCurves], names: Sequence[str]) -> Figur
 
     `names`: the 14 quantities: J, K and principal moments, two predictions.
     """
-    size = (style.WIDTH, _ROW_HEIGHT * len(cases) + 0.4)
+    size = (style.WIDTH, LAYOUT.calibration_row_height * len(cases) + 0.4)
     figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots(len(cases), len(_GROUPS), sharex=True, sharey="row", squeeze=False)
     for row, case in zip(axes, cases, strict=True):

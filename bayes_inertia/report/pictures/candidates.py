@@ -12,11 +12,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from bayes_inertia.report.formatting import plain, tenths
+from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import style
-
-_SMALLEST_P_DRAWN = 1e-300  # what is smaller is drawn here
-_LARGEST_ON_LINEAR_AXIS = 40.0  # beyond this strength the axis is logarithmic
-_TICKS = (0, 2, 5, 10, 30, 100, 300)
 
 
 @style.styled
@@ -28,14 +25,14 @@ def draw_candidates(
     if not scored:
         return None
     scored = sorted(scored, key=lambda c: (-c["p_value"], c["log_bayes_factor"]))
-    strength = np.array([-np.log10(max(c["p_value"], _SMALLEST_P_DRAWN)) for c in scored])
-    limit = -np.log10(max(threshold, _SMALLEST_P_DRAWN))
+    strength = np.array([-np.log10(max(c["p_value"], LAYOUT.smallest_p_drawn)) for c in scored])
+    limit = -np.log10(max(threshold, LAYOUT.smallest_p_drawn))
     figure, (place,) = style.grid(0.9 + 0.23 * len(scored), 1, 1, left=2.3, right=1.9, top=0.4)
     axes = figure.add_axes(place)
     _bars(axes, [c["effect"] for c in scored], strength, limit, named)
-    if strength.max() > _LARGEST_ON_LINEAR_AXIS:
+    if strength.max() > LAYOUT.largest_on_linear_axis:
         axes.set_xscale("symlog", linthresh=10.0, linscale=1.5)
-        axes.set_xticks(_TICKS, [str(tick) for tick in _TICKS])
+        axes.set_xticks(LAYOUT.strength_ticks, [str(tick) for tick in LAYOUT.strength_ticks])
         axes.minorticks_off()
     axes.set_xlim(0, 1.02 * max(strength.max(), 1.5 * limit))
     axes.axvline(limit, color=style.INK, ls=(0, (4, 2)), lw=1.0)

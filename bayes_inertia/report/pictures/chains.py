@@ -8,9 +8,8 @@ from matplotlib.figure import Figure
 from scipy import stats
 
 from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import posterior_data, style
-
-_BINS = 20
 
 
 @style.styled
@@ -76,14 +75,14 @@ def _ranks(axes: Axes, values: np.ndarray, tau: float) -> None:
     The band holds 99 % of the shares of independent ensembles.
     """
     ranks = stats.rankdata(values.ravel()).reshape(len(values), -1) / values.size
-    edges = np.linspace(0.0, 1.0, _BINS + 1)
+    edges = np.linspace(0.0, 1.0, LAYOUT.chain_bins + 1)
     for i, ensemble in enumerate(ranks):
-        share = np.histogram(ensemble, edges)[0] * _BINS / ensemble.size
+        share = np.histogram(ensemble, edges)[0] * LAYOUT.chain_bins / ensemble.size
         axes.stairs(
             share, edges, color=style.color(i), ls=style.DASHES[i % 6], lw=1.1, baseline=None
         )
     effective = ranks.shape[1] / max(tau, 1.0)
-    half = 2.576 * np.sqrt((_BINS - 1) / effective)
+    half = 2.576 * np.sqrt((LAYOUT.chain_bins - 1) / effective)
     axes.axhspan(1.0 - half, 1.0 + half, color=style.PALE, alpha=0.6, lw=0, zorder=0)
     axes.axhline(1.0, color=style.MUTED, lw=0.6)
     axes.set(

@@ -12,9 +12,8 @@ from matplotlib.figure import Figure
 from bayes_inertia.design.comparison import Contender
 from bayes_inertia.physics.parameters import BASE_NAMES
 from bayes_inertia.report.formatting import plain, sd_column, unit_text
+from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import style
-
-_LABEL_WIDTH = 22  # letters of a line of a plan's name
 
 
 @style.styled
@@ -98,7 +97,7 @@ def _slews(axes: Axes, contenders: Sequence[Contender], colors: Sequence[str]) -
         axes.plot([0.0, contender.total_time / 60.0], [y, y], color=style.PALE, lw=1.0, zorder=0)
     axes.set(
         yticks=range(len(contenders)),
-        yticklabels=[textwrap.fill(plain(c.name), _LABEL_WIDTH) for c in contenders],
+        yticklabels=[textwrap.fill(plain(c.name), LAYOUT.plan_label_width) for c in contenders],
         ylim=(len(contenders) - 0.4, -0.7),
         xlabel="time [min]",
     )

@@ -11,11 +11,9 @@ from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 
+from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import style
 
-MOST_SLEWS = 9
-_COLOR_LIMIT_SIGMA = 6.0  # sigma at which colours saturate
-_MOST_FRAMES = 2  # in one channel and slew
 _NOT_MEASURED = "#f0f0f0"
 # Blue and vermillion differ in hue and lightness for every reader; white is "as expected".
 _COLORS = LinearSegmentedColormap.from_list("residual", [style.BLUE, "#ffffff", style.VERMILLION])
@@ -75,7 +73,7 @@ def most_disagreeing_slews(
         for name in cells["slews"]
     }
     order = sorted(range(len(cells["slews"])), key=lambda s: -score[cells["slews"][s]])
-    return sorted(order[:MOST_SLEWS])
+    return sorted(order[: LAYOUT.most_slews_of_disagreement])
 
 
 def _map_panel(
@@ -91,8 +89,8 @@ def _map_panel(
             np.arange(row, row + len(shift) + 1) - 0.5,
             shift,
             cmap=_COLORS,
-            vmin=-_COLOR_LIMIT_SIGMA,
-            vmax=_COLOR_LIMIT_SIGMA,
+            vmin=-LAYOUT.color_limit_sigma,
+            vmax=LAYOUT.color_limit_sigma,
             rasterized=True,
         )
         if row:
@@ -101,7 +99,7 @@ def _map_panel(
     for channel, (first, n) in rows_of_channel.items():
         # Where nearly everything disagrees, frames side by side would only hide it.
         framed = [w for w in windows if w["slew"] == cells["slews"][s] and w["channel"] == channel]
-        for window in framed[:_MOST_FRAMES]:
+        for window in framed[: LAYOUT.most_frames]:
             _frame(axes, window, edges, first, n)
     axes.set(ylim=(row - 0.5, -0.5), xlim=(edges[0], edges[-1]), facecolor=_NOT_MEASURED)
 
@@ -126,7 +124,7 @@ def _frame(axes: Axes, window: Mapping[str, Any], edges: np.ndarray, first: int,
 def _map_legend(figure: Figure) -> None:
     handles = [
         Patch(
-            fc=_COLORS(0.5 + 0.5 * level / _COLOR_LIMIT_SIGMA),
+            fc=_COLORS(0.5 + 0.5 * level / LAYOUT.color_limit_sigma),
             ec=style.PALE,
             lw=0.5,
             label=f"{level:+d} σ".replace("-", "−").replace("+0", "0"),

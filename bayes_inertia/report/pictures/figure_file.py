@@ -19,15 +19,8 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from bayes_inertia.files import write_atomically
+from bayes_inertia.report.layout import LAYOUT
 
-# Dots per inch, colours and their choice of a PNG: the next where the file would be too large.
-# The octree is truer to many colours, coverage keeps white and pale grey among few.
-_QUALITIES = (
-    (130, 128, Image.Quantize.FASTOCTREE),
-    (110, 48, Image.Quantize.MAXCOVERAGE),
-    (100, 32, Image.Quantize.MAXCOVERAGE),
-)
-_COLOURS_IN_SVG = 64  # of a rasterised artist: few hues, each with its shades of transparency
 _REPRODUCIBLE_SETTINGS: dict[Any, Any] = {
     "svg.hashsalt": "bayes-inertia",
     "svg.fonttype": "none",
@@ -63,8 +56,8 @@ def figure_bytes(
     if form == "svg":
         return _with_small_images(_rounded(_vectors(figure)))
     content = b""
-    for dpi, colours, choice in _QUALITIES:
-        content = _with_palette(_pixels(figure, dpi), colours, choice)
+    for dpi, colours, choice in LAYOUT.png_qualities:
+        content = _with_palette(_pixels(figure, dpi), colours, Image.Quantize[choice])
         if most_bytes is None or len(content) <= most_bytes:
             break
     return content
@@ -74,7 +67,7 @@ def _vectors(figure: Figure) -> bytes:
     """A figure as matplotlib writes it as SVG."""
     file = io.BytesIO()
     with rc_context(_REPRODUCIBLE_SETTINGS):
-        figure.savefig(file, format="svg", dpi=_QUALITIES[0][0], metadata=_METADATA)
+        figure.savefig(file, format="svg", dpi=LAYOUT.png_qualities[0][0], metadata=_METADATA)
     return file.getvalue()
 
 
@@ -118,7 +111,7 @@ def _with_small_images(svg: bytes) -> bytes:
 
     def smaller(found: re.Match[bytes]) -> bytes:
         pixels = Image.open(io.BytesIO(base64.b64decode(found[1])))
-        small = _with_palette(pixels, _COLOURS_IN_SVG, Image.Quantize.FASTOCTREE)
+        small = _with_palette(pixels, LAYOUT.colours_in_svg, Image.Quantize.FASTOCTREE)
         return b"data:image/png;base64," + base64.b64encode(small) + b'"'
 
     return re.sub(rb'data:image/png;base64,([^"]+)"', smaller, svg)

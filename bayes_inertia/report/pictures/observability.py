@@ -8,11 +8,10 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from bayes_inertia.observability.result import InformationArrival, Observability, in_windows
+from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import style
 
 _PRODUCTS_OF_INERTIA = ("Jxy", "Jxz", "Jyz")
-_MOST_SLEWS = 6
-_FACTORS = (1, 1.5, 2, 3, 5, 10, 30, 100, 1000, 10000)
 
 
 @style.styled
@@ -48,7 +47,10 @@ def draw_observability(observability: Observability) -> Figure:
 def _telling(observability: Observability, shown: list[str]) -> list[InformationArrival]:
     """The slews that tell most of the shown parameters, in the order flown."""
     parts = np.sum([observability[name].share.sum(1) for name in shown], axis=0)
-    return [observability.arrivals[s] for s in sorted(np.argsort(-parts)[:_MOST_SLEWS])]
+    return [
+        observability.arrivals[s]
+        for s in sorted(np.argsort(-parts)[: LAYOUT.most_slews_of_information])
+    ]
 
 
 def _bars(axes: Axes, observability: Observability) -> None:
@@ -108,7 +110,7 @@ def _inflation(axes: Axes, observability: Observability) -> None:
     axes.tick_params(axis="y", labelleft=False)
     most = max(0.5 * np.log10(max(p.variance_inflation, 1.0)) for p in observability.parameters)
     axes.set(xlim=(0.0, 1.2 * max(most, 0.1)), xlabel="the sd is so many times larger for it")
-    powers = [factor for factor in _FACTORS if np.log10(factor) <= 1.2 * max(most, 0.1)]
+    powers = [factor for factor in LAYOUT.sd_factors if np.log10(factor) <= 1.2 * max(most, 0.1)]
     axes.set_xticks(np.log10(powers), [f"×{factor:g}" for factor in powers])
     _group_legend(axes, groups)
 

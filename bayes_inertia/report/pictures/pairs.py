@@ -19,14 +19,10 @@ from bayes_inertia.report.formatting import (
     unit_text,
     with_minus_sign,
 )
+from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import style
 
-_CELL_PIXELS = 44
-_SHADES = 12  # of the densities; more cost bytes and show nothing
-_CELL_HALF_WIDTH_SD = 3.4  # cells show the mean +- this many sds
 _RADIUS_90 = float(np.sqrt(2.0 * np.log(10.0)))  # of the 90 % ellipse of a bivariate normal
-_CELL_GAP = 0.06
-_MOST_UPRIGHT_LABELS = 10  # more labels than this are turned
 
 
 @style.styled
@@ -36,12 +32,12 @@ def draw_pairs(posterior: Posterior, max_parameters: int = 16) -> Figure:
     draws = posterior.samples[:, index]
     names = [posterior.names[i] for i in index]
     covariance = np.atleast_2d(np.cov(draws.T))
-    half = _CELL_HALF_WIDTH_SD * np.sqrt(np.diag(covariance))
+    half = LAYOUT.cell_half_width_sd * np.sqrt(np.diag(covariance))
     z = (draws - draws.mean(0)) / half
     d = len(names)
     size = min(style.WIDTH, 2.6 + 0.72 * d)
     figure = Figure(figsize=(size, size * 0.98))
-    bottom = 0.05 if d <= _MOST_UPRIGHT_LABELS else 0.09
+    bottom = 0.05 if d <= LAYOUT.most_upright_labels else 0.09
     axes = figure.add_axes((0.15, bottom, 0.84, 0.95 - bottom))
     _densities(axes, z)
     _diagonal(axes, z)
@@ -74,21 +70,21 @@ def _chosen(samples: np.ndarray, max_parameters: int) -> list[int]:
 
 def _place(z: np.ndarray, cell: int, flip: bool = False) -> np.ndarray:
     """Positions in [-1, 1] of a cell on the picture's axes (rows count downwards: `flip`)."""
-    inside = 0.5 * (1.0 - _CELL_GAP)
+    inside = 0.5 * (1.0 - LAYOUT.cell_gap)
     return cell + 0.5 + (-inside if flip else inside) * z
 
 
 def _densities(axes: Axes, z: np.ndarray) -> None:
     """All 2-D histograms as one image."""
     d = z.shape[1]
-    image = np.full((d * _CELL_PIXELS, d * _CELL_PIXELS), np.nan)
-    pad = round(0.5 * _CELL_GAP * _CELL_PIXELS)
-    n = _CELL_PIXELS - 2 * pad
+    image = np.full((d * LAYOUT.cell_pixels, d * LAYOUT.cell_pixels), np.nan)
+    pad = round(0.5 * LAYOUT.cell_gap * LAYOUT.cell_pixels)
+    n = LAYOUT.cell_pixels - 2 * pad
     for row in range(d):
         for column in range(row):
             counts = np.histogram2d(z[:, row], z[:, column], bins=n, range=[[-1, 1], [-1, 1]])[0]
             smooth = gaussian_filter(counts, 1.2)[::-1]
-            y, x = row * _CELL_PIXELS + pad, column * _CELL_PIXELS + pad
+            y, x = row * LAYOUT.cell_pixels + pad, column * LAYOUT.cell_pixels + pad
             image[y : y + n, x : x + n] = smooth / smooth.max()
     shades = _blues()
     axes.imshow(
@@ -107,7 +103,9 @@ def _densities(axes: Axes, z: np.ndarray) -> None:
 
 def _blues() -> Colormap:
     return LinearSegmentedColormap.from_list(
-        "posterior", ["#ffffff", "#cfe3f1", "#7db4d8", "#2f84bd", "#003f66"], N=_SHADES
+        "posterior",
+        ["#ffffff", "#cfe3f1", "#7db4d8", "#2f84bd", "#003f66"],
+        N=LAYOUT.density_shades,
     ).with_extremes(bad="#ffffff")
 
 
@@ -165,9 +163,9 @@ def _correlations(axes: Axes, correlation: np.ndarray) -> None:
 
 def _square(row: int, column: int) -> Rectangle:
     return Rectangle(
-        (column + 0.5 * _CELL_GAP, row + 0.5 * _CELL_GAP),
-        1 - _CELL_GAP,
-        1 - _CELL_GAP,
+        (column + 0.5 * LAYOUT.cell_gap, row + 0.5 * LAYOUT.cell_gap),
+        1 - LAYOUT.cell_gap,
+        1 - LAYOUT.cell_gap,
         fc="#fdf0d5",
         ec=style.ORANGE,
         lw=0.8,
@@ -202,7 +200,7 @@ def _labels(axes: Axes, names: list[str], row_labels: list[str]) -> None:
     """Names below; left also the units, and what the cells span."""
     d = len(names)
     place: dict[str, Any] = (
-        {"rotation": 45, "ha": "right"} if d > _MOST_UPRIGHT_LABELS else {"ha": "center"}
+        {"rotation": 45, "ha": "right"} if d > LAYOUT.most_upright_labels else {"ha": "center"}
     )
     small: dict[str, Any] = {"fontsize": 7.5, "clip_on": False}
     for i, (name, label) in enumerate(zip(names, row_labels, strict=True)):

@@ -9,14 +9,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import style
 from bayes_inertia.report.pictures.posterior_data import values_of
 from bayes_inertia.report.uncertainty import sd_in_print
-
-_BINS = 96  # of a density
-# Below this ratio of quoted to prior sd the prior would look flat: it has a strip of its own.
-_ZOOMED_SD_RATIO = 0.12
-_STRIP_HEIGHT = (0.80, 0.98)  # height of that strip in axes fractions
 
 
 @style.styled
@@ -61,17 +57,17 @@ def _panel(
 ) -> None:
     mean, prior_sd = row["mean"], row["prior_sd"]
     quoted = sd_in_print(row)
-    zoomed = quoted < _ZOOMED_SD_RATIO * prior_sd
+    zoomed = quoted < LAYOUT.zoomed_sd_ratio * prior_sd
     low, high = mean - 4.5 * quoted, mean + 4.5 * quoted
     if not zoomed:
         low, high = min(low, prior_mean - 3.2 * prior_sd), max(high, prior_mean + 3.2 * prior_sd)
     scale = style.scale(name, row["unit"], mean, 0.5 * (high - low))
-    x, p = style.density(draws, low, high, _BINS)
+    x, p = style.density(draws, low, high, LAYOUT.density_bins)
     top = p.max()
     axes.fill(scale(x), p / top, color=style.BLUE, alpha=0.35, lw=0)
     axes.plot(scale(x), p / top, color=style.BLUE)
     if not zoomed:
-        x, p = style.density(prior, low, high, _BINS)
+        x, p = style.density(prior, low, high, LAYOUT.density_bins)
         axes.plot(scale(x), p / top, color=style.MUTED, ls=(0, (4, 2)))
     _bar(axes, scale, mean, row["sd"], style.BLUE, -0.09)
     if _is_widened(row):
@@ -130,7 +126,7 @@ def _gain_text(gain: float) -> str:
 def _strip(axes: Axes, place: float) -> None:
     """The prior over +-3.2 sd, and the posterior's place in it [prior sd]."""
     z = np.linspace(-3.2, 3.2, 60)
-    bottom, top = _STRIP_HEIGHT
+    bottom, top = LAYOUT.prior_strip_height
     x = 0.5 + z / 6.4
     axes.fill_between(
         x,

@@ -8,8 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
+from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import style
-from bayes_inertia.report.run_comparison import NOTICEABLE_SD, ParameterDifference
+from bayes_inertia.report.run_comparison import ParameterDifference
 
 
 @style.styled
@@ -31,13 +32,13 @@ def draw_run_differences(parameters: Sequence[ParameterDifference]) -> Figure | 
     ]
     first, second = (np.array(column) / combined for column in zip(*sides, strict=True))
     shift = np.array([p.in_sd or 0.0 for p in parameters])
-    axes.axvspan(-NOTICEABLE_SD, NOTICEABLE_SD, color=style.PALE, alpha=0.4, lw=0)
+    axes.axvspan(-LAYOUT.noticeable_sd, LAYOUT.noticeable_sd, color=style.PALE, alpha=0.4, lw=0)
     axes.axvline(0.0, color=style.MUTED, lw=0.7)
     axes.errorbar(
         np.zeros(len(rows)), rows - 0.15, xerr=first, fmt="s", color=style.MUTED, ms=5, capsize=2
     )
     axes.errorbar(shift, rows + 0.15, xerr=second, fmt="o", color=style.BLUE, ms=5, capsize=2)
-    half = 1.1 * max(NOTICEABLE_SD, float(np.max(np.abs(shift) + second)))
+    half = 1.1 * max(LAYOUT.noticeable_sd, float(np.max(np.abs(shift) + second)))
     axes.set(xlim=(-half, half), ylim=(len(rows) - 0.5, -0.5))
     axes.set_yticks(rows, [p.name for p in parameters])
     axes.set_xlabel("difference from A [combined sd]")

@@ -12,9 +12,8 @@ from matplotlib.lines import Line2D
 
 from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.report.formatting import CHANNEL_NAMES, plain
+from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import style
-
-_TICKS = (0.5, 1, 2, 5, 10, 30, 100, 300, 1000, 1e4, 1e5, 1e6)
 
 
 @style.styled
@@ -41,7 +40,7 @@ def draw_misfit_by_step(steps: Sequence[Mapping[str, Any]]) -> Figure:
     axes.set_xlim(-0.3, len(stages) - 0.7)
     axes.set_xticks(range(len(stages)), stages)
     low, high = axes.get_ylim()
-    ticks = [tick for tick in _TICKS if low <= tick <= high]
+    ticks = [tick for tick in LAYOUT.misfit_ticks if low <= tick <= high]
     axes.set_yticks(ticks, [f"{t:,.4g}" if t < 1e4 else f"{t:.0e}" for t in ticks])
     axes.minorticks_off()
     axes.set_ylabel("reduced χ²")

@@ -19,6 +19,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bayes_inertia.report.formatting import unit_text
+from bayes_inertia.report.layout import LAYOUT
 
 # Okabe & Ito (2008), ordered so that neighbours differ in lightness and hue.
 BLUE, VERMILLION, GREEN, PURPLE, SKY, ORANGE = (
@@ -31,18 +32,8 @@ BLUE, VERMILLION, GREEN, PURPLE, SKY, ORANGE = (
 )
 COLORS = (BLUE, VERMILLION, GREEN, PURPLE, SKY, ORANGE)
 INK, MUTED, PALE = "#222222", "#6b6b6b", "#d9d9d9"
-# With colours gone, dash pattern and marker still tell components apart.
-DASHES = (
-    (0, ()),
-    (0, (5, 2)),
-    (0, (1.5, 1.5)),
-    (0, (6, 2, 1.5, 2)),
-    (0, (8, 3)),
-    (0, (3, 1, 1, 1, 1, 1)),
-)
 MARKERS = ("o", "s", "^", "D", "v", "P")
-WIDTH = 10.0  # [in] of every picture
-_MOST_LINE_POINTS = 900  # points of a line: two a pixel of a panel
+WIDTH, DASHES = LAYOUT.picture_width, LAYOUT.dashes
 
 _RC: dict[Any, Any] = {
     "font.family": "DejaVu Sans",
@@ -157,7 +148,7 @@ def grid_shape(n: int) -> tuple[int, int]:
 
 
 def envelope(
-    x: np.ndarray, y: np.ndarray, limit: int = _MOST_LINE_POINTS
+    x: np.ndarray, y: np.ndarray, limit: int = LAYOUT.most_line_points
 ) -> tuple[np.ndarray, np.ndarray]:
     """A line of few points that looks like one of many: lowest and highest of each stretch.
 

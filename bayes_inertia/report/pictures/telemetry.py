@@ -12,10 +12,9 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from bayes_inertia.inference.posterior import Posterior
+from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import posterior_data, style
 from bayes_inertia.report.pictures.thinning import thinned_rows
-
-MOST_DOTS = 600  # of a component in a panel, two a pixel
 
 
 @style.styled
@@ -79,7 +78,7 @@ def _rate_panel(
             channel.predicted[s, :, i],
             channel.spread[s, :, i],
         )
-        x, y = style.envelope(time, measured, MOST_DOTS)
+        x, y = style.envelope(time, measured, LAYOUT.most_dots)
         axes.plot(
             x, scale(y), ".", ms=1.8, color=style.color(i), alpha=0.45, mew=0, rasterized=True
         )
@@ -106,7 +105,7 @@ def _rate_panel(
 def residual_panel(axes: Axes, channel: posterior_data.ChannelSeries, s: int) -> None:
     """Draw the whitened residuals of one slew with guides at +-1, 2, 3 sigma."""
     style.sigma_guides(axes)
-    rows = thinned_rows(channel.residual[s], MOST_DOTS)
+    rows = thinned_rows(channel.residual[s], LAYOUT.most_dots)
     for i in range(channel.residual.shape[-1]):
         axes.plot(
             channel.time[s, rows],

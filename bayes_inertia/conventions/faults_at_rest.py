@@ -8,20 +8,14 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.dirt import Dirt
-from bayes_inertia.conventions import limits
+from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.misfits import Misfits
 from bayes_inertia.conventions.noise_seen import CHANNELS, noise_ratios
 from bayes_inertia.conventions.reading import Reading
 from bayes_inertia.conventions.rotations import angle_of, composed, turned_back
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 
-# Rows of a rest, at least.
-_FEW_ROWS = 30
 _PEOPLE = {"rate": "the rate's noise", "momentum": "the tachometers' noise"}
-# A bias is stale if it is this many of its stated sds off, and this many of its own.
-_STALE_SDS = 5.0
-# The body is at rest below this share of the slew's largest rate.
-_AT_REST = 0.03
 
 
 def dirt_of(misfits: Misfits, stated: Reading, reading: Reading) -> tuple[dict[str, Any], ...]:
@@ -41,7 +35,7 @@ def _level(campaign: Campaign, channel: str) -> Dirt | None:
     if not len(off):
         return None
     worst = float(off[np.argmax(np.abs(np.log(off)))])
-    if 1.0 / limits.NOISE_RATIO < worst < limits.NOISE_RATIO:
+    if 1.0 / LIMITS.noise_ratio < worst < LIMITS.noise_ratio:
         return None
     note = f"{_PEOPLE[channel]} in smooth rows is {worst:.2g} times the stated one"
     if worst < 1.0:
@@ -70,9 +64,9 @@ def _bias_at_rest(misfits: Misfits, reading: Reading) -> np.ndarray:
     bias = np.median(told, axis=0)
     spread = SD_OVER_MAD * np.median(np.abs(told - bias), axis=0) / np.sqrt(len(told))
     sensor = misfits.campaign.rate_sensor
-    noise = np.asarray(sensor.sigma) / np.sqrt(_FEW_ROWS * len(told))
+    noise = np.asarray(sensor.sigma) / np.sqrt(LIMITS.rows_for_noise * len(told))
     sd = np.sqrt(np.square(sensor.bias_sigma) + spread**2 + noise**2)
-    return np.where(np.abs(bias) > _STALE_SDS * sd, bias, 0.0)
+    return np.where(np.abs(bias) > LIMITS.stale_bias_sds * sd, bias, 0.0)
 
 
 def _rest_rates(misfits: Misfits, reading: Reading) -> np.ndarray:
@@ -81,7 +75,7 @@ def _rest_rates(misfits: Misfits, reading: Reading) -> np.ndarray:
     speed = np.sqrt((moving.rate_B**2).sum(axis=-1))
     told = []
     for k in range(len(slews.time)):
-        limit = _AT_REST * speed[k].max()
+        limit = LIMITS.at_rest * speed[k].max()
         rows = np.flatnonzero(slews.fixes[k])
         for first, last in _rests(rows, speed[k] < limit):
             seconds = slews.time[k, last] - slews.time[k, first]

@@ -1,0 +1,79 @@
+"""How much the terminal shows, and what the commands keep."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Fields by the file that reads them."""
+
+    # `commands/check.py`
+    slews_shown: int = 20  # so that the rest of the answer stays on the screen
+
+    # `commands/design.py`
+    margins_of_design: int = 3  # the tightest; broken ones are shown besides
+
+    # `commands/import_raw.py`
+    longest_list: int = 200  # Letters of the columns of one file; the mapping has them all.
+    spans_shown: int = 6
+    # [s]; shorter parts of a log that no slew needs are not worth a word.
+    shortest_span_s: float = 1.0
+
+    # `commands/observe.py`
+    # parameters of which is said why they are not determined, the least known first
+    weak_parameters_shown: int = 3
+    # Ratio of sds from which the worth of the recorded commands is said.
+    worth_of_commands: float = 1.2
+
+    # `commands/run_result.py`
+    candidates_shown: int = 3
+
+    # `compiled_code.py`
+    # [bytes] of one version: some thirty shapes. What was not used for longest goes first; JAX
+    # looks at every entry when it writes one, so that a larger cache would be slow.
+    largest_cache_bytes: int = 2**27
+    least_compile_seconds: float = 0.05  # What compiles faster is not kept.
+    unused_after_s: float = 30 * 86_400.0  # [s] after which the code of another version is deleted.
+
+    # `design_folder.py`
+    margins_of_folder: int = 6
+
+    # `diagnosis_tables.py`
+    quantile_95: float = 1.959964  # half the width of a central 95 % interval [sd]
+
+    # `export_run.py`
+    forecast_draws: int = 48  # of the posterior, in the forecast of the correction slew
+
+    # `installation.py`
+    # Relative change of the energy of a free tumble over 100 s that the integrator may make.
+    energy_drift_allowed: float = 1e-9
+
+    # `interruption.py`
+    grace_s: float = 3.0  # [s] in which the main thread may save and end by itself.
+    workers_grace_s: float = 0.5  # [s] for worker processes.
+
+    # `promise_of_plan.py`
+    # Slews of plan.toml and design.json agree to rounding.
+    same_slew: float = 1e-9
+
+    # `study_folder.py`
+    study_levels: tuple[float, ...] = (0.68, 0.95)
+    # Probability that sound uncertainties are called too small, any of the nine.
+    study_false_alarm: float = 0.01
+
+    # `terminal.py`
+    # Ratio of sds of two plans from which a parameter is said to get worse.
+    worse_sd_ratio: float = 1.1
+    smallest_plain: float = 1e-3  # smaller sizes are written with a power of ten
+    # In fewer columns, tables are made as narrow as they can be.
+    narrow_columns: int = 100
+    # Time [s] over which the speed of a stage is averaged: one fit of many may last minutes.
+    speed_period_s: float = 3600.0
+    # Characters of a message, and how many of them are its end, which says what to do.
+    longest_message: int = 4000
+    message_end: int = 1000
+
+
+LAYOUT = Layout()

@@ -1,0 +1,45 @@
+"""Numbers of simulated flights, each with its reason."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Numerics:
+    """Fields by the file that reads them."""
+
+    # `closed_loop.py`
+    # Relaxation ends when no command changes by more than this fraction of the largest.
+    relaxation_tolerance: float = 1e-9
+    most_relaxations: int = 60
+
+    # `closed_loop_inputs.py`
+    # Stands for a limit that the hardware does not have, in any unit.
+    no_limit: float = 1e30
+
+    # `flown_slews.py`
+    # A flown rotation may be off the planned one by so much [rad], and by this share of its angle:
+    # errors of J, K and bias on board.
+    rotation_off: float = math.radians(2.0)
+    rotation_off_share: float = 0.1
+    # A flown peak rate may be off the planned one by this share, and by so many noise sigmas.
+    peak_rate_off_share: float = 0.25
+    peak_rate_off_sigmas: float = 6.0
+
+    # `orbit.py`
+    earth_gm: float = 3.986004418e14  # [m^3/s^2]
+    earth_dipole: float = 7.75e15  # [T m^3], axial term of the geomagnetic field
+    smallest_radius: float = 6.0e6  # [m]
+
+    # `plan.py`
+    # Rows of telemetry of a slew; more is a plan with a slip of units.
+    most_rows_of_slew: int = 5_000_000
+
+    # `planned_telemetry.py`
+    # Rows are padded to multiples of this, so that few shapes are compiled.
+    row_multiple: int = 32
+
+
+NUMERICS = Numerics()
