@@ -64,9 +64,6 @@ class Layout:
     study_false_alarm: float = 0.01
 
     # `terminal.py`
-    # Ratio of sds of two plans from which a parameter is said to get worse.
-    worse_sd_ratio: float = 1.1
-    smallest_plain: float = 1e-3  # smaller sizes are written with a power of ten
     # In fewer columns, tables are made as narrow as they can be.
     narrow_columns: int = 100
     # Time [s] over which the speed of a stage is averaged: one fit of many may last minutes.

@@ -35,6 +35,7 @@ from rich.text import Text
 
 from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.progress import Progress, silent
+from bayes_inertia.report.layout import LAYOUT as REPORT_LAYOUT
 
 # Whether the command at hand prints nothing but errors and what was asked for as JSON.
 _QUIET: ContextVar[bool] = ContextVar("quiet", default=False)
@@ -223,7 +224,7 @@ def quantity(value: float, unit: str) -> str:
 
     if unit == "rad":
         return f"{arcsec_text(value)} arcsec"
-    power = math.floor(math.log10(value)) if 0.0 < value < LAYOUT.smallest_plain else 0
+    power = math.floor(math.log10(value)) if 0.0 < value < REPORT_LAYOUT.smallest_plain else 0
     factor = f" × {unit_text('', power).removeprefix('× ')}" if power else ""
     return f"{number(value, value, power)}{factor} {unit_text(unit) if unit else ''}".rstrip()
 

@@ -9,6 +9,9 @@ from dataclasses import dataclass
 class Limits:
     """Fields by the file that reads them."""
 
+    # For raw logs and the conventions check too: sds from a reading to its neighbours.
+    outlier_sds: float = 8.0
+
     # `block_means.py`
     block_error_of_noise: float = 0.01  # error of a block mean, as a share of its noise
     block_remainder: float = 0.016  # of w'''' L^4, after the curvature is removed

@@ -189,8 +189,6 @@ class Limits:
     # little.
     short_piece: float = 0.1
     rows_of_piece: int = 12
-    # A reading this many robust sds off both neighbours is an outlier.
-    outlier_sds: float = 8.0
 
     # `search.py`
     # Two mistakes that are together rarer than this are not tried.

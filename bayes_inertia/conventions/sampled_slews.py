@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.limits import LIMITS as CAMPAIGN_LIMITS
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD
@@ -227,5 +228,5 @@ def _without_outliers(values: np.ndarray) -> np.ndarray:
     off = np.abs(middle - 0.5 * (left + right))
     usual = SD_OVER_MAD * float(np.median(off)) + 1e-12 * float(np.abs(values).max())
     mended = np.array(values)
-    mended[1:-1] = np.where(off > LIMITS.outlier_sds * usual, median, middle)
+    mended[1:-1] = np.where(off > CAMPAIGN_LIMITS.outlier_sds * usual, median, middle)
     return mended

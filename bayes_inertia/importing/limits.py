@@ -58,7 +58,7 @@ class Limits:
     comment_width: int = 96  # Of a comment.
 
     # `motion_scan.py`
-    averaged_s: float = 1.0  # [s] the running mean, but at least so many rows:
+    averaged_s: float = 1.0  # [s] the running mean, but at least so many rows
     averaged_rows: int = 5
     outlier_rows: int = 5  # The running median: two rows in a row may be outliers.
     # Share of the readings that are slowest: the rate at rest is their median.
@@ -86,7 +86,7 @@ class Limits:
     reweightings: int = 5
     # Rows of a log that show the step of its rounding.
     rows_of_rounding: int = 20_000
-    numbers_of_decimals: int = 200  # of a column; fewer than so many show no step:
+    numbers_of_decimals: int = 200  # of a column; fewer than so many show no step
     fewest_numbers: int = 3
     # Readings whose differences are larger than this many sds of their rounding show other noise.
     only_rounding: float = 3.0
@@ -96,9 +96,7 @@ class Limits:
     even_steps: float = 0.1
     # A stated noise further from the seen one than this factor is worth a word.
     noise_differs: float = 1.3
-    # A reading is an outlier beyond so many sds from the running median of so many readings.
-    outlier_sds: float = 8.0
-    outlier_median_rows: int = 7
+    outlier_median_rows: int = 7  # of the running median by which an outlier is told
 
     # `slew_cutting.py`
     # Rest kept on each side of a slew unless the mapping says otherwise: as long as the motion, and
@@ -107,10 +105,9 @@ class Limits:
     rest_kept_s: float = 120.0
     fixes_kept: int = 10
     longest_wait_s: float = 300.0  # [s] for the first fixes after a motion.
-    # Fewer seconds at rest than these, or than hold so many fixes or rates, are no rest.
+    # Fewer seconds at rest than these, or than hold so many fixes or `fewest_rates`, are no rest.
     shortest_rest_s: float = 2.0
     fixes_in_rest: int = 3
-    rates_in_rest: int = 10
     # A slew begins with its first command if that spares it this share of its first rest at most.
     rest_without_command: float = 0.1
     # A pause of the rates longer than this divides a log [s], and longer than so many steps.

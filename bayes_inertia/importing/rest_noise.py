@@ -10,6 +10,7 @@ import numpy as np
 from scipy.ndimage import median_filter
 from scipy.spatial.transform import Rotation
 
+from bayes_inertia.campaign.limits import LIMITS as CAMPAIGN_LIMITS
 from bayes_inertia.campaign.quantisation import quantisation_sigma
 from bayes_inertia.campaign.stuck import stuck_fixes
 from bayes_inertia.importing.common_clock import Logs
@@ -186,7 +187,7 @@ def _without_outliers(values: np.ndarray) -> np.ndarray:
     )
     spread = SD_OVER_MAD * float(np.median(away))
     # Readings that are rounded coarsely have no spread to judge by.
-    given[rows] = (away <= LIMITS.outlier_sds * spread) | (spread == 0.0)
+    given[rows] = (away <= CAMPAIGN_LIMITS.outlier_sds * spread) | (spread == 0.0)
     return given
 
 

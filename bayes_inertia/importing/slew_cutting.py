@@ -228,7 +228,7 @@ def _at_rests(
     step = float(np.median(np.diff(fixes))) if len(fixes) > 1 else 0.0
     shortest = cut.min_rest_s or max(
         LIMITS.shortest_rest_s,
-        LIMITS.rates_in_rest * logs.streams["rate"].step,
+        LIMITS.fewest_rates * logs.streams["rate"].step,
         LIMITS.fixes_in_rest * step,
     )
     motions = _merged(scan, shortest)

@@ -82,7 +82,7 @@ def _disagreement_pictures(content: Mapping[str, Any]) -> list[Picture]:
     starts = content.get("slew_start", {})
     which = (
         " The nine slews that disagree most are drawn."
-        if len(before["slews"]) > LAYOUT.most_slews_of_disagreement
+        if len(before["slews"]) > LAYOUT.most_slews_drawn
         else ""
     )
     caption = (

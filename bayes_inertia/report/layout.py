@@ -69,12 +69,8 @@ class Layout:
     plan_label_width: int = 22  # letters of a line of a plan's name
 
     # `pictures/disagreement.py`
-    most_slews_of_disagreement: int = 9
     color_limit_sigma: float = 6.0  # sigma at which colours saturate
     most_frames: int = 2  # in one channel and slew
-
-    # `pictures/equivalent_signal.py`
-    most_slews_of_signal: int = 9
 
     # `pictures/figure_file.py`
     # Dots per inch, colours and their choice of a PNG: the next where the file would be too large.
@@ -89,18 +85,7 @@ class Layout:
 
     # `pictures/observability.py`
     most_slews_of_information: int = 6
-    sd_factors: tuple[int, float, int, int, int, int, int, int, int, int] = (
-        1,
-        1.5,
-        2,
-        3,
-        5,
-        10,
-        30,
-        100,
-        1000,
-        10000,
-    )
+    sd_factors: tuple[float, ...] = (1, 1.5, 2, 3, 5, 10, 30, 100, 1000, 10000)
 
     # `pictures/pairs.py`
     cell_pixels: int = 44
@@ -116,20 +101,7 @@ class Layout:
     prior_strip_height: tuple[float, float] = (0.80, 0.98)  # height of that strip in axes fractions
 
     # `pictures/steps.py`
-    misfit_ticks: tuple[float, int, int, int, int, int, int, int, int, float, float, float] = (
-        0.5,
-        1,
-        2,
-        5,
-        10,
-        30,
-        100,
-        300,
-        1000,
-        1e4,
-        1e5,
-        1e6,
-    )
+    misfit_ticks: tuple[float, ...] = (0.5, 1, 2, 5, 10, 30, 100, 300, 1000, 1e4, 1e5, 1e6)
 
     # `pictures/style.py`
     picture_width: float = 10.0  # [in]

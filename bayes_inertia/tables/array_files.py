@@ -97,7 +97,7 @@ def read_hdf5(path: str, into: FileArrays, *, load: bool = True) -> None:
     import h5py
 
     def visit(node: Any, place: str, above: tuple[Any, ...]) -> None:
-        if len(above) > LIMITS.deepest_group:
+        if len(above) > LIMITS.deepest:
             raise FileError(f"{place} is nested too deeply")
         for name in node:
             inner = f"{place}/{name}" if place else name
@@ -214,7 +214,7 @@ def read_mat(path: str, into: FileArrays) -> None:
 
 
 def _add_struct(struct: dict[str, Any], place: str, into: FileArrays, depth: int) -> None:
-    if depth > LIMITS.deepest_group:
+    if depth > LIMITS.deepest:
         raise FileError(f"{place} is nested too deeply")
     for name, value in struct.items():
         if name.startswith(("__", "#")):

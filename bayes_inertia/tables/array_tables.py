@@ -137,7 +137,7 @@ def _row_counts(arrays: Mapping[str, np.ndarray]) -> dict[str, int]:
             continue
         axis = _row_axis(array.shape, vectors)
         rows = array.shape[axis]
-        if rows > 1 and array.size // rows <= LIMITS.most_columns_of_array:
+        if rows > 1 and array.size // rows <= LIMITS.most_columns:
             counts[path] = rows
     return counts
 

@@ -30,7 +30,6 @@ from bayes_inertia.tables import array_files
 from bayes_inertia.tables.array_files import FileArrays
 from bayes_inertia.tables.limits import LIMITS
 
-_FILES_KEPT = 16
 # One thread: the process computes nothing, and each thread takes memory.
 _ENVIRONMENT = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 _OUT_OF_TIME = int(getattr(signal, "SIGXCPU", 0))
@@ -91,7 +90,7 @@ def _size_and_change(path: Path) -> tuple[int, int]:
     return state.st_size, state.st_mtime_ns
 
 
-@lru_cache(maxsize=_FILES_KEPT)
+@lru_cache(maxsize=LIMITS.files_kept)
 def _read(
     label: str, path: str, kind: ArrayKind, seconds: float | None, size: int, _: int
 ) -> FileArrays:

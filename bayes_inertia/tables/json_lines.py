@@ -209,7 +209,7 @@ def _parsed(text: str, where: str) -> Any:
 
 
 def _flatten(value: Any, name: str, flat: dict[str, Any], depth: int, where: str) -> None:
-    if depth > LIMITS.deepest_object:
+    if depth > LIMITS.deepest:
         raise CampaignError("nested too deeply", where=where, advice=_ADVICE)
     if isinstance(value, dict):
         for key, item in value.items():

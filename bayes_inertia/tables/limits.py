@@ -10,11 +10,11 @@ class Limits:
     """Fields by the file that reads them."""
 
     # `array_files.py`
-    deepest_group: int = 12  # Of groups inside groups.
+    deepest: int = 12  # Of groups, objects or lists inside each other.
     most_arrays: int = 20000
 
     # `array_tables.py`
-    most_columns_of_array: int = 64  # Columns that one array may become; a picture is no telemetry.
+    most_columns: int = 64  # That one array or list may become; a picture is no telemetry.
 
     # `isolated.py`
     # Processor time for any file, once its library is loaded; more for a large one.
@@ -28,9 +28,9 @@ class Limits:
     # What a reader takes beside its libraries: some copies of the arrays, and room for its own.
     copies_of_arrays: int = 4
     room_beside_arrays: int = 2**28  # [bytes]
+    files_kept: int = 16  # in memory
 
     # `json_lines.py`
-    deepest_object: int = 12  # Of objects and lists inside each other.
     most_columns_of_json: int = 2000
     longest_vector: int = 16  # Numbers of one reading, as of a matrix; more are rows of a table.
     few_objects: int = 3  # Objects; of fewer none tells that the last one breaks off.
@@ -42,7 +42,6 @@ class Limits:
     least_digits: int = 6  # Significant digits below which a note says so.
 
     # `plain_arrays.py`
-    most_columns_of_list: int = 64  # Columns that a list may become.
     largest_arrays: int = 4 * 2**30  # [bytes] of all arrays of a NumPy file together.
 
     # `raw_files.py`
@@ -59,12 +58,11 @@ class Limits:
     most_cut_lines: int = 3
 
     # `text_form.py`
-    form_sample_rows: int = 200  # Rows by which a file is judged.
+    sample_rows: int = 200  # Rows by which a file and its columns are judged.
     trust_in_one_column: float = 0.5
 
     # `text_table.py`
     few_rows: int = 4  # Rows; of fewer none tells how long the others should be.
-    judged_rows: int = 200  # Rows by which columns of numbers are told.
     lossy_digits: int = 15  # More significant digits than these a 64-bit float may round.
     lossy_size: float = 1e6  # Smaller numbers keep 1e-10 whatever their digits.
 

@@ -66,7 +66,7 @@ def _parts(name: str, column: Any) -> dict[str, Any]:
         if types.is_fixed_size_list(kind):
             column = column.cast(pyarrow.list_(kind.value_type))
         lengths = compute.list_value_length(column).drop_null().unique().to_pylist()
-        if len(lengths) != 1 or not 0 < lengths[0] <= LIMITS.most_columns_of_list:
+        if len(lengths) != 1 or not 0 < lengths[0] <= LIMITS.most_columns:
             return {}
         parts = {}
         for index in range(lengths[0]):

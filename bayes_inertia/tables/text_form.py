@@ -71,8 +71,8 @@ def is_reading(cell: str, decimal: str) -> bool:
 
 def told_form(lines: Sequence[tuple[int, str]], options: TextOptions, label: str) -> TextForm:
     """How a file separates its cells: the way that gives most rows of one length with readings."""
-    middle = max(len(lines) - LIMITS.form_sample_rows, 0) // 2
-    sample = list(lines[:10]) + list(lines[max(middle, 10) : middle + LIMITS.form_sample_rows])
+    middle = max(len(lines) - LIMITS.sample_rows, 0) // 2
+    sample = list(lines[:10]) + list(lines[max(middle, 10) : middle + LIMITS.sample_rows])
     best, best_score = TextForm(",", "."), -1.0
     for delimiter in [options.delimiter] if options.delimiter else _DELIMITERS:
         try:

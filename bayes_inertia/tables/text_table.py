@@ -129,7 +129,7 @@ def _common_length(rows: Sequence[CellRow]) -> int:
 
 def _judged(rows: Sequence[CellRow]) -> int:
     """How many of the last rows tell what columns hold: heads are short, but so may be files."""
-    return min(LIMITS.judged_rows, (len(rows) + 1) // 2)
+    return min(LIMITS.sample_rows, (len(rows) + 1) // 2)
 
 
 def _first_data_row(

@@ -20,7 +20,6 @@ from bayes_inertia.app.commands.options import (
     SchedulerAddress,
     Seed,
 )
-from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import (
     headed,
     narrow_table,
@@ -32,6 +31,7 @@ from bayes_inertia.app.terminal import (
     say,
     unit_powers,
 )
+from bayes_inertia.report.layout import LAYOUT as REPORT_LAYOUT
 
 if TYPE_CHECKING:
     from bayes_inertia.design.comparison import Contender
@@ -110,7 +110,7 @@ def _answer(contenders: Sequence[Contender]) -> str:
     least = np.min([c.expected for c in others], axis=0)
     ratios = zip(BASE_NAMES, best.expected / least, strict=True)
     worse = ", ".join(
-        f"{name} × {ratio:.1f}" for name, ratio in ratios if ratio > LAYOUT.worse_sd_ratio
+        f"{name} × {ratio:.1f}" for name, ratio in ratios if ratio > REPORT_LAYOUT.worse_sd_ratio
     )
     return f"{said}, {told}; {f'worse than another: {worse}' if worse else 'nothing gets worse'}"
 

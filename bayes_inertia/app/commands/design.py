@@ -31,6 +31,7 @@ from bayes_inertia.app.terminal import (
     quantity,
     unit_powers,
 )
+from bayes_inertia.report.layout import LAYOUT as REPORT_LAYOUT
 
 if TYPE_CHECKING:
     from bayes_inertia.design.designer import Design
@@ -149,7 +150,9 @@ def _worse(design: Design) -> Text:
     from bayes_inertia.report.formatting import listed
 
     ratios = {name: sd / design.reference_sd[name] for name, sd in design.sd.items()}
-    worse = [f"{name} ({r:.1f} times)" for name, r in ratios.items() if r > LAYOUT.worse_sd_ratio]
+    worse = [
+        f"{name} ({r:.1f} times)" for name, r in ratios.items() if r > REPORT_LAYOUT.worse_sd_ratio
+    ]
     if not worse:
         return Text("no parameter gets worse than with slews like the paper's")
     rest = ": larger sd than with slews like the paper's"
@@ -172,7 +175,7 @@ def _sd_table(console: Console, design: Design, before: str) -> Table:
             *sds,
             ratio,
             unit,
-            style="yellow" if sd > LAYOUT.worse_sd_ratio * paper else "",
+            style="yellow" if sd > REPORT_LAYOUT.worse_sd_ratio * paper else "",
         )
     return table
 

@@ -73,7 +73,7 @@ def most_disagreeing_slews(
         for name in cells["slews"]
     }
     order = sorted(range(len(cells["slews"])), key=lambda s: -score[cells["slews"][s]])
-    return sorted(order[: LAYOUT.most_slews_of_disagreement])
+    return sorted(order[: LAYOUT.most_slews_drawn])
 
 
 def _map_panel(

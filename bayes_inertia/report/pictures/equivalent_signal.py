@@ -25,7 +25,7 @@ def draw_signal(signal: Mapping[str, Any], *, whole_band: bool = False) -> Figur
     """
     time, mean, sd = (np.array(signal[key], float) for key in ("time", "mean", "sd"))
     power = np.sqrt(np.mean(mean**2, axis=(1, 2)))
-    chosen = sorted(np.argsort(-power, kind="stable")[: LAYOUT.most_slews_of_signal].tolist())
+    chosen = sorted(np.argsort(-power, kind="stable")[: LAYOUT.most_slews_drawn].tolist())
     rows, columns = style.grid_shape(len(chosen))
     figure, places = style.grid(
         0.75 + 1.75 * rows, rows, columns, left=0.85, top=0.7, gap_x=0.35, gap_y=0.55
