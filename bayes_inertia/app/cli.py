@@ -164,7 +164,7 @@ _ALLOCATION_FAILED = ("RESOURCE_EXHAUSTED", "Out of memory", "Unable to allocate
 
 
 def failure_message(error: Exception) -> str | None:
-    """What an exception says that the machine caused and not the program.
+    """Message on an exception that the machine caused and not the program.
 
     Returns: what is wrong and what to do; None if the program is at fault.
 

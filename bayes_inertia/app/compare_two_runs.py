@@ -58,7 +58,7 @@ def _compared_run(folder: Path, label: str) -> ComparedRun:
 
 
 def _asked_for(folder: Path) -> dict[str, str]:
-    """What was asked for on the command line; nothing for a posterior saved from Python."""
+    """Options of the command line; none for a posterior saved from Python."""
     if not (folder / "run.json").is_file():
         return {}
     run = read_run(folder)

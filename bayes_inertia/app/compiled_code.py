@@ -80,7 +80,7 @@ def keep_compiled_code(folder: str | Path | None = None) -> Path | None:
 
 
 def cache_folder() -> Path | None:
-    """Where compiled code is kept: a folder of this version, Python and processor.
+    """Folder of compiled code, of this version, Python and processor.
 
     Code of another processor may use instructions that this one lacks: on a cluster with one home
     each kind of machine has its own. JAX compresses entries in ways that differ between versions
@@ -158,7 +158,7 @@ def _delete(files: Iterable[Path]) -> None:
 
 
 def size_of(folder: Path) -> int:
-    """How much a folder holds.
+    """Size of a folder.
 
     Returns [bytes].
     """

@@ -90,7 +90,7 @@ def _cleaned(flown: Campaign, seed: int) -> Estimate:
 
 
 def _start(plan: Plan, flown: Campaign, request: DesignRequest) -> dict[str, Any]:
-    """Where the plan begins, as it stands in design.json."""
+    """Start of the plan, as it stands in design.json."""
     return {
         "after": request.after,
         "start_wheel_momentum_Nms": list(plan.wheel_momentum) or [0.0] * len(flown.wheels),
@@ -99,7 +99,7 @@ def _start(plan: Plan, flown: Campaign, request: DesignRequest) -> dict[str, Any
 
 
 def _momentum_source(campaign: Campaign, request: DesignRequest) -> str:
-    """What tells the wheel momentum that the plan begins with."""
+    """Source of the wheel momentum that the plan begins with."""
     if following_plan(campaign).wheel_momentum:
         return "tachometers"
     return "fit" if request.after else "unknown, taken to be zero"

@@ -1,4 +1,4 @@
-"""What `design` is asked for, in the words of a command line: degrees, texts, files."""
+"""Request of `design`, in the words of a command line: degrees, texts, files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bayes_inertia.errors import CampaignError
 
 @dataclass(frozen=True)
 class DesignRequest:
-    """What `design` is asked for; None where nothing was asked.
+    """Request of `design`; None where nothing was asked.
 
     Parameters
     ----------

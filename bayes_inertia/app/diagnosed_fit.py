@@ -36,7 +36,7 @@ DIAGNOSED_SETTINGS = Settings(walkers=32, target_ess=2_000.0)
 
 @dataclass(frozen=True)
 class NextFit:
-    """What a diagnosis wants fitted in full.
+    """Fit that a diagnosis wants in full.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def diagnose_and_fit(
 
 
 def next_fit(investigation: Investigation) -> NextFit:
-    """What an investigation wants fitted in full."""
+    """Fit that an investigation wants in full."""
     diagnosis = investigation.diagnosis
     return NextFit(
         diagnosis.verdict,

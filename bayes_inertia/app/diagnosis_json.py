@@ -60,7 +60,7 @@ def to_json(investigation: Investigation) -> dict[str, Any]:
 
 
 def _search(diagnosis: Diagnosis) -> dict[str, Any]:
-    """What the search says of itself."""
+    """Record of the search."""
     return {
         "why_unknown": diagnosis.why_unknown,
         "nameless_lead": diagnosis.nameless_lead,
@@ -99,7 +99,7 @@ def _settings(effect: Effect) -> dict[str, Any]:
 
 
 def next_fit_from(content: Mapping[str, Any], library: Sequence[Effect] = LIBRARY) -> NextFit:
-    """What a diagnosis.json wants fitted in full.
+    """Fit that a diagnosis.json wants in full.
 
     `library`: where the names of effects are looked up, beside stochastic ones.
     Returns: bit for bit the one of the diagnosis that was written.

@@ -1,4 +1,4 @@
-"""What the pictures of a diagnosis need, as plain numbers: residual maps and inferred signals."""
+"""Data of a diagnosis' pictures, as plain numbers: residual maps and inferred signals."""
 
 from __future__ import annotations
 

@@ -117,7 +117,7 @@ def step_row(step: Step) -> dict[str, Any]:
 
 
 def shift_rows(before: Estimate, after: Estimate) -> dict[str, dict[str, Any]]:
-    """How far J and K move from one fit to another.
+    """Shifts of J and K from one fit to another.
 
     Returns: {name: {before, sd_before, after, sd_after, shift, unit}} of the nine.
     """

@@ -22,7 +22,7 @@ FORMAT = "bayes-inertia-effects/1"
 
 
 def effects_json(effects: Sequence[Effect], campaign: Campaign) -> dict[str, Any]:
-    """What `effects --json` prints.
+    """Content of `effects --json`.
 
     `campaign`: whose wheels, and whose motion as the scale of default priors, they are listed for.
     Returns: name, kind, needs, hooks and parameters of each; names of what installed packages

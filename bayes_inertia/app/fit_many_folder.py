@@ -183,7 +183,7 @@ def fit_many(
 
 
 def fits_json(result: WorkResult) -> dict[str, Any]:
-    """What `fit-many --json` prints.
+    """Content of `fit-many --json`.
 
     Returns: A row a campaign, and the failures with their reasons.
     """

@@ -1,4 +1,4 @@
-"""What this installation consists of, and whether it works."""
+"""Parts of this installation, and whether it works."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def show_installation(content: Mapping[str, Any]) -> None:
 
 
 def _compiled_code() -> str:
-    """Where compiled code is kept between runs."""
+    """Folder of compiled code between runs."""
     import jax
 
     folder = jax.config.values["jax_compilation_cache_dir"]

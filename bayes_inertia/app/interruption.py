@@ -27,7 +27,7 @@ _SHOW_CURSOR = "\x1b[?25h"
 
 
 def how_to_go_on(arguments: Sequence[str]) -> str:
-    """What to do after a command was interrupted.
+    """Advice after a command was interrupted.
 
     `arguments`: the words of the command, without the program's name. Returns: what is kept, and
     the command that goes on.

@@ -1,4 +1,4 @@
-"""How much the terminal shows, and what the commands keep."""
+"""Layout of the terminal's output, and limits of what the commands keep."""
 
 from __future__ import annotations
 

@@ -35,7 +35,7 @@ FILE, PICTURE, PAGE = "observability.json", "observability.png", "observability.
 
 @dataclass(frozen=True)
 class ObservedCampaign:
-    """What `observe` found in a folder.
+    """Result of `observe` on a folder.
 
     Parameters
     ----------

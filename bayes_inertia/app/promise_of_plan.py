@@ -1,4 +1,4 @@
-"""What a plan promised beside what a finished run of its flight achieved, from their files."""
+"""Forecast of a plan beside the sds of a finished run of its flight, from their files."""
 
 from __future__ import annotations
 

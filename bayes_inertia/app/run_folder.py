@@ -49,7 +49,7 @@ _WANTED_BY_REPORT = ("bayes_inertia.report.fit_sections",)
 
 @dataclass(frozen=True)
 class Run:
-    """What a run folder fits.
+    """Inputs of the fit of a run folder.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def _finish(folder: Path, run: Run, report: bool, progress: Progress | None) -> 
 
 
 def _posterior(folder: Path, run: Run, progress: Progress | None) -> Posterior:
-    """Of the effects that the run names, or that its diagnosis does."""
+    """Posterior of the effects that the run names, or that its diagnosis does."""
     campaign, chains = read_campaign(folder / "campaign"), folder / "chains"
     if run.kind == "diagnose":
         content = _diagnosed(folder, campaign, run, progress)
@@ -258,6 +258,6 @@ def effects_of_run(folder: Path, run: Run) -> tuple[Effect, ...]:
 
 
 def _candidates(folder: Path, run: Run) -> tuple[Effect, ...]:
-    """What a diagnosis tries: the library, and what the run names beyond it."""
+    """Candidates of a diagnosis: the library, and what the run names beyond it."""
     further = tuple(e for e in effects_of_run(folder, run) if e not in LIBRARY)
     return (*LIBRARY, *further)

@@ -1,4 +1,4 @@
-"""What a run folder says of itself: the content of its summary.json, and its page."""
+"""Content of a run folder's summary.json, and its page."""
 
 from __future__ import annotations
 

@@ -92,7 +92,7 @@ def _has_wheels(campaign: Campaign, folder: Path) -> None:
 
 
 def _left_out(campaign: Campaign) -> tuple[str, ...]:
-    """What telemetry of the campaign has that simulated telemetry has not."""
+    """Channels of the campaign that simulated telemetry lacks."""
     wandering = stated_terms(campaign)
     if not wandering:
         return ()

@@ -35,7 +35,7 @@ FORMAT = "bayes-inertia-study/1"
 
 @dataclass(frozen=True)
 class Study:
-    """What n simulated campaigns of one plan say about the uncertainties that are stated of it.
+    """Stated uncertainties of one plan against n simulated campaigns of it.
 
     Parameters
     ----------

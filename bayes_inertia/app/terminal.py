@@ -1,4 +1,4 @@
-"""What all commands print with: a console that shows every text as it is, and progress.
+"""Console of all commands, which shows every text as it is, and progress.
 
 Rich reads `[s]` and `[/run 3]` as markup. Units and names must be shown as they are written, so
 nothing here is markup: style is given beside a text, never inside it.
@@ -116,7 +116,7 @@ def _usable(stream: TextIO | None) -> TextIO:
 
 
 def in_plain_letters(error: UnicodeError) -> tuple[str, int]:
-    """What is written where an encoding lacks letters: a minus stays one, others become "?".
+    """Text in the letters of an encoding: a minus stays one, others become "?".
 
     Examples
     --------
@@ -230,7 +230,7 @@ def quantity(value: float, unit: str) -> str:
 
 
 def unit_powers(sds: Iterable[tuple[str, float]]) -> dict[str, int]:
-    """By unit, the power of ten, a multiple of three, in which all (unit, sd) of it read best.
+    """Power of ten, a multiple of three, in which all (unit, sd) of a unit read best.
 
     Examples
     --------

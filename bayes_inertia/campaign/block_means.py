@@ -83,7 +83,7 @@ def without_surplus_rows(campaign: Campaign) -> Campaign:
 
 
 def readings_a_mean(campaign: Campaign) -> int:
-    """How many readings a diagnosis averages.
+    """Number of readings that a diagnosis averages.
 
     Returns: 1 where readings stay as they are, see `without_surplus_rows`.
     """
@@ -106,7 +106,7 @@ def readings_a_mean(campaign: Campaign) -> int:
 
 
 def longest_block(campaign: Campaign) -> int:
-    """How many readings may be averaged before the motion shows in the error of their mean.
+    """Number of readings that may be averaged before the motion shows in the error of their mean.
 
     Rates of a free body change at frequencies up to |w| + |h| / J, in rad/s: its own rate, and that
     of its nutation about the momentum of its wheels.

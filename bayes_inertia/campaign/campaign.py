@@ -212,7 +212,7 @@ class Campaign:
         )
 
     def scale_of_motion(self) -> tuple[float, float, float]:
-        """What default priors of effects are measured in.
+        """Scales of the motion in which default priors of effects are stated.
 
         Returns
         -------

@@ -123,7 +123,7 @@ def _wrong_type(kind: str, key: str, value: Any, message: str) -> tuple[str, str
 
 @dataclass(frozen=True)
 class _Wording:
-    """What is said about a problem of a document that should have a form."""
+    """Words for a problem of a document that should have a form."""
 
     form: type[BaseModel]
     document: dict[str, Any]
@@ -223,7 +223,7 @@ class _Wording:
 
 
 def table_label(table: Any) -> str:
-    """What messages call a table that is one of several: its name, or what it holds.
+    """Label of a table that is one of several: its name, or its content.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What the records of a campaign demand of the numbers they are given."""
+"""Checks of the numbers that records of a campaign are given."""
 
 from __future__ import annotations
 

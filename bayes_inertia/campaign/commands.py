@@ -210,7 +210,7 @@ def _piece_count(rows: Sequence[int]) -> int | None:
 def _usual_errors(
     at: np.ndarray, commands: np.ndarray, lengths: set[int], step: float, largest: float
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """By lost rows of a gap: rms error of such a line, largest usual change of its ends [N m]."""
+    """Rms error of a line, and largest usual change of its ends [N m], by lost rows of a gap."""
     usual = {}
     for lost in lengths:
         trials = unbroken_rows(at, lost + 1, step)

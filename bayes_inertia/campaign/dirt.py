@@ -1,4 +1,4 @@
-"""What is wrong with telemetry although the spacecraft is not to blame: a record of it.
+"""Record of a telemetry fault: the spacecraft is not to blame.
 
 What reading a campaign does about each fault:
 

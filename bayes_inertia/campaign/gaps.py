@@ -15,7 +15,7 @@ Channels = dict[str, np.ndarray]
 
 
 def missing_rows(time: np.ndarray) -> tuple[np.ndarray, float]:
-    """Where a regular stream lacks rows.
+    """Times at which a regular stream lacks rows.
 
     `time` (n,) [s]. Returns `before` (m,): the rows before the gaps; none if the stream is not
     regular, as a log of changes is; `step`: the median step [s]; 0 with fewer than two rows.
@@ -121,7 +121,7 @@ def gap_records(slew: Slew) -> list[Dirt]:
 
 
 def gap_note(count: int, longest: float) -> str:
-    """How many gaps there are, and how long they are.
+    """Number and length of gaps, in words.
 
     `longest` [s]. Returns: such as "3 gaps, the longest of 2.5 s".
 

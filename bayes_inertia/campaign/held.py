@@ -97,7 +97,7 @@ def _found(series: Sequence[tuple[np.ndarray, np.ndarray]]) -> list[HeldReadings
 
 
 def _beside(axes: Sequence[HeldReadings | None]) -> HeldReadings | None:
-    """What is held in some of the axes (each (n, 1)) of one slew."""
+    """Held rows in some of the axes (each (n, 1)) of one slew."""
     held = [axis for axis in axes if axis is not None]
     if not held:
         return None
@@ -148,7 +148,7 @@ def _without(
 def _held_rows(
     series: Sequence[tuple[np.ndarray, np.ndarray]],
 ) -> list[HeldReadings | None]:
-    """What is held in each series by the evidence of all; None where no row repeats another."""
+    """Held rows of each series, by the evidence of all; None where no row repeats another."""
     given = [np.flatnonzero(np.isfinite(values).any(axis=1)) for _, values in series]
     runs = [
         _run_starts(time[rows], values[rows])

@@ -1,4 +1,4 @@
-"""What was known of the inertia tensor before flight."""
+"""Prior of the inertia tensor, as known before flight."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What clocks of spacecraft and ground differ by, so that a stream beside its slews finds back."""
+"""Known offsets between clocks, by which a stream beside its slews finds back."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def known_offset(
 
 
 def likely_offsets() -> Iterator[tuple[float, str]]:
-    """What clocks differ by: scales, time zones, and both.
+    """Known offsets of clocks: scales, time zones, and both.
 
     Returns `seconds`: an offset, the most common first [s].
 

@@ -89,7 +89,7 @@ def _fix_times(channels: dict[str, np.ndarray]) -> np.ndarray:
 
 
 def _bend(at: np.ndarray, momentum: np.ndarray, k: int) -> tuple[float, float]:
-    """How far momentum may lie from a straight line in the gap after reading k.
+    """Largest deviation of momentum from a straight line in the gap after reading k.
 
     Returns the integral over the gap [N m s^2] and the largest distance [N m s] of a torque that
     changes steadily from what it was before to what it was after, and of what it then lacks to

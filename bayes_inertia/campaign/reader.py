@@ -147,7 +147,7 @@ def _files(path: str | Path) -> list[tuple[str, bytes]]:
 
 
 def _table_paths(parsed: CampaignPart, description: Path) -> dict[str, Path]:
-    """Where each table lies, by its name in the description."""
+    """Path of each table, by its name in the description."""
     paths: dict[str, Path] = {}
     owners: dict[Path, str] = {}
     for part in parsed.slews:

@@ -124,7 +124,7 @@ class TimeColumn(_Part):
 
 
 class _Stream(_Part):
-    """What every entry of `[columns]` may have: its own clock.
+    """Keys of every entry of `[columns]`: its own clock.
 
     The true time of a reading is its stamp plus `offset_s` [s], of the entry and of its time.
     """

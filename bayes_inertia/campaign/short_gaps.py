@@ -85,12 +85,12 @@ def _lost(nodes: np.ndarray) -> np.ndarray:
 
 
 def _weights(nodes: np.ndarray) -> np.ndarray:
-    """Of the four rows around a gap, in the cubic through them at the lost rows."""
+    """Weights of the four rows around a gap, in the cubic through them at the lost rows."""
     return np.vander(_lost(nodes).astype(float), 4) @ np.linalg.inv(np.vander(nodes * 1.0, 4))
 
 
 def _bends(rows: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """By how much four rows (..., 4, wheels) differ from a smooth change across the gap.
+    """Deviation of four rows (..., 4, wheels) from a smooth change across the gap.
 
     Returns (..., 2 wheels): what the change across the gap exceeds that of the slopes beside it
     by, and the difference of these slopes over half the gap.
@@ -106,7 +106,7 @@ def _bends(rows: np.ndarray, nodes: np.ndarray) -> np.ndarray:
 def _usual(
     at: np.ndarray, commands: np.ndarray, nodes: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Of such gaps: rms error (wheels,) [N m s], and the largest bends of smooth commands [N m]."""
+    """Rms error (wheels,) [N m s] of such gaps, and largest bends of smooth commands [N m]."""
     step = float(np.median(np.diff(at)))
     trials = unbroken_rows(at, int(nodes[3]), step)
     none = np.full(commands.shape[1], np.inf), np.zeros(2 * commands.shape[1])

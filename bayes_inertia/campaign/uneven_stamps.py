@@ -18,7 +18,7 @@ from bayes_inertia.maths.robust_scale import SD_OVER_MAD
 
 @dataclass(frozen=True)
 class StampSlope:
-    """How far readings move with the jitter of their stamps.
+    """Slope of readings against the jitter of their stamps.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ def slope_of_readings(
 def _short_term(
     stamps: np.ndarray, clock: np.ndarray, readings: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What jitter would add to readings, and the readings, both less a curve through neighbours."""
+    """Change of readings by jitter, and the readings, both less a curve through neighbours."""
     present = np.isfinite(readings)
     stamps, clock, readings = stamps[present], clock[present], readings[present]
     if len(readings) < LIMITS.line_rows + LIMITS.curve_rows:

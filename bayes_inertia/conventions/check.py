@@ -254,7 +254,7 @@ def _checked(
 def _unchecked(
     campaign: Campaign, written: Campaign, columns: Columns, faults: tuple[str, ...]
 ) -> ConventionsCheck:
-    """What is said of a campaign whose streams do not meet."""
+    """Result for a campaign whose streams do not meet."""
     doubts = (*faults, *streams_apart(written, columns), *broken_limits(written, {}))
     verdict: Verdict = "doubtful" if doubts else "consistent"
     said = wording.verdict_in_words({}, (), verdict, (), doubts)
@@ -317,7 +317,7 @@ def _doubts(
     differ: Factors | None,
     mended: bool,
 ) -> tuple[str, ...]:
-    """What is doubtful, and where; of mended data only by what commands and tachometers differ."""
+    """Doubtful channels and places; of mended data only where commands and tachometers differ."""
     factor = () if differ is None else differ.words()
     if mended:
         return factor

@@ -47,7 +47,7 @@ _EFFECT = {
 
 @dataclass(frozen=True)
 class Clocks:
-    """What the laws say of the streams' clocks.
+    """Lateness of the streams by each law.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def _still_tested(
 
 
 def _turned(slews: SampledSlews) -> float:
-    """What the rates of all slews add up to [rad]."""
+    """Sum of the rates of all slews [rad]."""
     return float(np.linalg.norm(slews.turn[:, -1], axis=-1).sum())
 
 
@@ -290,7 +290,7 @@ _NAMES = {
 
 @dataclass(frozen=True)
 class Lateness:
-    """By how much a stream is late, as one law tells it.
+    """Lateness of a stream, as one law measures it.
 
     Parameters
     ----------

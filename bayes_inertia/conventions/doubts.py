@@ -1,4 +1,4 @@
-"""What is doubtful about a campaign, and where: the channel, the axis or wheel, the slew."""
+"""Doubtful parts of a campaign: the channel, the axis or wheel, the slew."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _parameters(misfits: Misfits, law: str) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class Factors:
-    """What the tachometers show over what the commands ask for.
+    """Ratios of measured to commanded wheel momentum.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def _digits(value: float) -> float:
 
 
 def factors(misfits: Misfits, reading: Reading) -> Factors | None:
-    """By which factor commands and tachometers of each wheel differ.
+    """Ratios of tachometers to commands, wheel by wheel.
 
     Returns: none where a wheel has no commands or no tachometer, or no factor is far from 1.
     """

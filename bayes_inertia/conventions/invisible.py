@@ -45,7 +45,7 @@ _AS_CONTENT = ": the data would be as content if "
 
 
 def invisible(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> tuple[str, ...]:
-    """What cannot be shown, in plain words.
+    """Conventions that the data cannot show, in plain words.
 
     `singles`: mistakes; those that would leave the data as consistent are named.
     """
@@ -97,7 +97,7 @@ def _any_wheel(keys: str) -> str:
 
 
 def _by_nature(misfits: Misfits) -> list[str]:
-    """What no campaign of this kind can show."""
+    """Conventions that no campaign of this kind can show."""
     campaign = misfits.campaign
     said = list(_TENSOR)
     if campaign.wheels:
@@ -113,7 +113,7 @@ def _by_nature(misfits: Misfits) -> list[str]:
 
 
 def _without_telemetry(misfits: Misfits, laws: set[str]) -> list[str]:
-    """What is invisible because telemetry is missing."""
+    """Conventions that are invisible because telemetry is missing."""
     said = []
     if CLOSURE not in laws:
         said.append("no two star-tracker fixes in a slew: nothing checks the rates' closure")

@@ -29,7 +29,7 @@ CLOSURE, CONSERVATION, DRIVE = "closure", "conservation", "drive"
 
 @dataclass(frozen=True, eq=False)
 class Told:
-    """What the telemetry tells under a reading.
+    """Telemetry in physical units, under a reading.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ def conservation(told: Told) -> LawData | None:
 
 
 def _uncertain_momentum(told: Told, total: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """What J, K, bias and a constant torque of one sd each do to the momentum (S, N, 3, 18)."""
+    """Momentum change (S, N, 3, 18) by J, K, bias and a constant torque of one sd each."""
     moving, prior, inertia = told.motion, told.campaign.inertia, told.reading.inertia
     mean = float(np.trace(inertia)) / 3.0
     moments = np.maximum(LIMITS.inertia_sd, prior.relative_sigma) * np.diag(inertia)
@@ -235,7 +235,7 @@ def _norm(vectors: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 
 def _crossed(angles: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """What small rotations (S, N, 3, P) do to vectors (S, N, 3)."""
+    """Changes of vectors (S, N, 3) by small rotations (S, N, 3, P)."""
     return np.cross(angles, vectors[..., None], axis=2)
 
 

@@ -11,7 +11,7 @@ from bayes_inertia.conventions.limits import LIMITS
 
 @dataclass(frozen=True, eq=False)
 class LinearFit:
-    """What a linear fit leaves.
+    """Residuals of a linear fit.
 
     Parameters
     ----------

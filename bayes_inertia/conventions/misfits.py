@@ -1,4 +1,4 @@
-"""By how much telemetry breaks the three laws under a reading of it.
+"""Misfits of telemetry to the three laws, under a reading of it.
 
 Misfits are in standard deviations of what noise and undisclosed physics may leave (`limits`).
 """
@@ -67,7 +67,7 @@ class Misfits:
         return LAWS[law](replace(self.told(reading), bias_sd=bias_sd))
 
     def told(self, reading: Reading) -> Told:
-        """What the telemetry tells under a reading."""
+        """Telemetry in physical units, under a reading."""
         if "noise" not in self.kept:
             self.kept["noise"] = {c: believed_noise(self.campaign, c) for c in CHANNELS}
         noise = self.kept["noise"]

@@ -1,4 +1,4 @@
-"""How telemetry is read under stated or supposed conventions: a few small matrices.
+"""Readings of telemetry under stated or supposed conventions: a few small matrices.
 
 Every convention acts linearly on what was read: units are factors, orders permutations, signs
 signs, frames rotations. So a wrong convention is undone without reading the files again.
@@ -15,7 +15,7 @@ from bayes_inertia.campaign.campaign import Campaign
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """What turns telemetry, as the campaign states it, into physics.
+    """Conversion of telemetry, as the campaign states it, into physics.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What mends a campaign: a key, then a clock, then what one stream alone may have wrong."""
+"""Remedies of a campaign: a key, then a clock, then a fault of one stream alone."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def what_mends(
 def _of_streams(
     misfits: Misfits, reading: Reading, columns: Columns, differ: Factors | None
 ) -> tuple[Remedy, ...]:
-    """What is wrong with one stream: its factor, its signs, or its clock by a known offset."""
+    """Faults of one stream: its factor, its signs, or its clock by a known offset."""
     if exact := _of_factor(misfits, reading, columns, differ):
         return exact
     before = worst(misfits.of(reading))

@@ -50,7 +50,7 @@ class Remedy:
 
 @dataclass(frozen=True)
 class Judgement:
-    """What is wrong with a campaign's conventions.
+    """Verdict on a campaign's conventions.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Judgement:
 
 
 def judged(misfits: Misfits, stated: Reading, singles: Sequence[Mistake]) -> Judgement:
-    """What makes inconsistent data consistent: nothing, a stale bias, mistakes, or both.
+    """Causes that make inconsistent data consistent: nothing, a stale bias, mistakes, or both.
 
     Returns: pairs only where no single mistake explains the data.
     """
@@ -96,7 +96,7 @@ def _is_stale(misfits: Misfits, stated: Reading, own: Reading) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Search:
-    """What mistakes are judged by: the laws, the stated conventions, and their misfit."""
+    """Laws, stated conventions and their misfit, by which mistakes are judged."""
 
     misfits: Misfits
     stated: Reading
@@ -173,7 +173,7 @@ def _ranked(
 
 
 def _proposed(mistake: Mistake) -> str:
-    """What a mistake proposes; two roads to one proposal are one."""
+    """Proposal of a mistake; two roads to one proposal are one."""
     return repr(sorted((change.key, change.mended) for change in mistake.changes))
 
 
@@ -352,7 +352,7 @@ def with_own_bias(misfits: Misfits, reading: Reading) -> Reading:
 
 
 def _kept(misfits: Misfits, law: str, reading: Reading, before: _Told) -> _Told | None:
-    """What a law tells, remembered by all that it depends on."""
+    """Residuals of a law, kept by all that it depends on."""
     used = (getattr(reading, name) for name in misfits.parts_of(law))
     key = ("bias", law, reading.time, *(x.tobytes() for x in (*used, *before)))
     if key not in misfits.kept:

@@ -1,4 +1,4 @@
-"""What the check says: the verdict, the proposal, and the lines of campaign.toml it changes."""
+"""Sentences of the check: the verdict, the proposal, the lines of campaign.toml it changes."""
 
 from __future__ import annotations
 

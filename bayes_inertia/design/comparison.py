@@ -73,7 +73,7 @@ def assess_plan(
     seed: int = 0,
     achieved: AchievedErrors | None = None,
 ) -> Contender:
-    """What to expect of a plan, and what is left of every limit.
+    """Expected sds of a plan, and its margin to every limit.
 
     `seed`: of the flights that expected sds are averaged over. `achieved`: what fits to simulated
     campaigns of the plan achieved.

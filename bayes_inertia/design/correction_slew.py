@@ -1,4 +1,4 @@
-"""How large the next correction slew will be.
+"""Error of the next correction slew.
 
 What the base model promises, and what the effects found in the data will make of it.
 """

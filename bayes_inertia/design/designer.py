@@ -113,7 +113,7 @@ class Design:
 
     @property
     def gain(self) -> float:
-        """How many times smaller the goal's number is than for slews like the paper's."""
+        """Gain over slews like the paper's, in the goal's number."""
         return self.reference_value / self.value
 
     @property
@@ -316,7 +316,7 @@ def _tightest(margins: Sequence[tuple[Margin, ...]]) -> tuple[Margin, ...]:
 
 
 class DesignSetup(NamedTuple):
-    """What a design searches for.
+    """Task of a design.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What a plan would tell, exactly.
+"""Expected accuracy of a plan, exactly.
 
 The plan is flown in the closed loop. The model is linearised there as a fit of its telemetry is.
 """
@@ -87,7 +87,7 @@ def likely_missions(plan: Plan, mission: Mission, n: int, seed: int) -> list[Mis
 
 
 def _at_truth(model: Model, flight: Flight, theta: np.ndarray) -> Estimate:
-    """What an optimizer would find if it found the truth: nothing expected is left to luck."""
+    """Estimate of an optimizer that found the truth: nothing expected is left to luck."""
     reference, scale = model.data.arrays.reference, np.asarray(model.data.scale.local)
     start = [
         np.stack([np.asarray(getattr(path, key))[0] for path in flight.truth])

@@ -1,4 +1,4 @@
-"""What no plan can keep, found before any search."""
+"""Limits that no plan can keep, found before any search."""
 
 from __future__ import annotations
 

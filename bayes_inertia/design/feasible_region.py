@@ -22,7 +22,7 @@ from bayes_inertia.maths.values import AnyArray
 
 
 class FeasibleRegion(NamedTuple):
-    """Where designs are searched; what is not limited is infinite.
+    """Region in which designs are searched; what is not limited is infinite.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ def draw_variables(
 def constraint_slacks(
     motion: PlannedMotion, slews: SlewArrays, region: FeasibleRegion, times: PlanTimes
 ) -> dict[str, Array]:
-    """What is left of every limit, as a fraction of it; negative where violated.
+    """Slack of every limit, as a fraction of it; negative where violated.
 
     `times` [s]. Returns `wheel torque` and `wheel momentum` (n, wheels), `rate`, `angle` and `least
     angle` (n,), `total time` (), `keep-out` (n + 1, cones). JAX can differentiate all.

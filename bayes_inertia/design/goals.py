@@ -1,4 +1,4 @@
-"""What a campaign is designed for, and the number that says how well a covariance reaches it."""
+"""Goals of a design, and the number that says how well a covariance reaches each."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Goal:
 
     @property
     def says(self) -> str:
-        """What its number means."""
+        """Meaning of its number."""
         return GOALS[self.kind][0]
 
     @property
@@ -157,7 +157,7 @@ def _smooth_largest(variances: Array) -> Array:
 
 
 def correction_sensitivity() -> np.ndarray:
-    """How relative errors of the scale factors turn into the error of the final attitude.
+    """Sensitivity of the final attitude to relative errors of the scale factors.
 
     A controller that believes a scale factor e too large turns too fast by e about that axis. What
     it adds is turned on with the body: the integral of exp(-s [a]x) ds diag(a) over a slew of 60

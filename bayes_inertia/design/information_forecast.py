@@ -1,4 +1,4 @@
-"""How the telemetry of slews that have not been flown is foreseen.
+"""Forecast of the telemetry of slews that have not been flown.
 
 The model that will be fitted is linearised around the planned motion, flown with the torques that
 it needs. Each row of the coarse grid of `planned_motion` stands for the telemetry samples of its
@@ -56,7 +56,7 @@ class ForecastArrays(NamedTuple):
 
 @dataclass(frozen=True)
 class ForecastLayout:
-    """What decides the compiled code of a forecast.
+    """Shapes and hooks that decide the compiled code of a forecast.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ class ForecastLayout:
     times: PlanTimes
 
     def slice_of(self, effect: str) -> tuple[int, int]:
-        """Where an effect's parameters stand.
+        """Place of an effect's parameters.
 
         Returns: the first, and behind the last; equal if it has none.
         """
@@ -84,7 +84,7 @@ class ForecastLayout:
 
 @array_dataclass
 class Forecast:
-    """How the telemetry of slews is foreseen.
+    """Forecast of the telemetry of slews.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What slews that have not been flown would tell, as a smooth function of the slews.
+"""Information of slews that have not been flown, as a smooth function of the slews.
 
 The information matrix of each slew's telemetry on the parameters and the bias, with the slew's own
 start state integrated out, and the covariance that follows. The prior of everything is in it as in
@@ -117,7 +117,7 @@ def _information_of_slew(
 
 
 def without_start_state(matrix: Array, shared: int) -> Array:
-    """What a slew tells about shared unknowns when its start state is not known.
+    """Information of a slew on shared unknowns when its start state is not known.
 
     `matrix` (k, k): information on the shared unknowns and the whitened start state, which follows
     them and has a unit prior.
@@ -159,7 +159,7 @@ def _time_by_row(time: Array) -> Array:
 
 
 def _fixes_by_row(times: PlanTimes, time: Array) -> Array:
-    """How many fixes each row stands for (n,): a fix between two rows is shared by them."""
+    """Number of fixes that each row stands for (n,): two rows share a fix between them."""
     before = np.arange(times.first_fix, times.rest_before - 1e-9, times.fix_spacing)
     after = np.arange(0.0, times.rest_after + 1e-9, times.fix_spacing)
     moments = jnp.concatenate([jnp.asarray(before), time[-1] - jnp.asarray(after)])

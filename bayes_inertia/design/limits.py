@@ -1,4 +1,4 @@
-"""What a plan must respect: rate, angle, acceleration, time, attitudes, and keep-out cones.
+"""Limits of a plan: rate, angle, acceleration, time, attitudes, and keep-out cones.
 
 The limits of wheels and rate sensor come with the spacecraft.
 """

@@ -1,4 +1,4 @@
-"""What a plan leaves of every limit.
+"""Margins of a plan to every limit.
 
 `planned_margins` takes the planned motion of a rigid body. `flown_margins` takes a flight in the
 closed loop, with everything that control adds.
@@ -91,7 +91,7 @@ def demands(
     boresight_B: np.ndarray,
     cones_N: np.ndarray,
 ) -> dict[str, Array]:
-    """What a motion demands of spacecraft and sky; JAX can differentiate it.
+    """Demands of a motion on spacecraft and sky; JAX can differentiate them.
 
     `rotation_B` (n, 3) [rad]; `acceleration` (n,) [rad/s^2]; `boresight_B` (3,). `cones_N` (cones,
     3): unit vectors to the centres of keep-out cones, inertial axes. Returns `torque` [N m] and
@@ -130,7 +130,7 @@ def demands(
 
 
 def planned_margins(plan: Plan, spacecraft: Spacecraft, limits: Limits) -> tuple[Margin, ...]:
-    """What a plan leaves of every limit, from the planned motion of a rigid body.
+    """Margins of a plan, from the planned motion of a rigid body.
 
     The wheels give J a + w x (J w + h).
 
@@ -159,7 +159,7 @@ def planned_margins(plan: Plan, spacecraft: Spacecraft, limits: Limits) -> tuple
 
 
 def flown_margins(flight: Flight, limits: Limits) -> tuple[Margin, ...]:
-    """What a flight left of every limit: peaks over all rows of its truth and its commands.
+    """Margins of a flight: peaks over all rows of its truth and its commands.
 
     `flight`: A plan that was flown in the closed loop. `limits`: what had to be respected beside
     the hardware's own limits. Returns: one for each limit that there is. Start and end attitude are
@@ -237,7 +237,7 @@ def _upper_margin(name: str, values: np.ndarray, allowed: float, unit: str) -> M
 
 
 def _attitude_margins(rests: np.ndarray, limits: Limits) -> list[Margin]:
-    """How far the attitudes (slews + 1, 4) begin and end from where they must."""
+    """Margins of the attitudes (slews + 1, 4) at the beginning and the end."""
     out = []
     for name, wanted, k in (
         ("start attitude", limits.start_attitude, 0),

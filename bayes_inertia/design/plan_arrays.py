@@ -65,7 +65,7 @@ class PlanTimes(NamedTuple):
 
 
 class PlanStart(NamedTuple):
-    """Where a plan begins, at rest.
+    """Start of a plan, at rest.
 
     Parameters
     ----------
@@ -124,7 +124,7 @@ def planned_slews(slews: SlewArrays) -> tuple[PlannedSlew, ...]:
 
 
 def plan_start(plan: Plan, wheels: int) -> PlanStart:
-    """Where a plan begins.
+    """Start of a plan.
 
     `wheels`: how many wheels there are; they are at rest where the plan names no momentum.
     """

@@ -40,7 +40,7 @@ _WITHOUT_OPTIMIZATION = {"xla_backend_optimization_level": 0}
 
 @array_dataclass
 class PlanProblem:
-    """What is searched for.
+    """Search problem of a plan.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class PlanProblem:
 
     @property
     def groups(self) -> tuple[tuple[int, int], ...]:
-        """Where the parameters of the goal's effects stand: (first, behind the last) of each."""
+        """Places of the parameters of the goal's effects: (first, behind the last) of each."""
         return tuple(self.forecast.layout.slice_of(name) for name in self.goal.effects)
 
     def slews(self, x: AnyArray) -> SlewArrays:

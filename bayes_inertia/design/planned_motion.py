@@ -40,7 +40,7 @@ ROWS = sum(NUMERICS.rows_of_phases) + 1
 
 
 class RigidBody(NamedTuple):
-    """What moves: a rigid body with wheels.
+    """Rigid body with wheels.
 
     Parameters
     ----------

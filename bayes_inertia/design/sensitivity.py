@@ -1,4 +1,4 @@
-"""How the telemetry of a slew that is flown as planned changes with each unknown, to first order.
+"""Sensitivity of the telemetry of a planned slew to each unknown, to first order.
 
 The planned motion is known (`planned_motion`), so that only the linear equations of a small
 deviation are integrated. With the deviation psi of the attitude as a rotation vector in inertial
@@ -74,7 +74,7 @@ class TelemetrySensitivity(NamedTuple):
 
 
 class _Quantities(NamedTuple):
-    """What the parameters decide along the planned motion."""
+    """Quantities along the planned motion that the parameters decide."""
 
     inertia_B: Array
     axes_B: Array
@@ -143,7 +143,7 @@ def _state_deviation(
     scale: NuisanceScale,
     d: int,
 ) -> _StateDeviation:
-    """How the state moves with the unknowns, of which the first d are parameters."""
+    """Sensitivity of the state to the unknowns, of which the first d are parameters."""
     spin, G = context.spin_inertia, nominal.axes_B
     total, d_total, d_wheel = _start_deviation(nominal, derivatives, path, context, scale, d)
     wheel = path.wheel_momentum + spin * (path.rate_B @ G)
@@ -178,7 +178,7 @@ def _of_sensors(
     scale: NuisanceScale,
     d: int,
 ) -> TelemetrySensitivity:
-    """What the sensors make of the state's deviation and of their own."""
+    """Sensitivity of the sensors, by the state's deviation and by their own parameters."""
     p, spin, G = deviation.rate_B.shape[-1], context.spin_inertia, nominal.axes_B
     rate_S = jnp.einsum("ij,njp->nip", sensors.axes, deviation.rate_B) + derivatives.rate_S
     rate_S = rate_S + jnp.zeros((3, p)).at[jnp.arange(3), d + jnp.arange(N_BIAS)].set(scale.bias)

@@ -352,7 +352,7 @@ def _at_null_of_new(estimate: Estimate, model: Model, fitted: set[str]) -> np.nd
 
 
 def _known(estimate: Estimate, model: Model, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """What the campaign told about (theta, bias), and their prior precision, (d + 3, d + 3) both.
+    """Estimate of (theta, bias) by the campaign, and prior precision, (d + 3, d + 3) both.
 
     Start states are integrated out. Where the campaign's fit holds all parameters of the model, its
     own compiled code serves.

@@ -1,4 +1,4 @@
-"""What fits to simulated campaigns of a plan achieve."""
+"""Errors of fits to simulated campaigns of a plan."""
 
 from __future__ import annotations
 

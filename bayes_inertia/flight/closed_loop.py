@@ -46,7 +46,7 @@ from bayes_inertia.physics.slew_input import SlewInput
 
 
 class _HookTerms(NamedTuple):
-    """What whole-history hooks add, and the `commands` (grid, wheels) [N m] that they saw.
+    """Terms of whole-history hooks, and the `commands` (grid, wheels) [N m] that they saw.
 
     They add to the delivered `torque` (grid, wheels) [N m], the sensor-axis rates `rate_S` (n, 3)
     [rad/s], the star tracker's `attitude` (n, 3) [rad] and the tachometers' `momentum` (n, wheels)
@@ -62,7 +62,7 @@ class _HookTerms(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Loop:
-    """What stays the same in all rounds of one slew."""
+    """Constants of all rounds of one slew."""
 
     slew: SlewInput
     schedule: SlewSchedule
@@ -185,7 +185,7 @@ def _bias_snapshot(loop: _Loop, terms: _HookTerms) -> Array:
 
 
 def _rows(loop: _Loop, grid: Any, terms: _HookTerms) -> dict[str, Any]:
-    """What a scan over control periods runs through: everything that differs from row to row."""
+    """Inputs of a scan over control periods: everything that differs from row to row."""
     n_rows, noise = len(loop.schedule.time), loop.noise
     unused = jnp.zeros(n_rows)
     return {

@@ -1,4 +1,4 @@
-"""What enters and leaves the closed loop of a slew: the plant, noise, and the slew as flown."""
+"""Inputs and outputs of the closed loop of a slew: the plant, noise, the slew as flown."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the closed loop takes in, as arrays: schedules, start states, control law and noise."""
+"""Inputs of the closed loop, as arrays: schedules, start states, control law and noise."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def closed_loop_inputs(
     rng: np.random.Generator | None = None,
     name: str | None = None,
 ) -> ClosedLoopInputs:
-    """What the closed loop takes in to fly all slews of a plan.
+    """Inputs of the closed loop for all slews of a plan.
 
     `mission`: with what. If its spacecraft states no rate bias, one is drawn from the sensor's
     prior. `rng`: of bias, rest errors and noise, drawn in this order; None for none of them.

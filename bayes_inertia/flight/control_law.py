@@ -60,7 +60,7 @@ class SlewSchedule(NamedTuple):
 
 
 class ControlLaw(NamedTuple):
-    """What the controller believes and how it acts, as arrays.
+    """Beliefs and gains of the controller, as arrays.
 
     Parameters
     ----------

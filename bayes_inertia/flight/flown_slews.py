@@ -16,7 +16,7 @@ from bayes_inertia.flight.slew_profile import ramp_factor
 
 
 def other_slews(plan: Plan, campaign: Campaign) -> str:
-    """What shows that a campaign flew other slews than a plan's.
+    """Signs that a campaign flew other slews than a plan's.
 
     Compared are the number of slews, the rotation of each from beginning to end, and its peak rate.
 

@@ -1,4 +1,4 @@
-"""What to fly: slews about given axes, and the rests around them with star-tracker fixes.
+"""Plan of slews about given axes, and of the rests around them with star-tracker fixes.
 
 A slew turns about an axis fixed in the body: a rest with fixes, a ramp up, a coast, a ramp down,
 time to settle, and a rest with fixes again.

@@ -167,7 +167,7 @@ def _flight(plan: Plan, mission: Mission, planned: Campaign, flown: Any) -> Flig
 
 
 def _telemetry(plan: Plan, craft: Spacecraft, i: int, slew: Slew, flown: Any) -> Slew:
-    """What telemetry shows of slew i."""
+    """Telemetry of slew i."""
     n = len(slew.time)
     fixes = None
     if craft.star_tracker is not None:

@@ -100,7 +100,7 @@ def simulate(
 
 
 def truth_of(flight: Flight, seed: int | None = None) -> dict[str, Any]:
-    """What was true in a flight, as plain numbers and lists.
+    """Truth of a flight, as plain numbers and lists.
 
     Returns: J, K, bias, effects, and each slew's start state and final error, with units in the
     keys.

@@ -219,7 +219,7 @@ def most_like_spacecraft() -> Spacecraft:
 
 
 def most_like_prior() -> InertiaPrior:
-    """What is known of the MOST-like spacecraft before flight: each moment is 2 to 4 % wrong.
+    """Prior of the MOST-like spacecraft: each moment is 2 to 4 % wrong.
 
     Returns
     -------
@@ -238,7 +238,7 @@ def most_like_prior() -> InertiaPrior:
 
 
 def spin_tensor(wheels: Sequence[Wheel]) -> np.ndarray:
-    """What J_locked has more than J: the sum of Js g g^T over all wheels.
+    """Difference of J_locked and J: the sum of Js g g^T over all wheels.
 
     Returns (3, 3) [kg m^2].
 

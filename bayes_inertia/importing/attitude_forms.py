@@ -33,7 +33,7 @@ _KEY = np.array([1.0, np.pi, np.e, np.sqrt(2.0)])
 
 @dataclass(frozen=True)
 class AttitudeConvention:
-    """How a log writes attitudes.
+    """Attitude convention of a log.
 
     Parameters
     ----------

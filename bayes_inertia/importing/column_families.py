@@ -1,4 +1,4 @@
-"""What the columns of a raw table seem to hold, told from their names; suggestions, no more."""
+"""Suggested contents of the columns of a raw table, from their names."""
 
 from __future__ import annotations
 
@@ -201,7 +201,7 @@ def _vector(
     file: str,
     members: Sequence[str],
 ) -> ColumnFamily | None:
-    """What columns of one template hold; None if that is not to be seen."""
+    """Content of columns of one template; None if the names do not say it."""
     stated = columns[names[0]].unit if names else ""
     text = re.sub(r"[./]0$", "", template.replace("*", "")).strip("_ .[]/")
     if _OTHER.fullmatch(text):
@@ -222,7 +222,7 @@ def _vector(
 
 
 def _kind(text: str, unit: str, file: str, members: Sequence[str]) -> str | None:
-    """What a template holds, by its unit, its words, and the name of its file."""
+    """Content of a template, by its unit, its words, and the name of its file."""
     of_unit = {
         "rpm": "wheel_speed",
         "mnm": "wheel_torque",

@@ -1,4 +1,4 @@
-"""What one file holds of one stream, before the clocks are brought together."""
+"""Share of one file in one stream, before the clocks are brought together."""
 
 from __future__ import annotations
 
@@ -52,5 +52,5 @@ class FileShare:
         return self.stamps.ns[~self.stamps.missing] - self.stamps.zero_ns
 
     def place(self, row: int) -> str:
-        """Where a row is, for a message."""
+        """Place of a row, for a message."""
         return f"{self.file}, {row_name(self.lines, row)}"

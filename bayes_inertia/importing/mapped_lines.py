@@ -1,4 +1,4 @@
-"""Where a mapping states what a key of an imported campaign says."""
+"""Lines of a mapping behind the keys of an imported campaign."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def streams_outside(folder: Path) -> dict[str, tuple[int, list[float], list[floa
 
 
 def streams_beside(folder: Path) -> list[str]:
-    """What an import said of streams that a known offset would put into the slews.
+    """Record of streams that a known offset would put into the slews.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What only the user can know about raw logs, asked in words.
+"""Questions on raw logs that only the user can answer.
 
 A mapping that `import --start` writes has "?" at each of these keys, with the question beside it.
 An import with a "?" left repeats the question.

@@ -69,7 +69,7 @@ class DroppedPart:
 
 @dataclass(frozen=True)
 class SlewCut:
-    """How a log was cut.
+    """Record of how a log was cut.
 
     Parameters
     ----------

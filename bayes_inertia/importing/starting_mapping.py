@@ -210,7 +210,7 @@ _AXES = {"x": [1.0, 0.0, 0.0], "y": [0.0, 1.0, 0.0], "z": [0.0, 0.0, 1.0]}
 
 
 def wheel_words(names: Sequence[str]) -> list[str]:
-    """What tells the columns of the wheels from each other.
+    """Parts of names that distinguish the columns of the wheels.
 
     Returns: A word a wheel: "x" of "cmd_wheel_x", else its number.
 

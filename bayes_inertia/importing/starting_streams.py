@@ -125,7 +125,7 @@ def _readings(group: FileGroup, family: ColumnFamily) -> list[str]:
 
 
 def _said(group: FileGroup, family: ColumnFamily) -> dict[str, tuple[str, str]]:
-    """What the name of the first column says, or that of a file of PX4, which is its message."""
+    """Content by the name of the first column, or of a file of PX4, which is its message."""
     stem, name = group.files[0].stem, family.names[0]
     return notation_of(family.holds, f"{stem}/{name}" if "vehicle_" in stem else name)
 
@@ -181,7 +181,7 @@ def _attitude(group: FileGroup, family: ColumnFamily) -> list[str]:
 
 
 def _scalar_hint(table: RawTable, family: ColumnFamily, key: str) -> str:
-    """What the first and the last of four columns read, where the scalar is asked."""
+    """First and last of four columns, where the scalar is asked."""
     if key != "scalar":
         return ""
     first, last = (_range(table, [family.names[k]]) for k in (0, -1))
@@ -246,7 +246,7 @@ _NOTATIONS: tuple[tuple[str, re.Pattern[str], str, Mapping[str, str]], ...] = tu
 
 
 def notation_of(holds: str, name: str) -> dict[str, tuple[str, str]]:
-    """What a name says by its notation.
+    """Content of a column by the notation of its name.
 
     `holds`: what the column seems to hold, as a mapping says it. Returns: for keys of the stream a
     value, and whose notation says it; the first that fits.

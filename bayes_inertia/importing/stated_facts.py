@@ -1,4 +1,4 @@
-"""What a file states itself is taken; where the mapping says otherwise, that is an error.
+"""Facts that a file states itself; a mapping that contradicts them is an error.
 
 Units stand in rows of units and in attributes; CCSDS AEM states the columns, the form, the frames
 and the direction of attitudes.
@@ -22,7 +22,7 @@ _TRACKER = re.compile(r"(STAR_?TRACKER|STR|ST|AST|INSTRUMENT|STARTRACKER).*")
 
 
 def agreed(stated: Any, mapped: Any, where: str, file: str) -> Any:
-    """What the file or the mapping says, or an error if they say different things.
+    """Value that the file or the mapping states, or an error if they differ.
 
     `stated`: what the file says; "" or None where it says nothing. `mapped`: what the mapping says;
     "", None or empty where it says nothing.
@@ -133,7 +133,7 @@ def _angle_unit(table: RawTable, part: AttitudeStream, says: dict[str, Any], whe
 
 
 def stated_attitude(table: RawTable) -> dict[str, Any]:
-    """What a file states of its attitudes, in the keys of a mapping."""
+    """Attitude convention that a file states, in the keys of a mapping."""
     stated = table.attitude
     if stated is None:
         return {}
@@ -159,7 +159,7 @@ def stated_attitude(table: RawTable) -> dict[str, Any]:
 
 
 def _frame(name: str) -> str:
-    """What a frame of the spacecraft is; "" if its name does not say it."""
+    """Kind of a frame of the spacecraft; "" if its name does not say it."""
     if _BODY.fullmatch(name):
         return "body"
     return "tracker" if _TRACKER.fullmatch(name) else ""

@@ -31,7 +31,7 @@ from bayes_inertia.tables.raw_table import RawTable, number_of
 
 @dataclass(frozen=True, eq=False)
 class TableReadings:
-    """What one table holds of a stream.
+    """Readings of a stream in one table.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def _attitudes(
 
 
 def _advice_on(row: int, read: np.ndarray, convention: AttitudeConvention, scaled: bool) -> str:
-    """What to do with a row that is no attitude."""
+    """Advice on a row that is no attitude."""
     different = np.unique(read[np.isfinite(read).all(axis=1)], axis=0)
     lengths = np.linalg.norm(different, axis=1)
     length = max(float(np.median(lengths)), 1e-300) if len(lengths) else 1.0

@@ -1,4 +1,4 @@
-"""How the streams of an import stand in `[columns]` of its campaign.
+"""Streams of an import as entries of `[columns]` of its campaign.
 
 Units and senses are those of the mapping, as far as the campaign format knows them. So the numbers
 in the tables are those of the logs, and what `doctor` says of a key of `[columns]` holds for the
@@ -45,7 +45,7 @@ _NAMES: Mapping[str, tuple[str, tuple[str, ...]]] = MappingProxyType(
 
 @dataclass(frozen=True)
 class WrittenColumns:
-    """How one stream is written.
+    """Entry of one stream.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class WrittenColumns:
 
 
 def written_columns(mapping: MappingPart) -> dict[str, WrittenColumns]:
-    """How each stream is written, by the key of `[columns]`.
+    """Entries of the streams, by the key of `[columns]`.
 
     Returns: in the order of `[columns]`, whether or not the mapping has the stream.
     """

@@ -1,4 +1,4 @@
-"""What a campaign tells about each parameter, and why it does not tell more.
+"""Information of a campaign on each parameter, and why there is no more.
 
 What enters is an `Estimate` (and, if wanted, the same in the other drive). What leaves is an
 `Observability` (`analysis.observe`): for each parameter its sd, where the information comes from

@@ -1,4 +1,4 @@
-"""What a campaign tells about each parameter, and why it does not tell more.
+"""Information of a campaign on each parameter, and why there is no more.
 
 All numbers belong to the Gauss-Newton approximation around an estimate, H = sum A + prior with the
 information A of every slew and channel. For parameter i with marginal variance C_ii, the joint
@@ -104,7 +104,7 @@ def observe(estimate: Estimate, other_drive: Estimate | None = None) -> Observab
 
 
 def _groups(estimate: Estimate) -> dict[str, np.ndarray]:
-    """Where each group's unknowns stand in the joint vector; groups without any are left out."""
+    """Places of each group's unknowns in the joint vector; groups without any are left out."""
     free, m = estimate.free, estimate.point.n_local
     f, structure = len(free), estimate.model.structure
     n_start = 6 + (structure.wheels if structure.drive == "commanded" else 0)

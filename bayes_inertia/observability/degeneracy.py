@@ -1,4 +1,4 @@
-"""What no amount of data of this kind can tell apart: stated from physics, checked in numbers.
+"""Degeneracies: stated from physics, checked in numbers.
 
 With a body turned by its own wheels, J w + G H is constant or driven by what is known of the
 wheels. Whatever scales J and everything known of the wheels alike changes no measurement; motions
@@ -56,7 +56,7 @@ class Degeneracy:
 
 
 def data_information(estimate: Estimate) -> np.ndarray:
-    """What the data say of the f free parameters, nuisances integrated out.
+    """Fisher information of the data on the f free parameters, nuisances integrated out.
 
     Returns (f, f).
     """
@@ -99,7 +99,7 @@ def _sum(names: Sequence[str], weights: np.ndarray, index: list[int]) -> str:
 
 
 def stated_degeneracies(estimate: Estimate) -> tuple[Degeneracy, ...]:
-    """What the campaign's layout makes impossible or hard to tell.
+    """Degeneracies by the campaign's layout.
 
     Returns: each with a number where the fit holds both sides.
     """
@@ -113,7 +113,7 @@ def stated_degeneracies(estimate: Estimate) -> tuple[Degeneracy, ...]:
 
 
 def turned_axes(campaign: Campaign) -> tuple[np.ndarray, np.ndarray]:
-    """How fast the slews turn about which axes, sensor noise subtracted.
+    """Axes and rates about which the slews turn, sensor noise subtracted.
 
     Returns `rms` (3,): rates about the axes, largest first [rad/s]; `axes_B` (3, 3): the axes as
     columns, in the body frame.
@@ -137,7 +137,7 @@ def _free_names(estimate: Estimate) -> list[str]:
 
 
 def _places(estimate: Estimate, names: Sequence[str]) -> np.ndarray:
-    """Where the parameters of these names stand among the free ones."""
+    """Places of the parameters of these names among the free ones."""
     free_names = _free_names(estimate)
     return np.array([k for k, name in enumerate(free_names) if name in names], dtype=int)
 

@@ -1,4 +1,4 @@
-"""What `observe` returns: numbers for each parameter, for directions, and over time."""
+"""Result of `observe`: numbers for each parameter, for directions, and over time."""
 
 from __future__ import annotations
 
@@ -225,7 +225,7 @@ def in_windows(
 
 
 def commands_worth(parameter: ParameterObservability, drive: str) -> float | None:
-    """What the recorded torque commands are worth.
+    """Ratio of sds without and with the recorded torque commands.
 
     Returns: the sd with the commands ignored over the sd with them; None where the model was driven
     in one way only.

@@ -26,7 +26,7 @@ def beyond_prior_text(row: Mapping[str, Any]) -> str:
 
 
 def probabilities_text(rows: Sequence[Mapping[str, Any]]) -> str:
-    """How probable each answer is, the most probable first.
+    """Probability of each answer, the most probable first.
 
     Examples
     --------
@@ -43,7 +43,7 @@ def probabilities_text(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def answer_text(row: Mapping[str, Any]) -> str:
-    """What a hypothesis says is missing.
+    """Answer of a hypothesis, in words.
 
     Examples
     --------

@@ -9,7 +9,7 @@ from typing import Any
 
 @dataclass(frozen=True)
 class Criteria:
-    """What had to hold for a result to be trusted, and for a parameter to count as determined.
+    """Criteria by which a result was trusted, and a parameter counted as determined.
 
     Parameters
     ----------

@@ -82,7 +82,7 @@ def standard_sections(
 
 
 def dirt_section(posterior: Posterior) -> Section | None:
-    """What is wrong with the telemetry, and what was done about it."""
+    """Telemetry faults, and their treatment."""
     rows = dirt_rows(posterior.attributes.get("dirt", []))
     return Section("Dirt in the telemetry", packaged("dirt.html"), {"rows": rows}) if rows else None
 
@@ -113,7 +113,7 @@ def gates_section(posterior: Posterior) -> Section:
 
 
 def limits_section(posterior: Posterior) -> Section:
-    """What no fit of this campaign can tell, whatever its numbers say."""
+    """Limits of any fit of this campaign, whatever its numbers say."""
     attributes, predicted = posterior.attributes, posterior.tree["posterior_predictive"]
     context = {
         "drive": attributes["drive"],
@@ -228,7 +228,7 @@ def _parameter_row(
 
 
 def determination_section(posterior: Posterior) -> Section:
-    """What the campaign determines, in words, and the pair plot."""
+    """Determined parameters, in words, and the pair plot."""
     rows, names = posterior.summary()["parameters"], posterior.names
     matrix = np.atleast_2d(np.corrcoef(posterior.samples.T)).tolist()
     most = LAYOUT.most_parameters_drawn

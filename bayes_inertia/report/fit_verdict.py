@@ -177,7 +177,7 @@ def _on_starts(agreeing: Sequence[int]) -> list[str]:
 
 
 def _on_uncertainty(summary: Mapping[str, Any], n_slews: int) -> list[str]:
-    """What the quoted sd counts, and what no other slew checks."""
+    """Parts of the quoted sd, and which parameters no other slew checks."""
     sentences = []
     if dispersion := summary["fit"].get("dispersion"):
         scatter = (

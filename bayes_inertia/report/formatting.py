@@ -62,7 +62,7 @@ def common_exponents(values: Mapping[str, tuple[str, float, float]]) -> dict[str
 
 
 def _kind(name: str) -> str:
-    """What tells the parameters of one kind from others."""
+    """Kind of a parameter."""
     effect, dot, _ = name.partition(".")
     if dot:
         return effect

@@ -1,4 +1,4 @@
-"""How much the report and its pictures show, and when a sentence is said."""
+"""Layout of the report and its pictures, and limits from which a sentence is said."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ _DETERMINED = {
 def observability_sections(
     observability: Observability, comparison: Sequence[PosteriorComparison] | None = None
 ) -> list[Section]:
-    """What a campaign tells about each parameter, the answer first."""
+    """Information of a campaign on each parameter, the answer first."""
     warnings = [
         f"{row.name}: {typeset(warning)}" for row in comparison or () for warning in row.warnings
     ]

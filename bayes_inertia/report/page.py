@@ -53,7 +53,7 @@ def page_facts(
     version: str = "",
     origin: Mapping[str, str] | None = None,
 ) -> dict[str, str]:
-    """What the head of a page says of its origin; what is not known is left out.
+    """Origin of a page, for its head; unknown facts are left out.
 
     `mission` [mission]. `origin`: date of the result, and folder of the data.
 
@@ -94,7 +94,7 @@ def render_page(
 
 
 def _policy_hash(text: str) -> str:
-    """What a content security policy calls an inline style sheet or script by."""
+    """Hash of an inline style sheet or script, as a content security policy names it."""
     digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode("ascii")
     return f"sha256-{digest}"
 

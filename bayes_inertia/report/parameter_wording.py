@@ -1,4 +1,4 @@
-"""What a parameter is, which others it trades against, and what J and K are averaged over."""
+"""Meaning of parameters, their correlations, and the cases that J and K are averaged over."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from bayes_inertia.report.layout import LAYOUT
 
 
 def meaning(name: str) -> str:
-    """What a parameter is.
+    """Meaning of a parameter.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What a plan promised beside what the run of its flight achieved."""
+"""Forecast of a plan beside the sds of the run of its flight."""
 
 from __future__ import annotations
 

@@ -102,7 +102,7 @@ def _times(ratio: float) -> str:
 
 
 def _worse_text(ratios: dict[str, float], than: str) -> str:
-    """What a plan leaves worse than another."""
+    """Parameters that a plan leaves worse than another."""
     worse = [
         f"{plain(name)} ({r:.1f} times)" for name, r in ratios.items() if r > LAYOUT.worse_sd_ratio
     ]
@@ -112,7 +112,7 @@ def _worse_text(ratios: dict[str, float], than: str) -> str:
 
 
 def _slews_section(contenders: Sequence[Contender]) -> Section:
-    """What is flown, slew by slew."""
+    """Slews of a plan."""
     rows = []
     for contender in contenders:
         plan = contender.plan
@@ -144,7 +144,7 @@ def _slews_section(contenders: Sequence[Contender]) -> Section:
 
 
 def _margins_section(content: Mapping[str, Any]) -> Section:
-    """What the flown plan leaves of every limit, tightest first."""
+    """Margins of the flown plan, tightest first."""
     margins = sorted(content["flown_margins"], key=lambda m: m["left"])
     rows = [(m["says"], "kept" if m["kept"] else "BROKEN") for m in margins]
     active = listed(content["active_limits"]) or "none"

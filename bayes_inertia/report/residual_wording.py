@@ -1,4 +1,4 @@
-"""What the residuals of a fit show, channel by channel, in words."""
+"""Residuals of a fit, channel by channel, in words."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def whiteness_text(p_white: float | None, criteria: Criteria) -> str:
 
 
 def discount_text(discount: float) -> str:
-    """How much one channel of one slew counts in the estimate.
+    """Weight of one channel of one slew in the estimate.
 
     Examples
     --------

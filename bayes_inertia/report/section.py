@@ -1,4 +1,4 @@
-"""What a report is made of: sections with a template each, and pictures inside the page."""
+"""Sections of a report, with a template each, and pictures inside the page."""
 
 from __future__ import annotations
 

@@ -64,7 +64,7 @@ def contraction_text(share: float, criteria: Criteria) -> str:
 
 
 def determination(share: float, criteria: Criteria) -> str:
-    """How far the campaign determines a parameter.
+    """Degree to which the campaign determines a parameter.
 
     Examples
     --------
@@ -77,7 +77,7 @@ def determination(share: float, criteria: Criteria) -> str:
 
 
 def determination_of(row: Mapping[str, Any], criteria: Criteria) -> str:
-    """How far the sd says that a parameter is determined."""
+    """Degree of determination, by the sd."""
     share = contraction(sd_in_print(row), row["prior_sd"])
     return determination(share, criteria)
 

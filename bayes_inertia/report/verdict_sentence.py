@@ -106,7 +106,7 @@ def _channel_text(fit: Mapping[str, Any], channel: str) -> str:
 
 
 def _on_trusted(summary: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) -> str:
-    """What the model explains, and what stays open."""
+    """Explained data, and open questions."""
     clauses = [_on_model(summary, diagnosis)]
     undetermined = names_by_determination(summary["parameters"], criteria_of(summary))
     if names := undetermined["not determined"]:
@@ -139,7 +139,7 @@ def _on_model(summary: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) -
 
 
 def _accuracy(summary: Mapping[str, Any]) -> str:
-    """How well moments, products and scale factors are known: the worst of each kind."""
+    """Worst sd of moments, products and scale factors each."""
     rows, criteria = summary["parameters"], criteria_of(summary)
     undetermined = names_by_determination(rows, criteria)["not determined"]
     known = {name: row for name, row in rows.items() if name not in undetermined}

@@ -270,7 +270,7 @@ class CaseCalibration:
 
     @cached_property
     def p_values(self) -> np.ndarray:
-        """Of the uniformity of the ranks (14,)."""
+        """P-values of the uniformity of the ranks (14,)."""
         return np.array([Ranks(ranks, LIMITS.ranked_draws).p_value for ranks in self.ranks.T])
 
     @property
@@ -279,7 +279,7 @@ class CaseCalibration:
         return np.array([Ranks(ranks, LIMITS.ranked_draws).departure for ranks in self.ranks.T])
 
     def coverage(self, quantity: int) -> tuple[Coverage, ...]:
-        """How often intervals of 50, 90 and 95 % held the truth of a quantity, by its index."""
+        """Coverage of intervals of 50, 90 and 95 % of a quantity, by its index."""
         return tuple(
             map(Ranks(self.ranks[:, quantity], LIMITS.ranked_draws).coverage, LIMITS.levels)
         )

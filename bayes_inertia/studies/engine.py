@@ -107,7 +107,7 @@ def run_work(
 
 
 def _outcomes(work: Work, left: Sequence[str], workers: Workers) -> Iterator[Outcome]:
-    """What becomes of the tasks, in the order in which they end."""
+    """Outcomes of the tasks, in the order in which they end."""
     suspects = []
     for task, outcome in _calls(work, left, workers):
         if outcome is None:
@@ -140,7 +140,7 @@ def _calls(
 
 
 def _result(future: Future, task: str, workers: Workers) -> Outcome | None:
-    """What a call gave. What a task raises stands there: other errors come from the way to it."""
+    """Result of a call. What a task raises stands there: other errors come from the way to it."""
     try:
         return future.result()
     except workers.died:

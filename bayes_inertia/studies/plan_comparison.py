@@ -109,7 +109,7 @@ def compare_plans(
 
 @dataclass(frozen=True)
 class _Fits:
-    """What campaigns of every plan share."""
+    """Inputs that campaigns of every plan share."""
 
     mission: Mission
     mission_digest: str
@@ -119,7 +119,7 @@ class _Fits:
     callbacks: dict[str, Any]
 
     def of_plan(self, plan: Plan, workers: Workers) -> AchievedErrors:
-        """What fits to simulated campaigns of one plan achieved."""
+        """Errors of fits to simulated campaigns of one plan."""
         digest = joblib.hash(plan)
         options = {"plan": digest, "mission": self.mission_digest}
         work = simulated_fits(plan, self.mission, self.simulated, self.seed, options=options)

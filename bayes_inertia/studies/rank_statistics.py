@@ -19,7 +19,7 @@ from bayes_inertia.studies.limits import LIMITS
 
 
 class Coverage(NamedTuple):
-    """How often a central interval held the truth.
+    """Coverage of a central interval.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ class Ranks:
         return max(0.0, 1.0 - probability_inside(len(self.values), self.ranked, largest - 1e-6))
 
     def coverage(self, level: float) -> Coverage:
-        """How often a central interval held the truth; its ends are draws."""
+        """Coverage of a central interval; its ends are draws."""
         outside = round((self.ranked + 1) * 0.5 * (1.0 - level))
         inside = (self.values >= outside) & (self.values <= self.ranked - outside)
         return coverage_from(int(inside.sum()), len(inside), level)

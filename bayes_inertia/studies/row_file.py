@@ -25,7 +25,7 @@ Outcome = tuple[str, Row] | TaskFailure
 
 
 class RowFile:
-    """What a study has so far, in memory and in a folder (None: in memory alone)."""
+    """Rows of a study so far, in memory and in a folder (None: in memory alone)."""
 
     def __init__(self, folder: Path | None, study: str) -> None:
         self._path = None if folder is None else folder / NAME

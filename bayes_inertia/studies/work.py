@@ -1,4 +1,4 @@
-"""What a study does: tasks with ids, a seed for each, and what becomes of them."""
+"""Work of a study: tasks with ids, a seed for each, and their outcomes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the tasks of a study run: in this process, in joblib's worker processes, on a dask cluster.
+"""Workers of a study's tasks: this process, joblib's worker processes, or a dask cluster.
 
 All are executors of `concurrent.futures`. joblib's own way to dask is not taken: joblib 1.6 waits
 for ever where a task kills its workers, and does all tasks in the driver where dask has one thread.
@@ -36,7 +36,7 @@ _ONE_THREAD = dict.fromkeys(
 
 @dataclass(frozen=True)
 class Workers:
-    """Where calls run.
+    """Workers that run calls.
 
     `submit` begins one; `room` says how many may be begun at a time, or raises StudyError where the
     workers are lost; `died` are the errors of a call whose worker was killed.

@@ -205,7 +205,7 @@ def _unit_of(name: str) -> str:
 
 
 def _scalar(segment: AemSegment) -> str:
-    """Where the scalar stands: "first", "last", or "" where the file does not say."""
+    """Place of the scalar: "first", "last", or "" where the file does not say."""
     stated = segment.metadata.get("QUATERNION_TYPE", "").lower()
     if stated in ("first", "last"):
         return stated
@@ -215,7 +215,7 @@ def _scalar(segment: AemSegment) -> str:
 def _attitude(
     segment: AemSegment, names: Sequence[str], label: str
 ) -> tuple[StatedAttitude | None, tuple[str, ...]]:
-    """What the segment says of its attitudes, and what a user should know of it."""
+    """Attitude convention of the segment, and notes on it for the user."""
     meta = segment.metadata
     notes = [
         f"angular velocities are in the frame {meta[key]}"
@@ -292,7 +292,7 @@ def _spin_angles(
 
 
 def _frames(segment: AemSegment, label: str) -> tuple[str, str]:
-    """Where the rotation starts and ends."""
+    """Frames from and to which the rotation goes."""
     meta = segment.metadata
     start, end = meta["REF_FRAME_A"], meta["REF_FRAME_B"]
     for frame in (start, end):

@@ -20,7 +20,7 @@ _OPAQUE = ("MatlabOpaque", "MatlabFunction", "MatlabObject")
 
 
 class FileError(Exception):
-    """What is wrong with a file, in words for its user."""
+    """Fault of a file, in words for its user."""
 
 
 @dataclass(eq=False)

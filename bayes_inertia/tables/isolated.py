@@ -101,7 +101,7 @@ def _read(
 def _run(
     kind: str, path: str, seconds: float | None, size: int, label: str, advice: str
 ) -> FileArrays:
-    """What the process finds in a file of this size, or an error that says what is wrong."""
+    """Arrays that the process reads from a file of this size, or its error."""
     limit = (
         LIMITS.processor_seconds + size / LIMITS.bytes_per_second if seconds is None else seconds
     )
@@ -141,7 +141,7 @@ def _run(
 
 
 def _refusal(reason: str, kind: str, label: str, advice: str) -> CampaignError:
-    """What a user is told of a file that could not be read."""
+    """Message on a file that could not be read."""
     what = f"cannot be read as {_KINDS[kind][2]} ({reason})"
     if "unable to lock file" in reason:
         what, advice = "another program holds the file", _HELD

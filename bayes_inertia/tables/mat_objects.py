@@ -47,7 +47,7 @@ def opened_objects(path: str, places: Sequence[str]) -> dict[str, list[Part]]:
 
 
 def _at(content: Any, place: str) -> Any:
-    """What lies at a path of structs; None where that cannot be told."""
+    """Value at a path of structs; None where there is none."""
     value = content
     for part in place.split("/"):
         match = _INDEXED.fullmatch(part)

@@ -167,7 +167,7 @@ def _parquet_table(file: Path) -> RawTable:
 
 
 def _arrays(file: Path, form: str) -> FileArrays | None:
-    """What a file of arrays holds; None for a file of another form."""
+    """Arrays of a file; None for a file of another form."""
     if form == "json":
         arrays = json_arrays(file)
         return None if arrays is None else FileArrays(arrays)

@@ -1,4 +1,4 @@
-"""What every reader of raw logs returns: named columns that keep what the file itself says.
+"""Result of every reader of raw logs: named columns with what the file itself states.
 
 A column of a raw log has no meaning yet: a mapping gives it one. So a column keeps its numbers or
 texts as they lie in the file, with the unit that the file states (a row of units, an attribute of
@@ -60,7 +60,7 @@ class RawColumn:
 
 @dataclass(frozen=True)
 class StatedAttitude:
-    """What the file says of its attitudes, so that no mapping need say it.
+    """Attitude convention that the file states, so that no mapping need say it.
 
     Parameters
     ----------

@@ -120,7 +120,7 @@ def sizes_of(
 def added_parts(
     table: RawTable, names: Sequence[str], sizes: Sequence[Fraction], *, of_date: bool = False
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """What the columns after the first add to a stamp.
+    """Time that the columns after the first add to a stamp.
 
     Returns (rows,) ns, (rows,) whether a cell is empty, and the step of the last column [s]. Sizes
     are the ns that one of each column counts; with `of_date` the first column holds dates.

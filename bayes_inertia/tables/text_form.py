@@ -1,4 +1,4 @@
-"""How a text file is written: what a mapping states of it, and what its rows tell."""
+"""Form of a text file: stated by a mapping, or recognised from its rows."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _TIME = re.compile(
 
 @dataclass(frozen=True)
 class TextOptions:
-    """What a mapping may say of a text file; everything else is told from the file.
+    """Form of a text file as a mapping states it; everything else is recognised from the file.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ class TextOptions:
 
 
 class TextForm(NamedTuple):
-    """What separates the cells of a text (a character, or "whitespace"), and the decimal sign."""
+    """Separator of the cells of a text (a character, or "whitespace"), and the decimal sign."""
 
     delimiter: str
     decimal: str
@@ -70,7 +70,7 @@ def is_reading(cell: str, decimal: str) -> bool:
 
 
 def told_form(lines: Sequence[tuple[int, str]], options: TextOptions, label: str) -> TextForm:
-    """How a file separates its cells: the way that gives most rows of one length with readings."""
+    """Separator of a file's cells: the one that gives most rows of one length with readings."""
     middle = max(len(lines) - LIMITS.sample_rows, 0) // 2
     sample = list(lines[:10]) + list(lines[max(middle, 10) : middle + LIMITS.sample_rows])
     best, best_score = TextForm(",", "."), -1.0
@@ -96,7 +96,7 @@ def _width(rows: Sequence[tuple[str, ...]]) -> int:
 
 
 def _score(rows: Sequence[tuple[str, ...]], decimal: str) -> float:
-    """How well rows look like a table: of one length, and with readings in the lower half."""
+    """Score of rows as a table: of one length, and with readings in the lower half."""
     width = _width(rows)
     regular = [cells for cells in rows if len(cells) == width]
     cells = [cell for row in regular[len(regular) // 2 :] for cell in row]

@@ -128,7 +128,7 @@ def _common_length(rows: Sequence[CellRow]) -> int:
 
 
 def _judged(rows: Sequence[CellRow]) -> int:
-    """How many of the last rows tell what columns hold: heads are short, but so may be files."""
+    """Number of last rows by which columns are judged: heads are short, but so may be files."""
     return min(LIMITS.sample_rows, (len(rows) + 1) // 2)
 
 

@@ -147,7 +147,7 @@ def _stem(name: str) -> str:
 
 
 def stamp_units(table: RawTable, names: Sequence[str]) -> list[str]:
-    """What each column of a stamp counts, as a mapping writes it: "date" for texts, "" if unknown.
+    """Unit of each column of a stamp, as a mapping writes it: "date" for texts, "" if unknown.
 
     Examples
     --------

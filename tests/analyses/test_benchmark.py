@@ -35,7 +35,9 @@ def rows_of(history, path: Path, *values: tuple[float, ...]) -> list[dict[str, s
     ],
     ids=["equal", "a sixth", "slower", "fewer samples", "better", "not measured", "not before"],
 )
-def test_what_became_worse_by_more_than_a_fifth_is_told(history, tmp_path, before, after, worse):
+def test_what_became_worse_by_more_than_a_fifth_is_reported(
+    history, tmp_path, before, after, worse
+):
     rows = rows_of(history, tmp_path / "history.csv", (1.0, 1.0), before, after)
     assert [line.partition(":")[0] for line in history.worse_ratios(rows)] == worse
 

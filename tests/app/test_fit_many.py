@@ -111,7 +111,7 @@ def test_the_copy_of_a_campaign_that_a_run_keeps_is_no_other_campaign(fleet, fit
     assert [row["campaign"] for row in rows] == ["campaign"]
 
 
-def test_bad_campaigns_are_told_and_the_others_fitted(fleet, fitted, tmp_path, capsys):
+def test_bad_campaigns_are_reported_and_the_others_fitted(fleet, fitted, tmp_path, capsys):
     out, toml = tmp_path / "out", fleet / "alpha" / "campaign.toml"
     good = toml.read_text()
     toml.write_text(good.replace("[inertia]", "[inertia"))

@@ -66,7 +66,7 @@ def test_a_free_folder_is_claimed_and_the_same_work_goes_on(tmp_path):
         ({"format": "test/2"}, "not written by this command"),
     ],
 )
-def test_other_work_is_refused_and_told_what_differs(tmp_path, changes, words):
+def test_other_work_is_refused_with_what_differs(tmp_path, changes, words):
     owner(tmp_path).claim()
     before = (tmp_path / "design.json").read_bytes()
     for act in (ResultFolder.holds_this_work, ResultFolder.claim):

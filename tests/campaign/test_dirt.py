@@ -316,7 +316,7 @@ def test_infinity_and_an_axis_without_any_reading_stay_errors(tmp_path):
         assert_teaches(caught.value, ["slew_01.csv", named])
 
 
-def test_a_subset_keeps_its_own_dirt(tmp_path):
+def test_a_subset_keeps_its_own_faults(tmp_path):
     campaign = read_campaign(dirty(tmp_path / "c", stick(("wx_radps",), slice(100, 112))))
     assert campaign.subset([1]).dirt == ()
     assert campaign.subset([0]).dirt == campaign.dirt
@@ -343,7 +343,7 @@ def test_lost_rows_move_the_estimate_by_less_than_one_sd(tmp_path):
     assert np.abs((wrong.theta - reference.theta) / reference.sd).max() > 1.0
 
 
-def test_the_largest_commands_of_a_wrong_unit_are_no_dirt():
+def test_the_largest_commands_of_a_wrong_unit_are_no_faults():
     wheel = Wheel("x", (1.0, 0.0, 0.0), 1e-3, max_torque=0.02)
     # A ramp in mN m read as N m: 1 % of it lies beyond a hundred times the limit of the wheel.
     ramp = np.linspace(0.0, 2.02, 200)[:, None]
@@ -354,7 +354,7 @@ def test_the_largest_commands_of_a_wrong_unit_are_no_dirt():
     assert [record.kind for record, _ in dirt] == ["outliers"]
 
 
-def test_one_number_that_marks_no_command_is_dirt_however_often():
+def test_one_number_that_marks_no_command_is_a_fault_however_often():
     wheel = Wheel("x", (1.0, 0.0, 0.0), 1e-3, max_torque=0.02)
     torque = np.full((200, 1), 0.01)
     torque[::10] = -9999.0

@@ -73,7 +73,7 @@ MADE = {
 
 
 @pytest.mark.parametrize("name", MADE)
-def test_physics_and_dirt_are_left_alone(right, name):
+def test_physics_and_faults_are_left_alone(right, name):
     check = check_conventions(with_rates(right, MADE[name]), quick=True)
     assert check.verdict == "consistent", check.sentence
     assert max(check.misfits.values()) < 2.0
@@ -90,13 +90,13 @@ def test_an_inertia_in_another_unit_is_not(right):
     assert check.changes[0].mended[0][0] == pytest.approx(right.inertia.tensor[0, 0])
 
 
-def test_a_stale_bias_is_reported_as_dirt(right):
+def test_a_stale_bias_is_reported_as_a_fault(right):
     check = check_conventions(with_rates(right, MADE["a stale bias"]))
     assert [dirt["kind"] for dirt in check.dirt] == ["stale_bias"]
     assert check_conventions(right).dirt == ()
 
 
-def test_a_noise_stated_too_small_is_reported_as_dirt(right):
+def test_a_noise_stated_too_small_is_reported_as_a_fault(right):
     sensor = replace(right.rate_sensor, sigma=tuple(s / 3.0 for s in right.rate_sensor.sigma))
     dirt = check_conventions(replace(right, rate_sensor=sensor)).dirt
     assert [entry["kind"] for entry in dirt] == ["noise_level"]

@@ -55,7 +55,7 @@ def named(campaign: Campaign):
 
 
 @pytest.mark.parametrize("tracker", [True, False])
-def test_a_stale_bias_alone_is_dirt_and_no_wrong_convention(stale, bias, tracker):
+def test_a_stale_bias_alone_is_a_fault_and_no_wrong_convention(stale, bias, tracker):
     if not tracker:
         stale = replace(changed(stale, attitude=lambda q: None), star_tracker=None)
     check, keys, dirt = named(stale)
@@ -86,7 +86,7 @@ def test_a_wrong_convention_of_the_wheels_is_named_beside_it(stale):
     )
 
 
-def test_no_bias_is_told_where_none_is(bias):
+def test_no_bias_is_reported_where_none_is(bias):
     campaign = read_campaign(EXAMPLE)
     misfits = Misfits(campaign, sampled(campaign))
     own = with_own_bias(misfits, stated_reading(campaign)).bias_B

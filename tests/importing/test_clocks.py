@@ -48,7 +48,7 @@ BACK = {
 
 
 @pytest.mark.parametrize("name", BACK)
-def test_a_clock_that_was_set_back_is_told(name):
+def test_a_clock_that_was_set_back_is_reported(name):
     stamps, row = BACK[name]
     assert set_back_row(stamps, noise(len(stamps))) == row
 
@@ -156,7 +156,7 @@ def test_rows_without_a_time_are_few_or_an_error(tmp_path, columns):
 
 
 @pytest.mark.parametrize("offset", [3600.0, -7200.0, 19800.0])
-def test_a_stream_outside_every_slew_is_told_with_the_offset_that_explains_it(
+def test_a_stream_outside_every_slew_is_reported_with_the_offset_that_explains_it(
     tmp_path, columns, offset
 ):
     off = {**columns, "t_ms": columns["t_ms"] + 1e3 * offset}
@@ -235,7 +235,7 @@ def test_a_log_without_stamps_is_read_at_its_rate(tmp_path, columns):
 
 
 @pytest.mark.parametrize(("offset", "count"), [(37.0, 1), (30.0, 0), (0.0, 0)])
-def test_what_a_known_offset_mends_is_told_to_doctor(tmp_path, columns, offset, count):
+def test_what_a_known_offset_mends_reaches_doctor(tmp_path, columns, offset, count):
     fixes = {**columns, "t_ms": columns["t_ms"] + 1e3 * offset}
     files = [write_csv(tmp_path / "log_a.csv", columns), write_csv(tmp_path / "st.csv", fixes)]
     of_fixes = ('"attitude"\nfiles = ["log*.csv"]', '"attitude"\nfiles = ["st.csv"]')

@@ -28,7 +28,7 @@ def test_white_noise_is_seen_with_its_error_and_nothing_else():
     assert not any(fit.quantisation for fit in found)
 
 
-def test_a_random_walk_is_told_from_white_noise():
+def test_a_random_walk_is_distinguished_from_white_noise():
     def walk(rng):
         return rng.normal(0.0, 1.0, SAMPLES) + np.cumsum(rng.normal(0.0, 0.2, SAMPLES))
 

@@ -104,7 +104,7 @@ def test_dates_of_42(tmp_path):
         read_raw(tmp_path / "UTC.42")
 
 
-def test_formats_are_told_by_content(tmp_path):
+def test_formats_are_recognised_by_content(tmp_path):
     heads = {
         b"\x89HDF\r\n\x1a\n": "hdf5",
         b"CDF\x01": "netcdf",

@@ -6,7 +6,7 @@ import pytest
 from bayes_inertia.maths.central_differences import quadratic_at
 
 
-def test_a_quadratic_is_told_exactly_and_its_value_can_be_given():
+def test_a_quadratic_is_derived_exactly_and_its_value_can_be_given():
     rng = np.random.default_rng(1)
     slope, half = rng.normal(size=3), rng.normal(size=(3, 3))
     matrix, at, asked = half + half.T, rng.normal(size=3), []

@@ -214,6 +214,6 @@ def test_the_command_refuses_an_untrusted_result_unless_told(run_of, tmp_path, c
     assert out.read_text().startswith("# WARNING: DO NOT USE")
 
 
-def test_a_folder_without_a_finished_run_is_told(tmp_path, capsys):
+def test_a_folder_without_a_finished_run_is_reported(tmp_path, capsys):
     assert export(tmp_path, "--to", "csv") == 2
     assert "posterior.nc" in capsys.readouterr().err

@@ -45,7 +45,7 @@ def test_a_stored_posterior_is_read_back(stored):
     assert Posterior.load(stored).summary()["parameters"]["Jxx"]["sd"] > 0.0
 
 
-def test_a_flipped_bit_is_told_by_every_command(stored, capsys):
+def test_a_flipped_bit_is_reported_by_every_command(stored, capsys):
     data = bytearray(stored.read_bytes())
     data[len(data) // 2] ^= 16
     stored.write_bytes(bytes(data))

@@ -85,7 +85,7 @@ def program(name: str, *arguments: str) -> Iterator[psutil.Popen]:
         process.wait()
 
 
-def test_a_lost_scheduler_is_told_and_what_was_finished_is_kept(tmp_path):
+def test_a_lost_scheduler_is_reported_and_what_was_finished_is_kept(tmp_path):
     file, work, told = tmp_path / "scheduler.json", work_of(40, Slow(0.2)), []
     with program("scheduler", "--host", "127.0.0.1", "--scheduler-file", str(file)) as scheduler:
         address = address_in(file)

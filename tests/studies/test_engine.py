@@ -120,7 +120,7 @@ def test_two_runs_do_not_share_a_folder(tmp_path):
     assert len(run_work(work_of(3), IN_PROCESS, tmp_path).rows) == 3
 
 
-def test_each_task_is_told():
+def test_each_task_is_reported():
     told = []
     run_work(work_of(3), IN_PROCESS, progress=lambda *a: told.append(a))
     assert told == [("numbers", 1, 3), ("numbers", 2, 3), ("numbers", 3, 3)]

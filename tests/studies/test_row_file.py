@@ -73,7 +73,7 @@ DAMAGES = {
 
 
 @pytest.mark.parametrize("damage", DAMAGES)
-def test_a_damaged_line_is_told_and_done_anew(tmp_path, damage):
+def test_a_damaged_line_is_reported_and_done_anew(tmp_path, damage):
     folder = tmp_path / "run"
     whole = run_work(WORK, IN_PROCESS, folder)
     before = (folder / NAME).read_bytes()

@@ -119,7 +119,7 @@ def test_a_table_of_a_raw_log(tmp_path):
     ],
     ids=["unit", "step", "length"],
 )
-def test_what_cannot_be_told_stays_closed(tmp_path, times):
+def test_what_cannot_be_recognised_stays_closed(tmp_path, times):
     held = contents(saved(tmp_path / "a.mat", "v7", gyro=timeseries(times), plain=TIME))
     assert held.closed == {"gyro": "a MATLAB timeseries object"}
     assert list(held.arrays) == ["plain"]

@@ -37,7 +37,7 @@ def written(**options) -> str:
 @pytest.mark.parametrize("sep", [",", ";", "\t", "|"])
 @pytest.mark.parametrize("decimal", [".", ","])
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
-def test_delimiter_decimal_sign_and_line_ends_are_told(sep, decimal, end):
+def test_delimiter_decimal_sign_and_line_ends_are_recognised(sep, decimal, end):
     check(parse_text(written(sep=sep, decimal=decimal, lineterminator=end), "a", TextOptions()))
 
 
@@ -56,7 +56,7 @@ def test_columns_that_are_nearly_always_empty(sep):
 @pytest.mark.parametrize(
     "encoding", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-16-be", "utf-32", "latin-1"]
 )
-def test_encodings_are_told(tmp_path, encoding):
+def test_encodings_are_recognised(tmp_path, encoding):
     text = "# Drehrate in °/s\n" + written(sep=";", decimal=",").replace("w;", "w;", 1)
     file = tmp_path / "log.csv"
     file.write_bytes(text.encode(encoding))
@@ -109,7 +109,7 @@ def test_white_space_and_no_names():
     np.testing.assert_array_equal(again.stack(["t", "w"]), np.c_[TIME, RATE])
 
 
-def test_what_cannot_be_told_can_be_stated():
+def test_what_cannot_be_recognised_can_be_stated():
     text = "1;2\n3;4\n5;6\n7;8\n"
     table = parse_text(text, "a.csv", TextOptions(header_line=1))
     assert list(table.columns) == ["1", "2"]

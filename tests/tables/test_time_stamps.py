@@ -182,7 +182,7 @@ def test_leap_seconds_and_zones_belong_to_utc_alone():
         ns_of("gps", ["2024-01-01T00:00:00Z"])
 
 
-def test_a_wrong_unit_of_a_clock_is_told_by_the_year():
+def test_a_wrong_unit_of_a_clock_is_recognised_by_the_year():
     with pytest.raises(CampaignError, match="no time of this kind"):
         ns_of("unix_s", np.array([1.7e12, 1.7e12 + 1]))
     with pytest.raises(CampaignError, match="lies in the year 1967"):

@@ -44,7 +44,7 @@ def check_command(
 
 
 def campaign_json(campaign: Campaign) -> dict[str, Any]:
-    """What `check --json` prints."""
+    """Content of `check --json`."""
     from bayes_inertia.maths.values import json_ready
 
     inertia, sensor = campaign.inertia, campaign.rate_sensor

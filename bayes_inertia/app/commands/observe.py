@@ -129,7 +129,7 @@ def _parameter_table(console: Console, observability: Observability) -> Table:
 
 
 def _commands_worth(observability: Observability) -> str:
-    """What the recorded torque commands are worth, where both drives were asked."""
+    """Worth of the recorded torque commands, where both drives were asked."""
     from bayes_inertia.observability.result import commands_worth
 
     worth = {p.name: commands_worth(p, observability.drive) for p in observability.parameters}

@@ -1,4 +1,4 @@
-"""What `fit`, `diagnose`, `resume` and `demo` end with: the result of a run, printed."""
+"""Printed result of a run, by `fit`, `diagnose`, `resume` and `demo`."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def show_run(
 def run_result_json(
     folder: Path, summary: dict[str, Any], diagnosis: dict[str, Any] | None, trusted: bool
 ) -> dict[str, Any]:
-    """What `fit`, `diagnose`, `resume` and `demo` print with --json."""
+    """Content of `fit`, `diagnose`, `resume` and `demo` with --json."""
     if diagnosis is not None:
         left_out = ("pictures", SEAL_KEY)
         diagnosis = {key: value for key, value in diagnosis.items() if key not in left_out}

@@ -1,4 +1,4 @@
-"""What is exported of a fit, and the digits and comments that all formats share."""
+"""Exported content of a fit, with the digits and comments that all formats share."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ class ExportedResult:
 
 
 def comment_lines(result: ExportedResult, *more: str) -> list[str]:
-    """What every file says first: where it comes from, and a warning if it is not trusted."""
+    """First comments of every file: its origin, and a warning if it is not trusted."""
     warning = []
     if not result.trusted:
         reasons = "; ".join(result.reasons) or "a gate failed"

@@ -1,4 +1,4 @@
-"""How far the predicted attitude is from the star tracker's, before and after each slew."""
+"""Attitude residuals: prediction against star tracker, before and after each slew."""
 
 from __future__ import annotations
 

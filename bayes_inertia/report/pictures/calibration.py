@@ -17,7 +17,7 @@ _GROUPS = (("J", range(6)), ("K and moments", range(6, 12)), ("predictions", ran
 
 @array_dataclass
 class RankCurves:
-    """What is drawn of one case.
+    """Rank curves of one case.
 
     Parameters
     ----------

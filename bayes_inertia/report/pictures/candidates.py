@@ -1,4 +1,4 @@
-"""How strongly the residuals speak for each candidate effect."""
+"""Strength of evidence for each candidate effect."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a model disagrees with the data: a map of mean residuals in short stretches of time."""
+"""Map of mean residuals in short stretches of time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a campaign tells about each parameter, what is lost to which others, and when it comes."""
+"""Information on each parameter: what is lost to which others, and when it comes."""
 
 from __future__ import annotations
 

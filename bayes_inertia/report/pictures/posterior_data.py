@@ -1,4 +1,4 @@
-"""What the pictures draw, read out of a posterior's tree.
+"""Data of the pictures, read out of a posterior's tree.
 
 Padding becomes NaN, quaternions become small angles.
 """
@@ -136,12 +136,12 @@ def attitude_misfit(posterior: Posterior) -> AttitudeMisfit | None:
 
 
 def n_slews(posterior: Posterior) -> int:
-    """How many slews the campaign has."""
+    """Number of slews of the campaign."""
     return int(posterior.tree["estimate"].sizes["slew"])
 
 
 def n_ensembles(posterior: Posterior) -> int:
-    """How many independent ensembles the chains come from (chains are ordered by ensemble)."""
+    """Number of independent ensembles (chains are ordered by ensemble)."""
     return int(posterior.tree["posterior_predictive"].sizes["chain"])
 
 

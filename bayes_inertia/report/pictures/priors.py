@@ -117,7 +117,7 @@ def _bar(
 
 
 def _gain_text(gain: float) -> str:
-    """How much sharper than the prior."""
+    """Gain over the prior, in words."""
     if gain >= 10:
         return f"{gain:,.0f}× sharper than the prior"
     return f"{gain:.1f}× sharper than the prior" if gain >= 1.05 else "no sharper than the prior"

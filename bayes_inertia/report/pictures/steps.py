@@ -1,4 +1,4 @@
-"""What adding effects changes: the misfit, step by step, and J and K."""
+"""Misfit, J and K, step by step as effects are added."""
 
 from __future__ import annotations
 

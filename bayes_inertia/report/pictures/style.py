@@ -1,4 +1,4 @@
-"""How every picture looks: colours, sizes, units, decimation.
+"""Style of all pictures: colours, sizes, units, decimation.
 
 Colours are safe for colour-blind readers and for grey printing. Nothing here touches matplotlib's
 global state for longer than one picture: `styled` wraps a function that makes a `Figure` in an
@@ -91,7 +91,7 @@ def color(i: int) -> str:
 
 @dataclass(frozen=True)
 class Scale:
-    """How values are shown on an axis: `(value - offset) / factor`.
+    """Scale of an axis: `(value - offset) / factor` is shown.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def scale(name: str, unit: str, center: float, half_range: float) -> Scale:
 
 
 def grid_shape(n: int) -> tuple[int, int]:
-    """How many panels are laid out, one a slew.
+    """Rows and columns of panels, one a slew.
 
     Examples
     --------
