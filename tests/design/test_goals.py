@@ -63,9 +63,9 @@ def test_correction_slew_is_that_of_the_closed_loop(craft, mission):
 
 def test_the_turn_whose_correction_is_forecast_stands_in_one_place():
     package = Path(bayes_inertia.__file__).parent
-    constant = re.compile(r"^_?[A-Z_]*(ANGLE|TURN)[A-Z_]* = .*\b60\b", re.MULTILINE)
+    constant = re.compile(r"^ *\w*(angle|turn)\w*(: float)? = .*\b60\b", re.MULTILINE | re.I)
     files = [path.name for path in package.rglob("*.py") if constant.search(path.read_text())]
-    assert files == ["goals.py"]
+    assert files == ["numerics.py"]
 
 
 def test_unknown_goals_name_the_nearest():
