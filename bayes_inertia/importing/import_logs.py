@@ -19,7 +19,7 @@ from bayes_inertia.campaign.held import held_readings
 from bayes_inertia.campaign.known_offsets import known_offset
 from bayes_inertia.campaign.reader import read_campaign
 from bayes_inertia.campaign.writer import write_campaign
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import read_bytes, text_of, write_new_files
 from bayes_inertia.importing.common_clock import Logs
 from bayes_inertia.importing.cut_picture import cut_picture
@@ -33,7 +33,12 @@ from bayes_inertia.importing.imported_folder import (
 )
 from bayes_inertia.importing.log_reader import read_logs
 from bayes_inertia.importing.logged_stream import MOST_LEFT_OUT, LoggedStream
-from bayes_inertia.importing.mapped_lines import BESIDE_RATES, OFFSET_OF, RECORD_FILE
+from bayes_inertia.importing.mapped_lines import (
+    BESIDE_RATES,
+    OFFSET_OF,
+    RECORD_FILE,
+    other_mapping,
+)
 from bayes_inertia.importing.mapping import parse_mapping, streams_that_hold
 from bayes_inertia.importing.mapping_schema import MappingPart
 from bayes_inertia.importing.rest_noise import RestNoise, rest_noise
@@ -119,6 +124,12 @@ def import_logs(
     say = progress or silent
     label, data = str(mapping), read_bytes(Path(mapping))
     parsed = parse_mapping(text_of(data, label), label)
+    if other_mapping(Path(folder), data):
+        raise OutputError(
+            "would overwrite another campaign",
+            where=str(Path(folder, RECORD_FILE)),
+            advice="write to a new folder, or remove this one first",
+        )
     written = read_logs(files, parsed, label, say)
     say("cutting the log into slews", 0, 0)
     logs = replace(written, streams={key: _once(s) for key, s in written.streams.items()})
@@ -289,6 +300,13 @@ def _require_noises(mapping: MappingPart, noises: Sequence[RestNoise], label: st
         f"[{part}] {seen[f'{part}.{key}'].toml()}"
         for part, key in missing
         if f"{part}.{key}" in seen
+    ]
+    # Tachometers are not used without theirs: said now, it spares another import.
+    lines += [
+        f'[[wheels]] "{wheel.name}" {seen[key].toml()}'
+        for wheel in mapping.wheels
+        if wheel.momentum_sigma is None
+        and (key := f"wheels.{wheel.name}.momentum_sigma") in seen
     ]
     part, key = missing[0]
     advice = (

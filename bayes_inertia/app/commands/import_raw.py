@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 START_FORMAT = "bayes-inertia-import-start/1"
 _LONGEST_LIST = 200  # Letters of the columns of one file; the mapping has them all.
 _SPANS_SHOWN = 6
+_FILES_NAMED = 6  # Of more the next command names none.
 _SHORTEST_SPAN_S = 1.0  # [s]; shorter parts of a log that no slew needs are not worth a word.
 
 RawFiles = Annotated[list[Path], typer.Argument(help="Raw logs, of any format.")]
@@ -98,7 +100,10 @@ def _start(raw: list[Path], start: Path, as_json: bool) -> None:
         return
     console = plain_console()
     console.print(headed(str(start), f": {started.questions} questions to answer"), soft_wrap=True)
-    console.print(f"then: bayes-inertia import RAW... --using {start} -o CAMPAIGN", soft_wrap=True)
+    files = shlex.join(str(path) for path in raw) if len(raw) <= _FILES_NAMED else "RAW..."
+    console.print(
+        f"then: bayes-inertia import {files} --using {start} -o CAMPAIGN", soft_wrap=True
+    )
     if "rate" not in started.streams:
         console.print("no stream holds the rates, which an import needs")
     if left_over:
