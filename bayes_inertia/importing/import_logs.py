@@ -305,8 +305,7 @@ def _require_noises(mapping: MappingPart, noises: Sequence[RestNoise], label: st
     lines += [
         f'[[wheels]] "{wheel.name}" {seen[key].toml()}'
         for wheel in mapping.wheels
-        if wheel.momentum_sigma is None
-        and (key := f"wheels.{wheel.name}.momentum_sigma") in seen
+        if wheel.momentum_sigma is None and (key := f"wheels.{wheel.name}.momentum_sigma") in seen
     ]
     part, key = missing[0]
     advice = (

@@ -104,9 +104,7 @@ def _mapping_lines(campaign: Path, check: ConventionsCheck) -> list[str]:
     return [line for key in keys for line in mapped_lines(campaign, key)]
 
 
-def show_check(
-    check: ConventionsCheck, campaign: Path, mapping_lines: Sequence[str] = ()
-) -> None:
+def show_check(check: ConventionsCheck, campaign: Path, mapping_lines: Sequence[str] = ()) -> None:
     """Print a check for people."""
     from bayes_inertia.conventions.invisible import invisible_in_brief
     from bayes_inertia.report.dirt_wording import dirt_sentences
