@@ -297,6 +297,11 @@ def machine() -> Iterator[tuple[str, str]]:
     yield "engine.killed_fits", f"{engine['kills']['fits']}"
 
 
+def walk() -> Iterator[tuple[str, str]]:
+    """What `report --plan` says of slews that were designed, simulated and fitted."""
+    yield "walk.promise", f"\n```text\n{content('first_walk')['promise']}\n```\n"
+
+
 def readings() -> Iterator[tuple[str, str]]:
     """Cost of projections of high-rate readings over that of the readings."""
     ratios = content("evaluation_benchmark")["ratios"]
@@ -368,6 +373,7 @@ GROUPS: tuple[Callable[[], Iterator[tuple[str, str]]], ...] = (
     machine,
     random_walk,
     readings,
+    walk,
     flying,
     installation,
 )

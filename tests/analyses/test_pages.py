@@ -64,6 +64,7 @@ DEFINITIONS = {
         "beyond 3.3 prior sds of its logarithm (a factor of 5.2)",
     ),
     "how_to/plan.md": ("8 % of the rate",),
+    "how_to/priors.md": ("| 1, sd", "| 0, sd"),
     "how_to/robust_sd.md": ("same 90 % interval", "its 90 % intervals hold"),
     "how_to/stochastic_effects.md": (
         "90 % intervals of J",
