@@ -124,12 +124,7 @@ def import_logs(
     say = progress or silent
     label, data = str(mapping), read_bytes(Path(mapping))
     parsed = parse_mapping(text_of(data, label), label)
-    if other_mapping(Path(folder), data):
-        raise OutputError(
-            "would overwrite another campaign",
-            where=str(Path(folder, RECORD_FILE)),
-            advice="write to a new folder, or remove this one first",
-        )
+    _refuse_occupied(Path(folder), data)
     written = read_logs(files, parsed, label, say)
     say("cutting the log into slews", 0, 0)
     logs = replace(written, streams={key: _once(s) for key, s in written.streams.items()})
@@ -157,6 +152,16 @@ def import_logs(
         encoded, campaign = reduced_content(encoded, campaign)
     target = write_new_files(folder, encoded, holds="campaign")
     return ImportedCampaign(target, logs, cut, tuple(noises), campaign)
+
+
+def _refuse_occupied(folder: Path, mapping: bytes) -> None:
+    """Refuse a folder that holds an import by another mapping before the logs are read."""
+    if other_mapping(folder, mapping):
+        raise OutputError(
+            "would overwrite another campaign",
+            where=str(folder / RECORD_FILE),
+            advice="write to a new folder, or remove this one first",
+        )
 
 
 def _once(stream: LoggedStream) -> LoggedStream:
