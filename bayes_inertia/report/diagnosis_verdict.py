@@ -189,9 +189,8 @@ def _on_what_is_unknown(content: Mapping[str, Any]) -> list[str]:
     if content.get("why_unknown") == "imitation":
         tried = listed([plain(step["added"]) for step in content["steps"]])
         sentences = [
-            f"Adding {tried} would bring the residuals down to the noise, "
-            f"but {nameless_signal(content)} explains them better: what is named would be "
-            "an imitation of something that is not among the candidates."
+            f"Adding {tried} would bring the residuals down to the noise, but "
+            f"{nameless_signal(content)} explains them better: the name would be an imitation."
         ]
     else:
         n_tried = sum(candidate["p_value"] is not None for candidate in content["candidates"])

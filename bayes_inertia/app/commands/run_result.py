@@ -128,7 +128,9 @@ def _parameter_table(console: Console, summary: dict[str, Any]) -> Table:
 
     criteria, powers = criteria_of(summary), exponents_of(summary["parameters"])
     table = narrow_table(console, "name", *_COLUMNS)
-    for name, p in summary["parameters"].items():
+    # Size and time of a free shape are for the page.
+    shown = {n: p for n, p in summary["parameters"].items() if "_remainder." not in n}
+    for name, p in shown.items():
         sd, quoted = sd_in_print(p), p["quoted_sd"]
         power = powers[name]
         share = contraction(sd, p["prior_sd"])
@@ -148,8 +150,8 @@ def show_diagnosis(content: dict[str, Any]) -> None:
     from bayes_inertia.report.diagnosis_verdict import headline, in_brief
 
     console = plain_console()
-    # The sentence above names what was found.
-    if content["verdict"] != "named":
+    # The sentence above says what was found, or that nothing was.
+    if content["verdict"] not in ("named", "unknown"):
         console.print(headed(headline(content), style="bold"))
     # The parameters stand in the table of the fit, with the sds to quote.
     untold = [candidate | {"parameters": None} for candidate in content["candidates"]]
