@@ -17,7 +17,8 @@ from bayes_inertia.report.pictures.figure_file import figure_bytes
 
 _LARGEST_SVG = 200_000  # bytes; beyond, a PNG with a palette is smaller and as good to read
 _LARGEST_PNG = 125_000  # bytes
-_AS_THEY_ARE = " !$'()*+,-./:;=?@_{}~"  # what a `data:` address in double quotes may hold
+# What a `data:` address in double quotes may hold; without a colon the page names no other address.
+_AS_THEY_ARE = " !$'()*+,-./;=?@_{}~"
 
 
 @dataclass(frozen=True)

@@ -65,6 +65,7 @@ def test_an_address_in_quotes_holds_a_picture_of_any_words():
     figure.axes[0].set_title(words)
     uri = data_uri(Picture(figure, "", ""))
     assert not set('"&<>#') & set(uri)
+    assert "http:" not in uri
     svg = ElementTree.fromstring(unquote(uri.split(",", 1)[1]))
     assert words in {text.text for text in svg.iter("{http://www.w3.org/2000/svg}text")}
 
