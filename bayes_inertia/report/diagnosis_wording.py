@@ -152,8 +152,8 @@ def could_hide_text(rows: Sequence[Mapping[str, Any]]) -> str:
     return (
         f"If there is {plain(worst['effect'])}, too weak to be found, {worst['parameter']} may be "
         f"off by up to {two_digits(worst['shift'])} {unit}".rstrip()
-        + f" ({two_digits(worst['shift'] / worst['sd'])} times its sd): a bound, which the quoted "
-        "sd counts by its probability."
+        + f" ({two_digits(worst['shift'] / worst['sd'])} times the model's sd): a bound, which the "
+        "quoted sd counts by its probability."
     )
 
 
