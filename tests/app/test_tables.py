@@ -177,7 +177,7 @@ def test_a_diagnosis_with_hostile_names(printed, monkeypatch):
     said = "bayes_inertia.report.diagnosis_verdict"
     monkeypatch.setattr(f"{said}.headline", lambda _: "Missing [/x]")
     monkeypatch.setattr(f"{said}.in_brief", lambda _: ["slew [yaw 1] rings: pump [b]"])
-    show_diagnosis({"candidates": [], "verdict": "unknown"})
+    show_diagnosis({"candidates": [], "verdict": "ambiguous"})
     out = printed()
     for text in ("Missing [/x]", "slew [yaw 1] rings", "pump [b]"):
         assert text in out
