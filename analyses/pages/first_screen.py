@@ -105,7 +105,7 @@ def hidden_result(work: Path) -> dict:
 @style.styled
 def picture(hidden: dict) -> Figure:
     """Residuals of one axis, and the errors of J, before and after the dipole is named."""
-    figure = Figure(figsize=(7.0, 3.0), layout="constrained")
+    figure = Figure(figsize=(8.4, 2.0), layout="constrained")
     left, right = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
     _draw_residuals(left, hidden["residuals"])
     _draw_errors(right, hidden["before"], hidden["after"])
@@ -131,7 +131,7 @@ def _draw_errors(axes, before: dict, after: dict) -> None:
         error, sd = (1e3 * np.array(fit[name][:6]) for name in ("error", "sd"))
         axes.errorbar(places + shift, error, 1.645 * sd, fmt=marker, color=color, ms=4.5, capsize=2)
     axes.set_xticks(places, NAMES[:6])
-    axes.set_ylabel("estimate − truth [10⁻³ kg m²]")
+    axes.set_ylabel("error [10⁻³ kg m²]")
     axes.set_title("J, 90 % intervals")
 
 

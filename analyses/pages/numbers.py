@@ -302,6 +302,17 @@ def machine() -> Iterator[tuple[str, str]]:
     yield "engine.killed_fits", f"{engine['kills']['fits']}"
 
 
+def walk() -> Iterator[tuple[str, str]]:
+    """What `report --plan` says of slews that were designed, simulated and fitted."""
+    yield "walk.promise", f"\n```text\n{content('first_walk')['promise']}\n```\n"
+
+
+def readings() -> Iterator[tuple[str, str]]:
+    """Cost of projections of high-rate readings over that of the readings."""
+    ratios = content("evaluation_benchmark")["ratios"]
+    yield "reduction.cost", percent(ratios["combined over each reading, throws 4 kHz"])
+
+
 def flying() -> Iterator[tuple[str, str]]:
     """Forecasts: the worst element of J against rate, gyro noise and fixes."""
     shared, own = content("cross_terms"), content("before_you_fly")
@@ -366,6 +377,8 @@ GROUPS: tuple[Callable[[], Iterator[tuple[str, str]]], ...] = (
     throws,
     machine,
     random_walk,
+    readings,
+    walk,
     flying,
     installation,
 )

@@ -148,6 +148,11 @@ _STUDIES: dict[str, tuple[tuple[str, str, str], ...]] = {
         ("One campaign in 17 raw formats", "imported numbers agree to 15 digits", "import_formats"),
         ("Another mission's raw logs", "J and K as from the native campaign", "foreign_campaign"),
         (
+            "A stranger's six tasks, from the pages alone",
+            "times, and what hindered, before and after",
+            "first_walk",
+        ),
+        (
             "Damaged files",
             "{faults.cases}: {faults.accepted} read, {faults.refused} refused with one line; no "
             "traceback",

@@ -19,7 +19,12 @@ UNITS: Mapping[str, Mapping[str, float]] = MappingProxyType(
         "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
         "wheel_torque": {"N m": 1.0, "mN m": 1e-3, "uN m": 1e-6},
         "wheel_momentum": {"N m s": 1.0, "mN m s": 1e-3, "uN m s": 1e-6},
-        "wheel_speed": {"rad/s": 1.0, "deg/s": DEGREE, "rpm": 2.0 * math.pi / 60.0},
+        "wheel_speed": {
+            "rad/s": 1.0,
+            "deg/s": DEGREE,
+            "rpm": 2.0 * math.pi / 60.0,
+            "Hz": 2.0 * math.pi,  # turns
+        },
         "rate": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": DEGREE, "deg/h": DEGREE / 3600.0},
         "magnetic_field": {"T": 1.0, "mT": 1e-3, "uT": 1e-6, "nT": 1e-9, "G": 1e-4},
         "position": {"m": 1.0, "km": 1e3},

@@ -77,7 +77,7 @@ def _torque(signal: UnexplainedSignal) -> str:
         else ""
     )
     return (
-        f"a torque {axis} that changes within about {signal.torque.length:.2g} s, "
+        f"a torque {axis} that changes within about {float(f'{signal.torque.length:.2g}'):g} s, "
         f"without a line in its spectrum ({size}){nearest}"
     )
 

@@ -39,7 +39,10 @@ _SETPOINT = re.compile(r".*setpoint.*")  # What a controller wants, unless it is
 _ANY_VECTOR = frozenset({"xyz", "vector", "value", "data"})
 # The first that fits a family's words and file decides.
 _KINDS: tuple[tuple[str, re.Pattern[str]], ...] = (
-    ("wheel_momentum", re.compile(r"hwhl|h_?w|h\d?|.*(momentum|nms).*")),
+    (
+        "wheel_momentum",
+        re.compile(r"hwhl|h_?w|h\d?|(.*wheel|.*whl|.*rw|ang)?_?moms?|.*(momentum|momenta|nms).*"),
+    ),
     ("wheel_speed", re.compile(r".*(rpm|tach|speed|omega_?w|whl_?w|rw_?omega).*")),
     ("wheel_torque", re.compile(r"u|tau|.*(torq|trq|mnm|nm$|cmd|command|motor|current).*")),
     ("magnetic_field", re.compile(r"b|.*(mag|bfield|b_[nb]|tesla|nt$|ut$).*")),

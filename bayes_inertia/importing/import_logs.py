@@ -18,8 +18,9 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.held import held_readings
 from bayes_inertia.campaign.known_offsets import known_offset
 from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.campaign.sensors import BY_KEY
 from bayes_inertia.campaign.writer import write_campaign
-from bayes_inertia.errors import CampaignError
+from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import read_bytes, text_of, write_new_files
 from bayes_inertia.importing.common_clock import Logs
 from bayes_inertia.importing.cut_picture import cut_picture
@@ -34,15 +35,18 @@ from bayes_inertia.importing.imported_folder import (
 from bayes_inertia.importing.limits import LIMITS
 from bayes_inertia.importing.log_reader import read_logs
 from bayes_inertia.importing.logged_stream import LoggedStream
-from bayes_inertia.importing.mapped_lines import BESIDE_RATES, OFFSET_OF, RECORD_FILE
+from bayes_inertia.importing.mapped_lines import (
+    BESIDE_RATES,
+    OFFSET_OF,
+    RECORD_FILE,
+    other_mapping,
+)
 from bayes_inertia.importing.mapping import parse_mapping, streams_that_hold
 from bayes_inertia.importing.mapping_schema import MappingPart
 from bayes_inertia.importing.rest_noise import RestNoise, rest_noise
 from bayes_inertia.importing.slew_cutting import SlewCut, cut_into_slews
 from bayes_inertia.importing.slew_tables import slew_tables
 from bayes_inertia.progress import Progress, silent
-
-_MEASURED = ("rate", "attitude", "wheel_momentum", "wheel_speed")
 
 
 @dataclass(frozen=True)
@@ -116,6 +120,7 @@ def import_logs(
     say = progress or silent
     label, data = str(mapping), read_bytes(Path(mapping))
     parsed = parse_mapping(text_of(data, label), label)
+    _refuse_occupied(Path(folder), data)
     written = read_logs(files, parsed, label, say)
     say("cutting the log into slews", 0, 0)
     logs = replace(written, streams={key: _once(s) for key, s in written.streams.items()})
@@ -145,11 +150,21 @@ def import_logs(
     return ImportedCampaign(target, logs, cut, tuple(noises), campaign)
 
 
+def _refuse_occupied(folder: Path, mapping: bytes) -> None:
+    """Refuse a folder that holds an import by another mapping before the logs are read."""
+    if other_mapping(folder, mapping):
+        raise OutputError(
+            "would overwrite another campaign",
+            where=str(folder / RECORD_FILE),
+            advice="write to a new folder, or remove this one first",
+        )
+
+
 def _once(stream: LoggedStream) -> LoggedStream:
     """A stream without rows that only repeat a reading; commands are held by nature."""
-    if stream.holds not in _MEASURED:
+    if stream.holds not in BY_KEY:
         return stream
-    (held,) = held_readings([(stream.time, stream.values)], by_axis=stream.holds != "attitude")
+    (held,) = held_readings([(stream.time, stream.values)], by_axis=BY_KEY[stream.holds].is_series)
     if held is None:
         return stream
     values = np.where(held.repeats, np.nan, stream.values)
@@ -286,6 +301,12 @@ def _require_noises(mapping: MappingPart, noises: Sequence[RestNoise], label: st
         f"[{part}] {seen[f'{part}.{key}'].toml()}"
         for part, key in missing
         if f"{part}.{key}" in seen
+    ]
+    # Tachometers are not used without theirs: said now, it spares another import.
+    lines += [
+        f'[[wheels]] "{wheel.name}" {seen[key].toml()}'
+        for wheel in mapping.wheels
+        if wheel.momentum_sigma is None and (key := f"wheels.{wheel.name}.momentum_sigma") in seen
     ]
     part, key = missing[0]
     advice = (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import re
 from pathlib import Path
@@ -34,6 +35,14 @@ def mapped_lines(folder: Path, key: str) -> list[str]:
     except (OSError, ValueError, KeyError, TypeError):
         return []
     return [f"{name}, line {number}: {line}" for number, line in lines_of(text, key)]
+
+
+def other_mapping(folder: Path, data: bytes) -> bool:
+    """Whether a folder holds an import by a mapping other than this text."""
+    try:
+        return bool(_record(folder)["mapping"]["sha256"] != hashlib.sha256(data).hexdigest())
+    except (OSError, ValueError, KeyError, TypeError):
+        return False
 
 
 def streams_outside(folder: Path) -> dict[str, tuple[int, list[float], list[float]]]:

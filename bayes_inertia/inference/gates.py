@@ -28,8 +28,8 @@ _MISFIT_NOTE = (
 )
 _REMAINDER_NOTE = (
     "the diagnosis found that something is missing which no candidate explains; "
-    "fitted along: {}, of free shape and different in each slew. The sd of J and K holds what that "
-    "may have done, and not what errors of the star tracker and the wheels may have done"
+    "fitted along: {}, of free shape in each slew. The sd of J and K holds what that may have "
+    "done, not what errors of star tracker and wheels may have done"
 )
 
 

@@ -167,6 +167,7 @@ def _changes_section(content: Mapping[str, Any]) -> Section | None:
             f"J and K with the base model (squares) and {with_what(content)} (dots): "
             "an effect left out biases them; the base model's sd does not show it.",
             "J and K before and after the effects were added",
+            folded=content["verdict"] == "unknown",
         ),
     )
     context = {

@@ -65,6 +65,23 @@ def diagnosis_verdict(content: Mapping[str, Any]) -> Verdict:
     return Verdict(_LEVELS[content["verdict"]], headline(content), tuple(sentences))
 
 
+def in_brief(content: Mapping[str, Any]) -> list[str]:
+    """What of a diagnosis a terminal shows: where, how much, what to fly next. The page has all."""
+    sentences = [
+        _on_disagreement(content),
+        *_on_named_effects(content),
+        *_on_probabilities(content),
+        *_on_noise(content),
+        *(separating_text(slew) for slew in content.get("separating", [])[:1]),
+        *_on_what_is_unknown(content),
+    ]
+    if content["verdict"] == "named" and (doubt := nameless_text(content)):
+        sentences.append(doubt)
+    if content.get("could_hide"):
+        sentences.append(could_hide_text(content["could_hide"]))
+    return sentences
+
+
 def headline(content: Mapping[str, Any]) -> str:
     """The verdict of a diagnosis in one line.
 
@@ -115,9 +132,9 @@ def _on_disagreement(content: Mapping[str, Any]) -> str:
     sensors = listed([CHANNEL_NAMES[channel] for channel in CHANNELS if channel in hit])
     n_slews = len({window["slew"] for window in windows})
     return (
-        f"The base model disagrees with the data of the {sensors} "
-        f"in {n_slews} slew{'s' if n_slews > 1 else ''}, most clearly in {place} "
-        f"({probability(p_value)} by chance anywhere in the campaign)."
+        f"The base model disagrees with {sensors} "
+        f"in {n_slews} slew{'s' if n_slews > 1 else ''}, most in {place} "
+        f"({probability(p_value)})."
     )
 
 
@@ -172,9 +189,8 @@ def _on_what_is_unknown(content: Mapping[str, Any]) -> list[str]:
     if content.get("why_unknown") == "imitation":
         tried = listed([plain(step["added"]) for step in content["steps"]])
         sentences = [
-            f"Adding {tried} would bring the residuals down to the noise, "
-            f"but {nameless_signal(content)} explains them better: what is named would be "
-            "an imitation of something that is not among the candidates."
+            f"Adding {tried} would bring the residuals down to the noise, but "
+            f"{nameless_signal(content)} explains them better: the name would be an imitation."
         ]
     else:
         n_tried = sum(candidate["p_value"] is not None for candidate in content["candidates"])

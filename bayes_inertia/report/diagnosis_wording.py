@@ -9,7 +9,6 @@ from bayes_inertia.report.formatting import (
     CHANNEL_NAMES,
     listed,
     plain,
-    tenths,
     two_digits,
     unit_text,
     value_text,
@@ -152,8 +151,8 @@ def could_hide_text(rows: Sequence[Mapping[str, Any]]) -> str:
     return (
         f"If there is {plain(worst['effect'])}, too weak to be found, {worst['parameter']} may be "
         f"off by up to {two_digits(worst['shift'])} {unit}".rstrip()
-        + f" ({tenths(worst['shift'] / worst['sd'])} of the model's sds). This is a bound: nothing "
-        "says that it is there, and the quoted sd counts it by its probability."
+        + f" ({two_digits(worst['shift'] / worst['sd'])} times the model's sd): a bound, which the "
+        "quoted sd counts by its probability."
     )
 
 

@@ -8,6 +8,7 @@ The sections of a fit on its parameters: the tables, and what the campaign deter
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -139,7 +140,12 @@ def signals_section(posterior: Posterior) -> Section | None:
     """
     if "signal" not in posterior.tree:
         return None
-    pictures = tuple(_picture(posterior, str(name)) for name in posterior.tree["signal"].data_vars)
+    names = [str(name) for name in posterior.tree["signal"].data_vars]
+    # Beside a torque of free shape an error of free shape is evidence for experts.
+    pictures = tuple(
+        replace(_picture(posterior, name), folded=name.endswith("_remainder") and k > 0)
+        for k, name in enumerate(names)
+    )
     return Section("Stochastic effects", _TEMPLATE, {}, pictures)
 
 

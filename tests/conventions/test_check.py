@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -111,6 +112,15 @@ def test_a_spin_inertia_that_is_wrong_by_a_factor_is_mended(tmp_path, wrong, fac
     assert all(change.mended == pytest.approx(0.001) for change in check.changes)
     assert f"is wrong by a factor of {factor}" in check.sentence
     assert f"wheel_z differ by a factor of {factor}" in check.doubts[0]
+
+
+def test_turns_a_minute_that_are_stated_as_turns_a_second_are_no_degrees(tmp_path):
+    speed = {"names": ["h1_Nms", "h2_Nms", "h3_Nms"], "unit": "Hz", "relative_to": "body"}
+    keys = {"columns.wheel_momentum": None, "columns.wheel_speed": speed}
+    folder = with_keys(EXAMPLE, tmp_path / "campaign", keys)
+    rpm = 1e3 * 60.0 / (2.0 * math.pi)  # spin inertia 0.001 kg m^2
+    (change,) = check_conventions(in_another_unit(folder, "h", rpm), quick=True).changes
+    assert (change.key, change.stated, change.mended) == ("columns.wheel_speed.unit", "Hz", "rpm")
 
 
 @pytest.mark.parametrize(

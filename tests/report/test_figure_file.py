@@ -3,13 +3,15 @@
 import base64
 import io
 import re
+from urllib.parse import unquote
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
-from bayes_inertia.report.pictures.figure_file import figure_bytes
+from bayes_inertia.report.pictures.figure_file import figure_bytes, in_steps
 from bayes_inertia.report.section import Picture, data_uri
 
 
@@ -49,14 +51,31 @@ def test_the_dots_of_a_large_scatter_are_pixels_with_a_palette_inside_the_svg():
     figure = scatter(4000)
     figure.axes[0].collections[0].set_rasterized(True)
     uri = data_uri(Picture(figure, "", ""))
-    assert uri.startswith("data:image/svg+xml;base64,")
-    svg = base64.b64decode(uri.split(",", 1)[1])
-    pixels = re.search(rb'data:image/png;base64,([^"]+)"', svg).group(1)
+    assert uri.startswith("data:image/svg+xml,")
+    svg = unquote(uri.split(",", 1)[1])
+    pixels = re.search("data:image/png;base64,([^']+)'", svg).group(1)
     with Image.open(io.BytesIO(base64.b64decode(pixels))) as image:
         assert image.mode == "P"
     assert figure_bytes(figure, "svg") == figure_bytes(figure, "svg")
 
 
-@pytest.mark.parametrize(("n", "kind"), [(5, "image/svg+xml"), (4000, "image/png")])
+def test_an_address_in_quotes_holds_a_picture_of_any_words():
+    figure = scatter(5)
+    words = """wheel "a" & 'b' <c> 50 % #1 ×"""
+    figure.axes[0].set_title(words)
+    uri = data_uri(Picture(figure, "", ""))
+    assert not set('"&<>#') & set(uri)
+    assert "http:" not in uri
+    svg = ElementTree.fromstring(unquote(uri.split(",", 1)[1]))
+    assert words in {text.text for text in svg.iter("{http://www.w3.org/2000/svg}text")}
+
+
+def test_a_pathin_steps_ends_where_it_ended():
+    path = "M50.4 139.0L241.2 139.0L241.1 -0.3L0 0zL1.5 2.0M7 7L-0.1 0"
+    steps = "M50.4 139l190.8 0l-.1-139.3l-241.1 .3zl-48.9-137M7 7l-7.1-7"
+    assert in_steps(path) == steps
+
+
+@pytest.mark.parametrize(("n", "kind"), [(5, "image/svg+xml,"), (4000, "image/png;base64,")])
 def test_only_figures_of_very_many_points_are_pixels_throughout(n, kind):
-    assert data_uri(Picture(scatter(n), "", "")).startswith(f"data:{kind};base64,")
+    assert data_uri(Picture(scatter(n), "", "")).startswith(f"data:{kind}")

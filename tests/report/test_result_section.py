@@ -73,7 +73,7 @@ def test_a_bound_stands_once_below_the_verdict_with_its_condition_and_unit(made)
     page = render_page("t", result_sections(made("good"), diagnosis_of("consistent")))
     said = "If there is wheel misalignment, too weak to be found, Jxy may be off by up to"
     assert page.count(said) == 1
-    assert "8.7 × 10⁻⁴ kg m² (7.9 of the model's sds)" in could_hide_text([HIDDEN])
+    assert "8.7 × 10⁻⁴ kg m² (7.9 times the model's sd)" in could_hide_text([HIDDEN])
     assert page.index('class="sentence') < page.index(said) < page.index('class="matrices')
 
 

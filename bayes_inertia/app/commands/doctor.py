@@ -62,7 +62,7 @@ def doctor_command(campaign: _CampaignOrNone = None, as_json: AsJson = False) ->
     if as_json:
         print_json(check.json() | {"mapping_lines": lines})
     else:
-        show_check(check, lines)
+        show_check(check, campaign, lines)
     code = _WORDS[check.verdict][1]
     if code:
         raise typer.Exit(code)
@@ -104,7 +104,7 @@ def _mapping_lines(campaign: Path, check: ConventionsCheck) -> list[str]:
     return [line for key in keys for line in mapped_lines(campaign, key)]
 
 
-def show_check(check: ConventionsCheck, mapping_lines: Sequence[str] = ()) -> None:
+def show_check(check: ConventionsCheck, campaign: Path, mapping_lines: Sequence[str] = ()) -> None:
     """Print a check for people."""
     from bayes_inertia.conventions.invisible import invisible_in_brief
     from bayes_inertia.report.dirt_wording import dirt_sentences
@@ -126,4 +126,4 @@ def show_check(check: ConventionsCheck, mapping_lines: Sequence[str] = ()) -> No
             for line in lines:
                 console.print(indented(f"- {typeset(line)}"))
     if check.verdict == "consistent":
-        console.print("next: bayes-inertia fit CAMPAIGN -o RUN")
+        console.print(f"next: bayes-inertia fit {campaign} -o RUN", soft_wrap=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -95,7 +96,8 @@ def _start(raw: list[Path], start: Path, as_json: bool) -> None:
         return
     console = plain_console()
     console.print(headed(str(start), f": {started.questions} questions to answer"), soft_wrap=True)
-    console.print(f"then: bayes-inertia import RAW... --using {start} -o CAMPAIGN", soft_wrap=True)
+    files = shlex.join(str(path) for path in raw) if len(raw) <= LAYOUT.files_named else "RAW..."
+    console.print(f"then: bayes-inertia import {files} --using {start} -o CAMPAIGN", soft_wrap=True)
     if "rate" not in started.streams:
         console.print("no stream holds the rates, which an import needs")
     if left_over:

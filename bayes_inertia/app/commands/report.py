@@ -124,6 +124,8 @@ def _compare(first: Path, second: Path, out: Path | None, as_json: bool) -> Path
             path = write_atomically(second / "comparison.html", page)
         else:
             path = _new_page(out, page)
+    if not as_json:
+        plain_console().print(f"A: {first}; B: {second}", soft_wrap=True)
     document = {"format": COMPARISON_FORMAT, "report": str(path)} | comparison_json(comparison)
     _say(document, comparison.sentence, path, as_json)
     return path

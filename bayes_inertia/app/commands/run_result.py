@@ -11,7 +11,6 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from bayes_inertia.app.layout import LAYOUT
 from bayes_inertia.app.terminal import (
     headed,
     indented,
@@ -26,7 +25,7 @@ if TYPE_CHECKING:
     from bayes_inertia.inference.posterior import Posterior
 
 FORMAT = "bayes-inertia-run-result/1"
-_COLUMNS = ("estimate", "± sd", "unit", "prior sd", "contraction", "determined")
+_COLUMNS = ("estimate", "± sd", "unit", "prior sd", "determined")
 _DETERMINED = {"determined": "yes", "partly determined": "partly", "not determined": "no"}
 _COLORS = {"good": "green", "caution": "yellow", "bad": "red"}
 
@@ -85,7 +84,7 @@ def show_summary(summary: dict[str, Any], folder: Path, report: bool = True) -> 
     from bayes_inertia.report.parameter_wording import averaged_over
 
     console = plain_console()
-    console.print(_gates(summary["gates"]))
+    console.print(_gates(summary["gates"], summary["diagnostics"]["ess_bulk_min"]))
     for sentence in dirt_sentences(summary.get("dirt", [])):
         console.print(indented(sentence))
     console.print(_parameter_table(console, summary))
@@ -99,16 +98,11 @@ def show_summary(summary: dict[str, Any], folder: Path, report: bool = True) -> 
         if value is not None
     )
     console.print(f"reduced χ²: {chi2}")
-    diagnostics = summary["diagnostics"]
-    console.print(
-        f"{diagnostics['ess_bulk_min']:.0f} effective samples "
-        f"from {diagnostics['evaluations']} evaluations in {diagnostics['seconds']:.1f} s"
-    )
     files = ", summary.json and report.html" if report else " and summary.json"
     console.print(f"wrote posterior.nc{files} in {folder}")
 
 
-def _gates(gates: Sequence[dict[str, Any]]) -> Text:
+def _gates(gates: Sequence[dict[str, Any]], samples: float) -> Text:
     """The gates that are passed by name; those that failed with what they say, a line each."""
     from bayes_inertia.report.formatting import typeset
 
@@ -116,7 +110,9 @@ def _gates(gates: Sequence[dict[str, Any]]) -> Text:
     for gate in gates:
         if not gate["passed"]:
             text.append("FAILED", "red").append(f" {gate['name']}: {typeset(gate['says'])}\n")
-    passed = ", ".join(gate["name"] for gate in gates if gate["passed"])
+    counted = {"converged": f" ({samples:.0f} effective samples)"}
+    names = [gate["name"] for gate in gates if gate["passed"]]
+    passed = ", ".join(name + counted.get(name, "") for name in names)
     return text.append("passed", "green").append(f": {passed or 'no gate'}")
 
 
@@ -125,7 +121,6 @@ def _parameter_table(console: Console, summary: dict[str, Any]) -> Table:
     from bayes_inertia.report.formatting import NOT_GIVEN, number, plain, unit_text
     from bayes_inertia.report.uncertainty import (
         contraction,
-        contraction_text,
         determination,
         exponents_of,
         sd_in_print,
@@ -133,7 +128,9 @@ def _parameter_table(console: Console, summary: dict[str, Any]) -> Table:
 
     criteria, powers = criteria_of(summary), exponents_of(summary["parameters"])
     table = narrow_table(console, "name", *_COLUMNS)
-    for name, p in summary["parameters"].items():
+    # Size and time of a free shape are for the page.
+    shown = {n: p for n, p in summary["parameters"].items() if "_remainder." not in n}
+    for name, p in shown.items():
         sd, quoted = sd_in_print(p), p["quoted_sd"]
         power = powers[name]
         share = contraction(sd, p["prior_sd"])
@@ -143,42 +140,20 @@ def _parameter_table(console: Console, summary: dict[str, Any]) -> Table:
             NOT_GIVEN if quoted is None else number(quoted, quoted, power),
             unit_text(p["unit"], power),
             number(p["prior_sd"], p["prior_sd"], power),
-            contraction_text(share, criteria),
             _DETERMINED[determination(share, criteria)],
         )
     return table
 
 
 def show_diagnosis(content: dict[str, Any]) -> None:
-    """Print a diagnosis' verdict first, then why, and the best candidates."""
-    from bayes_inertia.report.diagnosis_verdict import diagnosis_verdict
+    """Print a diagnosis' verdict, then why, in brief: the page lists all candidates."""
+    from bayes_inertia.report.diagnosis_verdict import headline, in_brief
 
+    console = plain_console()
+    # The sentence above says what was found, or that nothing was.
+    if content["verdict"] not in ("named", "unknown"):
+        console.print(headed(headline(content), style="bold"))
     # The parameters stand in the table of the fit, with the sds to quote.
     untold = [candidate | {"parameters": None} for candidate in content["candidates"]]
-    console, verdict = plain_console(), diagnosis_verdict(content | {"candidates": untold})
-    console.print(headed(verdict.title, style=f"bold {_COLORS[verdict.level]}"))
-    for sentence in verdict.sentences:
+    for sentence in in_brief(content | {"candidates": untold}):
         console.print(indented(sentence))
-    scored = [c for c in content["candidates"] if c["p_value"] is not None]
-    table = narrow_table(console, "candidate", "score", "dof", "p", "log Bayes", "")
-    for candidate in scored[: LAYOUT.candidates_shown]:
-        table.add_row(*_candidate_cells(candidate, content))
-    console.print(table)
-    if (more := len(scored) - LAYOUT.candidates_shown) > 0:
-        console.print(f"... and {more} candidates more, in diagnosis.json")
-
-
-def _candidate_cells(candidate: dict[str, Any], content: dict[str, Any]) -> tuple[str, ...]:
-    from bayes_inertia.report.formatting import p_value_text, plain, tenths
-
-    word = "significant" if candidate["p_value"] < content["threshold"] else ""
-    if candidate["effect"] in content["named"]:
-        word = "named"
-    return (
-        plain(candidate["effect"]),
-        tenths(candidate["score"]),
-        str(candidate["dof"]),
-        p_value_text(candidate["p_value"]),
-        tenths(candidate["log_bayes_factor"]),
-        word,
-    )

@@ -54,7 +54,7 @@ def figure_bytes(
     b'\\x89PNG'
     """
     if form == "svg":
-        return _with_small_images(_rounded(_vectors(figure)))
+        return _with_small_images(_classed(_rounded(_vectors(figure))))
     content = b""
     for dpi, colours, choice in LAYOUT.png_qualities:
         content = _with_palette(_pixels(figure, dpi), colours, Image.Quantize[choice])
@@ -67,7 +67,7 @@ def _vectors(figure: Figure) -> bytes:
     """A figure as matplotlib writes it as SVG."""
     file = io.BytesIO()
     with rc_context(_REPRODUCIBLE_SETTINGS):
-        figure.savefig(file, format="svg", dpi=LAYOUT.png_qualities[0][0], metadata=_METADATA)
+        figure.savefig(file, format="svg", dpi=LAYOUT.svg_dpi, metadata=_METADATA)
     return file.getvalue()
 
 
@@ -103,7 +103,43 @@ def _rounded(svg: bytes) -> bytes:
 
 def _short_path(found: re.Match[str]) -> str:
     tenths = re.sub(r"(\d+\.\d)\d+", r"\1", found[0])
-    return re.sub(r"\s*([MLCQZz])\s*", r"\1", tenths).strip()
+    path = re.sub(r"\s*([MLCQZz])\s*", r"\1", tenths).strip()
+    return in_steps(path) if re.fullmatch(r"([ML]-?[\d.]+ -?[\d.]+|[Zz])+", path) else path
+
+
+def in_steps(path: str) -> str:
+    """A path of straight lines with steps from point to point, which have fewer digits."""
+    steps, last, start = [], (0, 0), (0, 0)
+    for letter, x, y in re.findall(r"([MLZz])(?:(-?[\d.]+) (-?[\d.]+))?", path):
+        if letter in "Zz":
+            steps.append("z")
+            last = start
+            continue
+        point = (round(10.0 * float(x)), round(10.0 * float(y)))
+        if letter == "M":
+            start, last = point, (0, 0)
+        step = " ".join(f"{0.1 * (new - old):.1f}" for new, old in zip(point, last, strict=True))
+        steps.append(f"{letter if letter == 'M' else 'l'}{step}")
+        last = point
+    short = re.sub(r"(?<![\d.])0(?=\.[1-9])|\.0(?!\d)|-(?=0\.0)", "", "".join(steps))
+    return re.sub(r"(?<=l)([^lMz]*) -", r"\1-", short)
+
+
+def _classed(svg: bytes) -> bytes:
+    """An SVG that says each style once, without ids and groups that nothing refers to."""
+    text = svg.decode("utf-8")
+    styles = dict.fromkeys(re.findall(r' style="([^"]*)"', text))
+    names = {style: f"c{k}" for k, style in enumerate(styles)}
+    text = re.sub(r' style="([^"]*)"', lambda found: f' class="{names[found[1]]}"', text)
+    rules = "".join(
+        f".{name}{{{re.sub('([:;]) ', r'\1', style)}}}" for style, name in names.items()
+    )
+    text = text.replace("</style>", f"{rules}</style>", 1)
+    referred = set(re.findall(r'url\(#([^)]*)\)|href="#([^"]*)"', text))
+    kept = {name for pair in referred for name in pair}
+    text = re.sub(r' id="([^"]*)"', lambda found: found[0] if found[1] in kept else "", text)
+    text = re.sub(r' transform="rotate\(-?0 [^"]*"', "", text)
+    return re.sub(r"<g>\n(<(?:path|use|text|image)[^\n]*)\n</g>", r"\1", text).encode("utf-8")
 
 
 def _with_small_images(svg: bytes) -> bytes:
