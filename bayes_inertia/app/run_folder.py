@@ -258,6 +258,7 @@ def effects_of_run(folder: Path, run: Run) -> tuple[Effect, ...]:
 
 
 def _candidates(folder: Path, run: Run) -> tuple[Effect, ...]:
-    """What a diagnosis tries: the library, and what the run names beyond it."""
+    """What a diagnosis tries: the library, and what the run names beyond it or with settings."""
     further = tuple(e for e in effects_of_run(folder, run) if e not in LIBRARY)
-    return (*LIBRARY, *further)
+    named = {effect.name for effect in further}
+    return (*(effect for effect in LIBRARY if effect.name not in named), *further)
