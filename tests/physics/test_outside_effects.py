@@ -183,7 +183,8 @@ def test_settings_follow_the_name_of_an_effect(write):
     change, mode = effects_named(
         ["inertia_change:from_slew=5", "flexible_mode:frequency=0.12:damping=0.01"]
     )
-    assert change.from_slew == 5 and change.sigma is None
+    assert change.from_slew == 5
+    assert change.sigma is None
     assert (mode.frequency, mode.damping) == (0.12, 0.01)
     (pushed,) = effects_named(pinned_names([f"{file}:Push:sigma=2e-4"]))
     assert pushed.sigma == 2e-4
