@@ -13,6 +13,7 @@ import numpy as np
 
 from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.app.result_folder import ResultFolder, write_json
+from bayes_inertia.app.told_torques import torques_of
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.conventions.check import refuse_impossible
 from bayes_inertia.errors import BayesInertiaError, CampaignError
@@ -71,7 +72,7 @@ class CampaignFit:
             # Not one of the package's errors: the next command looks at the campaign again.
             raise RuntimeError(f"{path} was changed while it waited to be fitted")
         if not self.anyway:
-            refuse_impossible(path)
+            refuse_impossible(path, torques_of(path, self.effects))
         number = int(seed.generate_state(1)[0])
         posterior = fit(
             read_campaign(path),
