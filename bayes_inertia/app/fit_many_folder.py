@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -246,6 +247,8 @@ def _row_of(summary: dict[str, Any]) -> dict[str, Any]:
     for name, moment in summary["derived"].items():
         row |= {name: moment["mean"], f"{name}_sd": moment["sd"]}
         row |= {f"{name}_{key}": moment[key] for key in ("quoted_sd", "robust_sd")}
+    # What `history` and `fleet` read.
+    row["likelihood"] = json.dumps(summary["likelihood"])
     chi2 = summary["fit"]["reduced_chi2"]
     row |= {f"reduced_chi2_{channel}": value for channel, value in chi2.items()}
     row["n_data"] = summary["fit"]["n_data"]

@@ -1,0 +1,1 @@
+"""J and K over several campaigns: from summaries of fits, without their telemetry."""
