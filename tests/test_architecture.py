@@ -24,7 +24,7 @@ MAX_FUNCTION_LINES = 40
 OPEN_TO_ALL = ("errors", "files", "folder_lock", "progress", "sealing", "version")
 BELOW_PHYSICS = ("campaign", "tables", "maths")
 BELOW_DESIGN = ("inference", "flight", "physics", *BELOW_PHYSICS)
-MIDDLE = ("observability", "diagnosis", "design")
+MIDDLE = ("observability", "diagnosis", "design", "series")
 ARROWS = {
     "errors": (),
     "progress": (),
@@ -42,6 +42,7 @@ ARROWS = {
     "inference": ("physics", *BELOW_PHYSICS, *OPEN_TO_ALL),
     "observability": ("inference", "physics", *BELOW_PHYSICS, *OPEN_TO_ALL),
     "diagnosis": ("inference", "physics", *BELOW_PHYSICS, *OPEN_TO_ALL),
+    "series": ("inference", "physics", *BELOW_PHYSICS, *OPEN_TO_ALL),
     "design": (*BELOW_DESIGN, *OPEN_TO_ALL),
     "studies": (*MIDDLE, *BELOW_DESIGN, *OPEN_TO_ALL),
     "report": (*MIDDLE, "inference", "physics", *BELOW_PHYSICS, *OPEN_TO_ALL),

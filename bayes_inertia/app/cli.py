@@ -32,6 +32,7 @@ from bayes_inertia.app.commands.import_raw import import_command
 from bayes_inertia.app.commands.observe import observe_command
 from bayes_inertia.app.commands.report import report_command
 from bayes_inertia.app.commands.resume import resume_command
+from bayes_inertia.app.commands.series import fleet_command, history_command
 from bayes_inertia.app.commands.simulate import simulate_command
 from bayes_inertia.app.commands.study import study_command
 from bayes_inertia.app.compiled_code import compiled_code_kept
@@ -49,6 +50,8 @@ COMMANDS: dict[str, Callable[..., None]] = {
     "observe": observe_command,
     "design": design_command,
     "compare": compare_command,
+    "history": history_command,
+    "fleet": fleet_command,
     "study": study_command,
     "resume": resume_command,
     "report": report_command,

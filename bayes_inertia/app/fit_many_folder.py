@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import io
+import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -13,6 +14,7 @@ import numpy as np
 
 from bayes_inertia.app.fit_campaign import fit
 from bayes_inertia.app.result_folder import ResultFolder, write_json
+from bayes_inertia.app.told_torques import torques_of
 from bayes_inertia.campaign.reader import campaign_sha256, read_campaign
 from bayes_inertia.conventions.check import refuse_impossible
 from bayes_inertia.errors import BayesInertiaError, CampaignError
@@ -71,7 +73,7 @@ class CampaignFit:
             # Not one of the package's errors: the next command looks at the campaign again.
             raise RuntimeError(f"{path} was changed while it waited to be fitted")
         if not self.anyway:
-            refuse_impossible(path)
+            refuse_impossible(path, torques_of(path, self.effects))
         number = int(seed.generate_state(1)[0])
         posterior = fit(
             read_campaign(path),
@@ -245,6 +247,8 @@ def _row_of(summary: dict[str, Any]) -> dict[str, Any]:
     for name, moment in summary["derived"].items():
         row |= {name: moment["mean"], f"{name}_sd": moment["sd"]}
         row |= {f"{name}_{key}": moment[key] for key in ("quoted_sd", "robust_sd")}
+    # What `history` and `fleet` read.
+    row["likelihood"] = json.dumps(summary["likelihood"])
     chi2 = summary["fit"]["reduced_chi2"]
     row |= {f"reduced_chi2_{channel}": value for channel, value in chi2.items()}
     row["n_data"] = summary["fit"]["n_data"]

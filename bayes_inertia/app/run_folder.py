@@ -80,7 +80,7 @@ class Run:
 
     def owner(self, folder: Path) -> ResultFolder:
         """The claim of this run on a folder."""
-        options = asdict(self)
+        options = asdict(self) | {"noise": self.noise.json()}
         digest = options.pop("campaign_sha256")
         return ResultFolder(
             folder,
@@ -258,6 +258,7 @@ def effects_of_run(folder: Path, run: Run) -> tuple[Effect, ...]:
 
 
 def _candidates(folder: Path, run: Run) -> tuple[Effect, ...]:
-    """Candidates of a diagnosis: the library, and what the run names beyond it."""
+    """Candidates of a diagnosis: the library, and what the run names beyond it or with settings."""
     further = tuple(e for e in effects_of_run(folder, run) if e not in LIBRARY)
-    return (*LIBRARY, *further)
+    named = {effect.name for effect in further}
+    return (*(effect for effect in LIBRARY if effect.name not in named), *further)

@@ -88,6 +88,9 @@ def _urgency(problem: dict) -> tuple:
     return problem["loc"] != ("format",), problem["type"] != "extra_forbidden", len(problem["loc"])
 
 
+# Keys that are alike to this degree are one word misspelt; less alike ones are other physics, such
+# as body_torque and wheel_torque (0.61).
+_MISSPELT = 0.7
 _ADVICE_ON_SENSE = {
     "frame": "rotate the vectors into the inertial frame before they are stored",
     "relative_to": "subtract the body's own rate about the wheel axis first: "
@@ -194,7 +197,7 @@ class _Wording:
         words = sorted(lower.split("_"))
         near = [
             name for name in known if sorted(name.split("_")) == words
-        ] or difflib.get_close_matches(lower, known, 1, 0.5)
+        ] or difflib.get_close_matches(lower, known, 1, _MISSPELT)
         if near:
             return f'did you mean "{near[0]}"?'
         elsewhere = [

@@ -41,6 +41,7 @@ from bayes_inertia.conventions.reading import Reading, stated_reading
 from bayes_inertia.conventions.remedies import what_mends
 from bayes_inertia.conventions.sampled_slews import sampled
 from bayes_inertia.conventions.search import Remedy, judged, misfit_of
+from bayes_inertia.conventions.told_torque import ToldTorque
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import description_path, read_bytes, text_of
 from bayes_inertia.maths.values import json_ready
@@ -184,8 +185,18 @@ def check_conventions(campaign: Campaign | str | Path, *, quick: bool = False) -
     >>> check_conventions(small_campaign()).verdict
     'consistent'
     """
+    return checked_with_torques(campaign, {}, quick=quick)
+
+
+def checked_with_torques(
+    campaign: Campaign | str | Path, torques: Mapping[str, ToldTorque], *, quick: bool = False
+) -> ConventionsCheck:
+    """The check where the telemetry does not tell some torques on the body, but effects do.
+
+    `torques`: by the name of a slew.
+    """
     if isinstance(campaign, Campaign):
-        return _checked(campaign, campaign, None, "", quick)
+        return _checked(campaign, campaign, None, "", quick, torques)
     path = description_path(campaign)
     text = text_of(read_bytes(path), str(path))
     description = parse_description(text, str(path))
@@ -197,10 +208,10 @@ def check_conventions(campaign: Campaign | str | Path, *, quick: bool = False) -
         masked = replace(with_dirt_masked(written), dirt=masked.dirt)
     if _suspect(written, masked):
         # Readings that are impossible in numbers are in a wrong unit, or marks for missing values.
-        check = _checked(written, written, description, text, quick)
+        check = _checked(written, written, description, text, quick, torques)
         if check.changes:
             return check
-    return _checked(masked, written, description, text, quick)
+    return _checked(masked, written, description, text, quick, torques)
 
 
 def _suspect(written: Campaign, masked: Campaign) -> bool:
@@ -219,9 +230,14 @@ def _all_readings(campaign: Campaign, channel: str) -> np.ndarray:
     return np.concatenate([np.zeros(0), *(np.ravel(r) for r in readings if r is not None)])
 
 
-def refuse_impossible(campaign: Campaign | str | Path) -> ConventionsCheck:
-    """Raise an error if data are impossible as stated; quick where they are not."""
-    check = check_conventions(campaign, quick=True)
+def refuse_impossible(
+    campaign: Campaign | str | Path, torques: Mapping[str, ToldTorque] | None = None
+) -> ConventionsCheck:
+    """Raise an error if data are impossible as stated; quick where they are not.
+
+    `torques`: what effects that are named do to the body, by the name of a slew.
+    """
+    check = checked_with_torques(campaign, torques or {}, quick=True)
     if check.verdict == "wrong":
         where = "" if isinstance(campaign, Campaign) else str(description_path(campaign))
         raise CampaignError(
@@ -238,6 +254,7 @@ def _checked(
     description: CampaignPart | None,
     text: str,
     quick: bool,
+    torques: Mapping[str, ToldTorque],
 ) -> ConventionsCheck:
     """The check of a campaign; `written` is the same with nothing masked."""
     columns = stated_columns(campaign, description)
@@ -247,7 +264,7 @@ def _checked(
         slews = sampled(campaign)
         if slews is None:
             return _unchecked(campaign, written, columns, faults)
-        misfits = Misfits(campaign, slews)
+        misfits = Misfits(campaign, slews, torques)
         return _held_against_laws(misfits, written, columns, faults, text, quick)
 
 

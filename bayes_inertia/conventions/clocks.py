@@ -98,7 +98,7 @@ def shifted_misfit(misfits: Misfits, reading: Reading, remedy: Remedy) -> float:
         channel = "wheel_momentum" if entry == "wheel_speed" else entry
         shifts[channel] = change.mended - (change.stated or 0.0)
     slews = sampled(misfits.campaign, shifts)
-    return np.inf if slews is None else worst(Misfits(misfits.campaign, slews).of(reading))
+    return np.inf if slews is None else worst(misfits.with_slews(slews).of(reading))
 
 
 def known_offsets(misfits: Misfits, reading: Reading, columns: Columns) -> tuple[Remedy, ...]:
@@ -124,7 +124,7 @@ def known_offsets(misfits: Misfits, reading: Reading, columns: Columns) -> tuple
                     continue
                 if _turned(slews) < LIMITS.motion_left * turned:
                     continue
-                fits = Misfits(campaign, slews).of(reading)
+                fits = misfits.with_slews(slews).of(reading)
                 after = worst(fits)
                 mends = after < min(LIMITS.ordinary, before / LIMITS.improvement)
                 if mends and _still_tested(laws, fits, streams):
@@ -347,7 +347,7 @@ def lateness(misfits: Misfits, reading: Reading, law: str) -> Lateness | None:
         if abs(shift) > 0.3 * float(misfits.motion(reading).duration.min()):
             break
         slews = sampled(misfits.campaign, dict.fromkeys(channels, shift))
-        data = None if slews is None else Misfits(misfits.campaign, slews).law(law, reading)
+        data = None if slews is None else misfits.with_slews(slews).law(law, reading)
         if data is None:
             break
         after, step = _shift(data)
@@ -383,7 +383,7 @@ def with_known_offset(misfits: Misfits, reading: Reading, late: Lateness) -> Lat
 def _left(misfits: Misfits, reading: Reading, law: str, seconds: float) -> float:
     """Residual of a law whose second stream is moved."""
     slews = sampled(misfits.campaign, dict.fromkeys(channels_of(misfits, law), seconds))
-    data = None if slews is None else Misfits(misfits.campaign, slews).law(law, reading)
+    data = None if slews is None else misfits.with_slews(slews).law(law, reading)
     return np.inf if data is None else _shift(data)[0]
 
 

@@ -192,7 +192,7 @@ def without_sign(misfits: Misfits, reading: Reading, before: float) -> Remedy | 
             continue
         flipped = ~np.isclose(signed, values).all(axis=(0, 1))
         changed: dict[str, Any] = {field: signed}
-        after = worst(Misfits(misfits.campaign, replace(slews, **changed)).of(reading))
+        after = worst(misfits.with_slews(replace(slews, **changed)).of(reading))
         if flipped.any() and after < min(LIMITS.ordinary, before / LIMITS.improvement):
             wheels = zip(misfits.campaign.wheels, flipped, strict=True)
             names = ", ".join(wheel.name for wheel, hit in wheels if hit)

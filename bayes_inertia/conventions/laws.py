@@ -11,7 +11,7 @@ which is fitted with priors wide enough for anything physical.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 
 import numpy as np
@@ -23,6 +23,7 @@ from bayes_inertia.conventions.motion import Motion
 from bayes_inertia.conventions.reading import Reading
 from bayes_inertia.conventions.rotations import angle_of, composed, turned_back
 from bayes_inertia.conventions.sampled_slews import SampledSlews
+from bayes_inertia.conventions.told_torque import ToldTorque, told_impulse
 
 CLOSURE, CONSERVATION, DRIVE = "closure", "conservation", "drive"
 
@@ -45,6 +46,8 @@ class Told:
         Sd of the readings of "rate" (3,) and "momentum" (wheels,), in the units stated.
     bias_sd : (3,) array, optional
         Sd of the rate bias [rad/s] where it is supposed to be stale; None for the stated one.
+    torques : mapping of str to ToldTorque
+        By the name of a slew: what effects that are named do to the body.
     """
 
     campaign: Campaign
@@ -53,6 +56,7 @@ class Told:
     motion: Motion
     noise: Mapping[str, np.ndarray]
     bias_sd: np.ndarray | None = None
+    torques: Mapping[str, ToldTorque] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,6 +183,12 @@ def conservation(told: Told) -> LawData | None:
     if not told.campaign.wheels:
         size = np.maximum(size, _norm(body, valid))
     total = body + stored
+    uncertain, doubt = _uncertain_momentum(told, total, size), np.zeros(len(total))
+    if told.torques:
+        added, by_prior = told_impulse(slews, moving, told.torques)
+        total = total - told.reading.time * added
+        uncertain = np.concatenate([uncertain, limits.GAIN_SD * added[..., None]], axis=-1)
+        doubt = told.reading.time * np.sqrt(np.mean(by_prior**2, axis=1))
     free = np.broadcast_to(np.eye(3), (*total.shape, 3))
     if slews.momentum is None and told.campaign.wheels:
         # Commands tell the wheels' momentum up to a constant in body axes.
@@ -188,9 +198,9 @@ def conservation(told: Told) -> LawData | None:
     frame = LIMITS.frame_share * angle * _norm(total, valid)
     return LawData(
         total,
-        _uncertain_momentum(told, total, size),
+        uncertain,
         free,
-        _sigma(size, noise, frame),
+        _sigma(size, noise, frame, doubt),
         valid,
         early=np.einsum("snij,snj->sni", to_start, _slope(wheels_B, told)),
         noise=noise,

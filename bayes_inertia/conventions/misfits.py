@@ -5,6 +5,7 @@ Misfits are in standard deviations of what noise and undisclosed physics may lea
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -16,6 +17,7 @@ from bayes_inertia.conventions.motion import Motion, motion_of
 from bayes_inertia.conventions.noise_seen import CHANNELS, believed_noise
 from bayes_inertia.conventions.reading import Reading
 from bayes_inertia.conventions.sampled_slews import SampledSlews
+from bayes_inertia.conventions.told_torque import ToldTorque
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,11 +30,18 @@ class Misfits:
         Hardware and priors.
     slews : SampledSlews
         Its telemetry.
+    torques : mapping of str to ToldTorque
+        By the name of a slew: what effects that are named do to the body.
     """
 
     campaign: Campaign
     slews: SampledSlews
+    torques: Mapping[str, ToldTorque] = field(default_factory=dict)
     kept: dict = field(default_factory=dict)
+
+    def with_slews(self, slews: SampledSlews) -> Misfits:
+        """The same laws for other telemetry of the campaign."""
+        return Misfits(self.campaign, slews, self.torques)
 
     def of(self, reading: Reading) -> dict[str, LinearFit]:
         """The fit of every law that the telemetry can be held against.
@@ -71,7 +80,8 @@ class Misfits:
         if "noise" not in self.kept:
             self.kept["noise"] = {c: believed_noise(self.campaign, c) for c in CHANNELS}
         noise = self.kept["noise"]
-        return Told(self.campaign, self.slews, reading, self.motion(reading), noise)
+        motion = self.motion(reading)
+        return Told(self.campaign, self.slews, reading, motion, noise, torques=self.torques)
 
     def fit(self, law: str, reading: Reading) -> LinearFit | None:
         """The fit of one law; the same reading of the same channels is fitted once."""

@@ -20,6 +20,7 @@ from scipy import stats
 
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.gate_limits import OBSERVABLE_ABOVE
+from bayes_inertia.inference.likelihood_summary import N_BASE, LikelihoodSummary, summary_of
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.sealing import blaming, is_sealed, write_sealed
 from bayes_inertia.tables.isolated import check_readable
@@ -42,6 +43,7 @@ _SUMMARY_ORDER = (
     "gates",
     "effects",
 )
+_NINETY = (0.05, 0.5, 0.95)
 # Other measures of what the slews support, for comparison: nothing is quoted from them.
 _OTHER_MEASURES = ("hc3_sd", "cr2_sd", "cr2_dof")
 
@@ -196,6 +198,28 @@ class Posterior:
         unnamed = "diagnosed" in failed and failed <= {"diagnosed", "explained"}
         return 1.0 if unnamed and allowed_for else None
 
+    @cached_property
+    def likelihood(self) -> LikelihoodSummary | None:
+        """What the campaign alone tells of J and K, with the sds that are quoted.
+
+        None where no sd can be quoted.
+        """
+        factor = self.quoted_factor
+        if factor is None:
+            return None
+        estimate: Any = self.tree["estimate"]
+        mean, prior_mean, prior_sd = (
+            np.array(estimate[key])[:N_BASE] for key in ("theta", "prior_mean", "prior_sd")
+        )
+        wider = np.full(N_BASE, factor)
+        if self._is_averaged(self.names[0]):
+            # Along each parameter, as what is quoted.
+            low, mean, high = np.quantile(self.averaged_samples[:, :N_BASE], _NINETY, axis=0)
+            wider *= np.maximum(1.0, sd_of_interval(low, high) / self.samples[:, :N_BASE].std(0))
+        covariance = np.array(estimate["covariance"])[:N_BASE, :N_BASE] * np.outer(wider, wider)
+        name = str(self.attributes.get("campaign"))
+        return summary_of(name, mean, covariance, prior_mean, prior_sd)
+
     def summary(self) -> dict[str, Any]:
         """The content of summary.json.
 
@@ -211,6 +235,7 @@ class Posterior:
         content["reasons"] = [gate["says"] for gate in content["gates"] if not gate["passed"]]
         content["parameters"] = {n: self._parameter(i, n) for i, n in enumerate(self.names)}
         content["derived"] = self._principal_moments()
+        content["likelihood"] = None if self.likelihood is None else self.likelihood.json()
         others = [key for key in content if key not in _SUMMARY_ORDER]
         return {key: content[key] for key in [*_SUMMARY_ORDER, *others]}
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import difflib
+import typing
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
 from functools import partial
 
 import jax
 import jax.numpy as jnp
+import pydantic
 
 from bayes_inertia.errors import EffectError
 from bayes_inertia.physics.effect import Effect
@@ -23,12 +27,13 @@ def effects_named(names: Sequence[str]) -> tuple[Effect, ...]:
     """The effects with these names, of the library or from outside.
 
     `names`: each a name of the library ("rate_bias"), `FILE.py:Class`, `package.module:Class`, the
-    name of an entry point of an installed package, or what `pinned_names` returned.
+    name of an entry point of an installed package, or what `pinned_names` returned; behind each,
+    settings as in "flexible_mode:frequency=0.12:damping=0.01".
 
     Examples
     --------
-    >>> [effect.name for effect in effects_named(["rate_bias"])]
-    ['rate_bias']
+    >>> effects_named(["inertia_change:from_slew=5"])[0].from_slew
+    5
     """
     effects = tuple(_effect_named(name) for name in names)
     for effect in effects:
@@ -60,30 +65,71 @@ def pinned_names(names: Sequence[str]) -> tuple[str, ...]:
     return tuple(_pinned_name(name) for name in names)
 
 
+def split_settings(name: str) -> tuple[str, dict[str, str]]:
+    """What a user calls an effect, and the settings behind it.
+
+    Examples
+    --------
+    >>> split_settings("my_effects.py:Slosh:sigma=0.1")
+    ('my_effects.py:Slosh', {'sigma': '0.1'})
+    """
+    given: dict[str, str] = {}
+    while "=" in (setting := name.rpartition(":")[2]) and ":" in name:
+        name = name.removesuffix(f":{setting}")
+        key, _, value = setting.partition("=")
+        given = {key.strip(): value.strip(), **given}
+    return name, given
+
+
 def _effect_named(name: str) -> Effect:
-    reference = reference_of(name)
-    if reference is None or _is_of_library(name):
-        return by_name([name])[0]
+    plain, settings = split_settings(name)
+    reference = reference_of(plain)
+    if reference is None or _of_library(plain) is not None:
+        return _with_settings(by_name([plain])[0], settings)
     effect = load_effect(reference)
-    if _is_of_library(str(effect.name)):
+    alike = _of_library(str(effect.name))
+    # The library's own class with other settings is no other effect.
+    if alike is not None and type(alike) is not type(effect):
         raise EffectError(
             f"the library has an effect called {effect.name!r} too",
             where=str(reference),
             advice="give the class another `name`",
         )
-    return effect
+    return _with_settings(effect, settings)
+
+
+def _with_settings(effect: Effect, settings: Mapping[str, str]) -> Effect:
+    hints = typing.get_type_hints(type(effect))
+    known = {field.name: hints[field.name] for field in fields(effect) if field.init}
+    values = {}
+    for key, text in settings.items():
+        if key not in known:
+            near = difflib.get_close_matches(key, known, 1) or list(known)
+            has = f"perhaps {', '.join(near)}" if near else "it has none"
+            raise EffectError(f"no setting {key!r}", where=effect.name, advice=has)
+        try:
+            values[key] = pydantic.TypeAdapter(known[key]).validate_python(text)
+        except pydantic.ValidationError as error:
+            raise EffectError(
+                f"{text!r} is no value of {key} ({error.errors()[0]['msg']})",
+                where=effect.name,
+                advice=f"give it as {known[key]}, such as {effect.name}:{key}=...",
+            ) from None
+    return replace(effect, **values)
 
 
 def _pinned_name(name: str) -> str:
-    reference = reference_of(name)
-    if reference is None or _is_of_library(name):
+    plain, _ = split_settings(name)
+    reference = reference_of(plain)
+    if reference is None or _of_library(plain) is not None:
         return name
-    _check_traceable(load_effect(reference))
-    return str(pinned(reference))
+    _check_traceable(_effect_named(name))
+    return f"{pinned(reference)}{name.removeprefix(plain)}"
 
 
-def _is_of_library(name: str) -> bool:
-    return any(effect.name == name for effect in (*LIBRARY, *STOCHASTIC))
+def _of_library(name: str) -> Effect | None:
+    known = (effect for effect in (*LIBRARY, *STOCHASTIC) if effect.name == name)
+    return next(known, None)
 
 
 def _check_traceable(effect: Effect) -> None:

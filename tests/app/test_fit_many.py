@@ -57,7 +57,7 @@ def fitted(monkeypatch) -> list[int]:
         return SimpleNamespace(summary=lambda: summary)
 
     monkeypatch.setattr("bayes_inertia.app.fit_many_folder.fit", fit)
-    monkeypatch.setattr("bayes_inertia.app.fit_many_folder.refuse_impossible", lambda _: None)
+    monkeypatch.setattr("bayes_inertia.app.fit_many_folder.refuse_impossible", lambda *_: None)
     return seeds
 
 

@@ -376,3 +376,14 @@ def test_damaged_descriptions_never_end_in_a_traceback(tmp_path, position, junk)
     folder = make(tmp_path, TOML[:position] + junk + TOML[position + 1 :])
     error = refusal(folder)
     assert error is None or (error.where and error.advice)
+
+
+@pytest.mark.parametrize(
+    ("key", "wrong_advice"),
+    [("body_torque", "wheel_torque"), ("magnetometer", "magnetic_field")],
+)
+def test_no_advice_leads_to_another_physical_quantity(tmp_path, key, wrong_advice):
+    entry = f'[columns]\n{key} = {{ names = ["a"], unit = "N m" }}\n'
+    error = refusal(make(tmp_path, edited(TOML, ("[columns]\n", entry))))
+    assert f"key columns.{key}: unknown key; known here" in str(error)
+    assert f'did you mean "{wrong_advice}"' not in str(error)

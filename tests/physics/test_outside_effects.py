@@ -176,3 +176,34 @@ def test_a_simulation_hides_an_effect_from_outside(write, tmp_path):
     with pytest.raises(EffectError) as caught:
         simulate(plan, most_like_mission(), tmp_path / "other", 1, hidden=[f"{path}:Push.force=1"])
     assert_teaches(caught.value, ["force", "torque"])
+
+
+def test_settings_follow_the_name_of_an_effect(write):
+    file = write(PUSH)
+    change, mode = effects_named(
+        ["inertia_change:from_slew=5", "flexible_mode:frequency=0.12:damping=0.01"]
+    )
+    assert change.from_slew == 5
+    assert change.sigma is None
+    assert (mode.frequency, mode.damping) == (0.12, 0.01)
+    (pushed,) = effects_named(pinned_names([f"{file}:Push:sigma=2e-4"]))
+    assert pushed.sigma == 2e-4
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("flexible_mode:frequencey=0.12", ["frequencey", "perhaps frequency"]),
+        ("inertia_change:from_slew=half", ["'half'", "from_slew", "inertia_change"]),
+        ("flexible_mode:frequency=", ["''", "frequency"]),
+    ],
+)
+def test_a_wrong_setting_is_refused_by_name(name, words):
+    refused(name, words)
+
+
+def test_an_instance_of_a_class_of_the_library_stands_for_it(write):
+    file = write(
+        "from bayes_inertia.physics.effects import InertiaChange\nLATE = InertiaChange(from_slew=3)"
+    )
+    assert effects_named([f"{file}:LATE"])[0].from_slew == 3

@@ -96,6 +96,39 @@ def test_an_inertia_block_is_read_by_a_library_for_ccsds_messages(result):
     assert any("-integral of x y dm" in line for line in block.comment)
 
 
+def test_a_comprehensive_message_is_read_by_a_library_for_ccsds_messages(result):
+    ccsds_ndm = pytest.importorskip("ccsds_ndm")
+    message = ccsds_ndm.Acm.from_str(EXPORT_FORMATS["acm"].text(result))
+    message.validate()
+    data = message.segment.data
+    block = data.phys
+    J = [[block.ixx, block.ixy, block.ixz], [0, block.iyy, block.iyz], [0, 0, block.izz]]
+    smallest = min(p.sd for p in result.parameters[:6])
+    assert np.abs(np.triu(result.inertia_locked_B) - np.array(J)).max() < 1e-3 * smallest
+    assert (block.inertia_ref_frame, message.segment.metadata.object_name) == (
+        "SC_BODY_1",
+        result.campaign,
+    )
+
+
+def test_scale_factors_and_covariance_are_user_defined_entries(result):
+    text = EXPORT_FORMATS["acm"].text(result)
+    entries = dict(
+        line.removeprefix("USER_DEFINED_").split(" = ")
+        for line in text.splitlines()
+        if line.startswith("USER_DEFINED_")
+    )
+    for k in (1, 2, 3):
+        factor = result.parameter(f"K{k}")
+        assert abs(float(entries[f"K{k}"]) - factor.new) < 1e-3 * factor.sd
+    names = ["IXX", "IYY", "IZZ", "IXY", "IXZ", "IYZ", "K1", "K2", "K3"]
+    for i, a in enumerate(names):
+        for j, b in enumerate(names[: i + 1]):
+            told = float(entries[f"COV_{a}_{b}"])
+            assert told == pytest.approx(result.covariance[i, j], rel=1e-7)
+    assert len(entries) == 3 + 45
+
+
 def test_python_lines_set_the_hub_of_basilisk(result):
     craft = SimpleNamespace(hub=SimpleNamespace())
     names = {"scObject": craft}
@@ -173,7 +206,7 @@ def test_no_name_ends_a_comment_or_a_string(hostile, result, to):
     assert not any(line.lstrip().startswith("import") for line in text.splitlines())
 
 
-@pytest.mark.parametrize("to", ["apm", "json", "csv", "matlab", "latex", "basilisk", "42"])
+@pytest.mark.parametrize("to", ["acm", "apm", "json", "csv", "matlab", "latex", "basilisk", "42"])
 def test_an_untrusted_result_carries_its_warning(result, to):
     refused = replace(result, trusted=False, reasons=("the ensembles disagree",))
     text = EXPORT_FORMATS[to].text(refused)

@@ -6,12 +6,14 @@ import json
 import os
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from support.campaign_files import assert_teaches
 
 from bayes_inertia.app.cli import main
 from bayes_inertia.errors import CampaignError, OutputError
 from bayes_inertia.files import write_atomically
+from bayes_inertia.inference.likelihood_summary import summary_from_json, with_prior
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.report.fit_sections import standard_sections
 from bayes_inertia.report.page import render
@@ -96,3 +98,19 @@ def test_a_disk_without_room_leaves_the_old_result(made, stored):
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert [(p.name, p.read_bytes()) for p in stored.parent.iterdir()] == [(stored.name, before)]
+
+
+def test_likelihood_and_prior_make_the_quoted_posterior(made):
+    posterior = made("good")
+    content, told = posterior.summary(), posterior.likelihood
+    assert summary_from_json(content["likelihood"]) == told
+    mean, covariance = with_prior(told)
+    np.testing.assert_allclose(mean, posterior.tree["estimate"]["theta"][:9], rtol=1e-9)
+    for k, name in enumerate(posterior.names[:9]):
+        # Eight hundred draws tell an sd to 2.5 %, its 90 % interval to 5 %: three sds.
+        quoted = content["parameters"][name]["quoted_sd"]
+        assert np.sqrt(covariance[k, k]) == pytest.approx(quoted, rel=0.15)
+
+
+def test_a_refused_result_passes_nothing_on(made):
+    assert made("thrown").summary()["likelihood"] is None

@@ -42,7 +42,7 @@ def diagnose_command(
     with progress_bar() as progress:
         # Before anything heavy is loaded: seconds against minutes.
         if not anyway:
-            refuse_or_warn(campaign, progress)
+            refuse_or_warn(campaign, progress, names_in(effects))
 
         from bayes_inertia.app import run_folder
         from bayes_inertia.app.diagnosed_fit import DIAGNOSED_SETTINGS

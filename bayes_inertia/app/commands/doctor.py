@@ -68,12 +68,19 @@ def doctor_command(campaign: _CampaignOrNone = None, as_json: AsJson = False) ->
         raise typer.Exit(code)
 
 
-def refuse_or_warn(campaign: Path, progress: Progress = silent) -> None:
-    """Stop if a campaign's conventions are wrong, and say on stderr what is doubtful."""
+def refuse_or_warn(
+    campaign: Path, progress: Progress = silent, effects: Sequence[str] = ()
+) -> None:
+    """Stop if a campaign's conventions are wrong, and say on stderr what is doubtful.
+
+    `effects`: names of effects that are fitted along; the torques of a user's own count.
+    """
+    from bayes_inertia.app.told_torques import torques_of
     from bayes_inertia.conventions.check import refuse_impossible
 
     progress(_CHECKING, 0, 0)
-    check = refuse_impossible(campaign).doubting(_left_out(campaign))
+    check = refuse_impossible(campaign, torques_of(campaign, effects))
+    check = check.doubting(_left_out(campaign))
     if check.verdict == "doubtful":
         say(f"warning: {check.sentence}")
 

@@ -9,7 +9,7 @@ import typer
 
 from bayes_inertia.app.terminal import progress_bar, say
 
-FormatName = Literal["apm", "json", "csv", "matlab", "latex", "basilisk", "42"]
+FormatName = Literal["acm", "apm", "json", "csv", "matlab", "latex", "basilisk", "42"]
 
 
 def export_command(
@@ -28,10 +28,11 @@ def export_command(
 ) -> None:
     """Write a result for another tool.
 
-    apm: inertia block of a CCSDS attitude parameter message. csv: sheet for an upload (old, new,
-    change, correction slew). json, matlab: all digits. latex: a table. basilisk, 42: lines for
-    these simulators. A result whose gates failed is not written (exit code 3) unless
-    --even-untrusted; then the file begins with a warning.
+    acm: CCSDS attitude comprehensive message with J, K and their covariance. apm: inertia block of
+    a CCSDS attitude parameter message. csv: sheet for an upload (old, new, change, correction
+    slew). json, matlab: all digits. latex: a table. basilisk, 42: lines for these simulators. A
+    result whose gates failed is not written (exit code 3) unless --even-untrusted; then the file
+    begins with a warning.
     """
     with progress_bar() as progress:
         progress("reading the run", 0, 0)

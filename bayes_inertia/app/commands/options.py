@@ -14,7 +14,8 @@ EffectNames = Annotated[
     str,
     typer.Option(
         help="Effects to fit along, separated by commas; `effects` lists their names. One of your "
-        "own is called FILE.py:Class or package.module:Class."
+        "own is called FILE.py:Class or package.module:Class. Settings follow a colon: "
+        "inertia_change:from_slew=5, flexible_mode:frequency=0.12:damping=0.01."
     ),
 ]
 FurtherCandidates = Annotated[
@@ -22,7 +23,8 @@ FurtherCandidates = Annotated[
     typer.Option(
         "--effects",
         help="Effects to try beyond the library, separated by commas: FILE.py:Class, "
-        "package.module:Class, or a name that `effects` lists.",
+        "package.module:Class, or a name that `effects` lists; or one of the library with "
+        "settings, such as flexible_mode:frequency=0.12, which then stands for it.",
     ),
 ]
 DriveName = Annotated[

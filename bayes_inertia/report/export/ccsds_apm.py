@@ -10,26 +10,27 @@ from __future__ import annotations
 
 from bayes_inertia.report.export.content import ExportedResult, comment_lines, tensor_digits
 
-_PLACES = {"XX": (0, 0), "YY": (1, 1), "ZZ": (2, 2), "XY": (0, 1), "XZ": (0, 2), "YZ": (1, 2)}
-_SAYS = (
+PLACES = {"XX": (0, 0), "YY": (1, 1), "ZZ": (2, 2), "XY": (0, 1), "XZ": (0, 2), "YZ": (1, 2)}
+SAYS_OF_TENSOR = (
     "IXY, IXZ and IYZ are elements of the inertia tensor: IXY = -integral of x y dm",
     "inertia of the whole spacecraft, the wheels' spin inertia included (wheels locked)",
     "about the centre of mass; rounded two digits beyond the uncertainty",
-    "block only: put it behind the attitude of a message of yours",
 )
+_BLOCK_ONLY = "block only: put it behind the attitude of a message of yours"
 
 
 def ccsds_apm_text(result: ExportedResult) -> str:
     """The block from INERTIA_START to INERTIA_STOP."""
-    sds = ", ".join(f"I{k} {result.parameter(f'J{k.lower()}').sd:.2g}" for k in _PLACES)
-    comments = comment_lines(result, *_SAYS, f"standard deviations [kg*m**2]: {sds}")
+    sds = ", ".join(f"I{k} {result.parameter(f'J{k.lower()}').sd:.2g}" for k in PLACES)
+    deviations = f"standard deviations [kg*m**2]: {sds}"
+    comments = comment_lines(result, *SAYS_OF_TENSOR, _BLOCK_ONLY, deviations)
     digits = tensor_digits(result, result.inertia_locked_B)
     return "\n".join(
         [
             "INERTIA_START",
             *(f"COMMENT {line}" for line in comments),
             "INERTIA_REF_FRAME = SC_BODY_1",
-            *(f"I{key} = {digits[i][j]} [kg*m**2]" for key, (i, j) in _PLACES.items()),
+            *(f"I{key} = {digits[i][j]} [kg*m**2]" for key, (i, j) in PLACES.items()),
             "INERTIA_STOP",
             "",
         ]

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from bayes_inertia.report.export.basilisk import basilisk_text
+from bayes_inertia.report.export.ccsds_acm import ccsds_acm_text
 from bayes_inertia.report.export.ccsds_apm import ccsds_apm_text
 from bayes_inertia.report.export.content import ExportedResult
 from bayes_inertia.report.export.csv_sheet import csv_text
@@ -35,6 +36,7 @@ class ExportFormat:
 
 
 EXPORT_FORMATS: Mapping[str, ExportFormat] = {
+    "acm": ExportFormat("CCSDS attitude comprehensive message: J, K, covariance", ccsds_acm_text),
     "apm": ExportFormat("inertia block of a CCSDS attitude parameter message", ccsds_apm_text),
     "json": ExportFormat("everything, all digits", json_text, shows_correction=True),
     "csv": ExportFormat("sheet for an upload: old, new, change", csv_text, shows_correction=True),

@@ -1,0 +1,99 @@
+"""`history` and `fleet`: J and K over campaigns, and over sister spacecraft."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from bayes_inertia.app.commands.options import AsJson, OpenPage, OutputFolder, Seed
+from bayes_inertia.app.terminal import (
+    headed,
+    narrow_table,
+    open_in_browser,
+    plain_console,
+    print_json_file,
+    progress_bar,
+)
+
+
+def history_command(
+    sources: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Runs, campaigns or a folder of `fit-many`, in the order flown. Campaigns are "
+            "fitted first."
+        ),
+    ],
+    out: OutputFolder,
+    seed: Seed = 0,
+    open_page: OpenPage = False,
+    as_json: AsJson = False,
+) -> None:
+    """Say whether J and K changed from campaign to campaign: when, by how much, how probable.
+
+    Writes history.json and history.html.
+    """
+    with progress_bar() as progress:
+        from bayes_inertia.app.series_folder import HISTORY, run_history
+
+        history = run_history(sources, out, seed=seed, progress=progress)
+    if as_json:
+        print_json_file(out / HISTORY[0])
+    else:
+        from bayes_inertia.report.formatting import typeset
+        from bayes_inertia.report.series_sections import history_answer, history_rows
+
+        heads = ("parameter", "unit", "now", "sd", "change since the first")
+        _show(typeset(history_answer(history)), heads, history_rows(history), HISTORY, out)
+    open_in_browser(out / HISTORY[1], open_page)
+
+
+def fleet_command(
+    fits: Annotated[
+        Path,
+        typer.Argument(
+            help="Folder that `fit-many` wrote; the first folder of a campaign's path is its "
+            "spacecraft."
+        ),
+    ],
+    out: OutputFolder,
+    seed: Seed = 0,
+    open_page: OpenPage = False,
+    as_json: AsJson = False,
+) -> None:
+    """Say what sister spacecraft have in common, and know each better by it.
+
+    Writes fleet.json and fleet.html.
+    """
+    with progress_bar() as progress:
+        from bayes_inertia.app.series_folder import FLEET, run_fleet
+
+        fleet, alone_sd = run_fleet(fits, out, seed=seed, progress=progress)
+    if as_json:
+        print_json_file(out / FLEET[0])
+    else:
+        from bayes_inertia.report.formatting import typeset
+        from bayes_inertia.report.series_sections import FLEET_HEADS, fleet_answer, fleet_rows
+
+        rows = fleet_rows(fleet, alone_sd)
+        _show(typeset(fleet_answer(fleet, alone_sd)), FLEET_HEADS, rows, FLEET, out)
+    open_in_browser(out / FLEET[1], open_page)
+
+
+def _show(
+    answer: str,
+    heads: tuple[str, ...],
+    rows: list[tuple[str, ...]],
+    files: tuple[str, str],
+    folder: Path,
+) -> None:
+    """Print the answer, a row a parameter, and what was written."""
+    console = plain_console()
+    console.print(headed(answer))
+    table = narrow_table(console, *heads, wrapping=heads[-1:])
+    for row in rows:
+        table.add_row(*row)
+    console.print(table)
+    console.print(f"wrote {' and '.join(files)} in {folder}")

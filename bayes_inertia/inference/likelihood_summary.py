@@ -1,0 +1,119 @@
+"""What one campaign alone tells of J and K: a Gaussian with the prior taken off.
+
+Nuisances and effects are integrated out. Summaries of campaigns multiply, because each prior is
+taken off: so a series needs no telemetry of the past.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from bayes_inertia.maths.values import array_dataclass
+
+N_BASE = 9
+# A direction that data narrow by less than this share of the prior's precision is not told by
+# them: what stands there is rounding of the difference of two precisions.
+_LEAST_SHARE = 1e-6
+_ARRAYS = ("mean", "precision", "prior_mean", "prior_sd")
+
+
+@array_dataclass
+class LikelihoodSummary:
+    """A Gaussian in J and K, as a precision: directions that the data leave open have none.
+
+    Parameters
+    ----------
+    campaign : str
+        What it came from.
+    mean : (9,) array
+        Jxx to Jyz [kg m^2] and K1 to K3 where the likelihood is largest.
+    precision : (9, 9) array
+        Inverse covariance there, without the prior; positive semidefinite.
+    prior_mean, prior_sd : (9,) arrays
+        The prior that was taken off.
+    """
+
+    campaign: str
+    mean: np.ndarray
+    precision: np.ndarray
+    prior_mean: np.ndarray
+    prior_sd: np.ndarray
+
+    def whitened(self, first: LikelihoodSummary) -> tuple[np.ndarray, np.ndarray]:
+        """The summary as data in units of another one's prior.
+
+        Returns R (9, 9) and y (9,): y - R x is white, x in prior sds from the prior mean of
+        `first`.
+        """
+        scaled = self.precision * np.outer(first.prior_sd, first.prior_sd)
+        powers, directions = np.linalg.eigh(0.5 * (scaled + scaled.T))
+        root = np.sqrt(np.maximum(powers, 0.0))[:, None] * directions.T
+        return root, root @ ((self.mean - first.prior_mean) / first.prior_sd)
+
+    def json(self) -> dict[str, Any]:
+        """As it stands in a file: lists of numbers."""
+        return {"campaign": self.campaign} | {k: getattr(self, k).tolist() for k in _ARRAYS}
+
+
+def summary_of(
+    campaign: str,
+    mean: np.ndarray,
+    covariance: np.ndarray,
+    prior_mean: np.ndarray,
+    prior_sd: np.ndarray,
+) -> LikelihoodSummary:
+    """The likelihood that a Gaussian prior of independent parameters and a posterior imply.
+
+    `mean` (9,); `covariance` (9, 9).
+
+    Examples
+    --------
+    >>> one = np.ones(9)
+    >>> told = summary_of("a", 0.5 * one, 0.5 * np.eye(9), 0.0 * one, one)
+    >>> told.mean.round(6)[0], told.precision.round(6)[0, 0]
+    (np.float64(1.0), np.float64(1.0))
+    """
+    scaled = covariance / np.outer(prior_sd, prior_sd)
+    powers, directions = np.linalg.eigh(0.5 * (scaled + scaled.T))
+    # The prior's precision is one in these units.
+    told = 1.0 / powers - 1.0
+    told = np.where(told > _LEAST_SHARE, told, 0.0)
+    along = directions.T @ ((mean - prior_mean) / prior_sd)
+    shift = directions @ (np.where(told > 0.0, along / np.maximum(powers * told, 1e-300), 0.0))
+    precision = (directions * told) @ directions.T / np.outer(prior_sd, prior_sd)
+    return LikelihoodSummary(
+        campaign, prior_mean + prior_sd * shift, precision, prior_mean, prior_sd
+    )
+
+
+def summary_from_json(content: Mapping[str, Any]) -> LikelihoodSummary:
+    """The summary that `LikelihoodSummary.json` wrote."""
+    arrays = {key: np.array(content[key], dtype=float) for key in _ARRAYS}
+    return LikelihoodSummary(str(content["campaign"]), **arrays)
+
+
+def product(summaries: Sequence[LikelihoodSummary]) -> LikelihoodSummary:
+    """What several campaigns of one spacecraft tell together, J and K being the same in all.
+
+    The prior and the name are those of the first.
+    """
+    first = summaries[0]
+    # In prior sds, so that the least squares are well scaled.
+    precision = np.sum([s.precision for s in summaries], axis=0)
+    pull = np.sum([s.precision @ (s.mean - first.prior_mean) for s in summaries], axis=0)
+    scaled = precision * np.outer(first.prior_sd, first.prior_sd)
+    shift = np.linalg.lstsq(scaled, pull * first.prior_sd, rcond=_LEAST_SHARE**2)[0]
+    mean = first.prior_mean + first.prior_sd * shift
+    return LikelihoodSummary(first.campaign, mean, precision, first.prior_mean, first.prior_sd)
+
+
+def with_prior(summary: LikelihoodSummary) -> tuple[np.ndarray, np.ndarray]:
+    """Mean (9,) and covariance (9, 9) of the posterior that a summary and its prior make."""
+    scaled = summary.precision * np.outer(summary.prior_sd, summary.prior_sd)
+    covariance = np.linalg.inv(scaled + np.eye(N_BASE))
+    pull = scaled @ ((summary.mean - summary.prior_mean) / summary.prior_sd)
+    scale = summary.prior_sd
+    return summary.prior_mean + scale * (covariance @ pull), covariance * np.outer(scale, scale)

@@ -1,0 +1,121 @@
+"""Torques on the body as effects tell them along the measured motion, before any fit."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.maths import quaternion
+from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.packing import Arrays, bridged, pack
+from bayes_inertia.physics.parameters import ParameterSpace
+from bayes_inertia.physics.slew_context import State
+
+
+def told_torques(
+    campaign: Campaign, effects: Sequence[Effect]
+) -> dict[str, tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Each slew's external torque of some effects, integrated, by the name of the slew.
+
+    Returns: time (n,) on the slew's own clock [s]; impulse (n, 3) at the priors' means, body axes
+    [N m s]; the integrated size (n,) of what one prior sd of each parameter changes.
+    """
+    acting = [effect for effect in effects if effect.acts("body_torque")]
+    if not acting:
+        return {}
+    spaces = [_space(effect, campaign) for effect in acting]
+    arrays = pack(campaign)
+    told = {}
+    for k, slew in enumerate(campaign.slews):
+        one: Arrays = jax.tree.map(lambda rows, k=k: rows[k], arrays)
+        rate_B, attitude = _measured_motion(campaign, k, np.asarray(one.slews.context.time))
+        mean, doubt = np.zeros((len(rate_B), 3)), np.zeros(len(rate_B))
+        for effect, space in zip(acting, spaces, strict=True):
+            torque, size = _torque(effect, space, campaign, one, rate_B, attitude)
+            mean, doubt = mean + torque, doubt + size
+        step = np.asarray(one.slews.context.step)
+        time = slew.time[0] + np.asarray(one.slews.context.time)
+        told[slew.name] = (time, _integral(mean, step), _integral(doubt[:, None], step)[:, 0])
+    return told
+
+
+def _integral(held: np.ndarray, step: np.ndarray) -> np.ndarray:
+    """Running integral (n, k) of values (n, k) that are held over each step (n,) [s]."""
+    summed = np.cumsum(held * step[:, None], axis=0)
+    return np.concatenate([np.zeros_like(summed[:1]), summed[:-1]])
+
+
+def _space(effect: Effect, campaign: Campaign) -> ParameterSpace:
+    return ParameterSpace(tuple((effect.name, p) for p in effect.parameters(campaign)))
+
+
+def _measured_motion(
+    campaign: Campaign, slew: int, grid: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Body rate (n, 3) and attitude (n, 4) on the grid (n,) that the readings tell."""
+    of, sensor = campaign.slews[slew], campaign.rate_sensor
+    time = of.time - of.time[0]
+    readings = np.where(campaign.valid_readings(of), np.asarray(of.rate), np.nan)
+    read = np.stack([bridged(grid, time, column) for column in readings.T], axis=-1)
+    signal = read * np.array(sensor.scale_factor) - np.array(sensor.bias)
+    rate_B = signal @ np.linalg.inv(sensor.axes).T
+    turns = 0.5 * (rate_B[1:] + rate_B[:-1]) * np.diff(grid)[:, None]
+    path = np.asarray(_accumulated(jnp.asarray(turns)))
+    fixes = np.flatnonzero(of.fixes)
+    if of.attitude is None or not len(fixes):
+        return rate_B, path
+    at = int(np.searchsorted(grid, time[fixes[0]]))
+    start = quaternion.multiply(jnp.asarray(of.attitude[fixes[0]]), quaternion.conjugate(path[at]))
+    return rate_B, np.asarray(quaternion.multiply(start, jnp.asarray(path)))
+
+
+@jax.jit
+def _accumulated(turns: Array) -> Array:
+    """Attitudes (n, 4) relative to the first, by n - 1 small rotations (n - 1, 3) [rad]."""
+
+    def turned(attitude: Array, turn: Array) -> tuple[Array, Array]:
+        after = quaternion.multiply(attitude, quaternion.exp(turn))
+        return after, after
+
+    start = jnp.array([0.0, 0.0, 0.0, 1.0])
+    return jnp.concatenate([start[None], jax.lax.scan(turned, start, turns)[1]])
+
+
+def _torque(
+    effect: Effect,
+    space: ParameterSpace,
+    campaign: Campaign,
+    one: Arrays,
+    rate_B: np.ndarray,
+    attitude: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Torque (n, 3) at the priors' means [N m], and how far the priors leave it open (n,)."""
+    inputs, context, prior = one.slews, one.slews.context, campaign.inertia
+    axes, spin = campaign.wheel_axes_B, campaign.spin_inertias
+    J = prior.tensor if prior.includes_wheel_spin else prior.tensor + (axes * spin) @ axes.T
+
+    def at_all(flat: Array) -> Array:
+        p = space.split(flat).get(effect.name, {})
+        states = effect.initial_state(p, context, jnp.asarray(rate_B[0]))
+
+        def at(t, turned, rate, momentum, field, position):
+            state = State(turned, rate, momentum, states, jnp.asarray(J), field, position)
+            return effect.body_torque(p, context, t, state)
+
+        return jax.vmap(at)(
+            context.time,
+            jnp.asarray(attitude),
+            jnp.asarray(rate_B),
+            inputs.momentum,
+            inputs.magnetic_field_N,
+            inputs.position_N,
+        )
+
+    mean = jnp.asarray(space.mean)
+    columns = jax.jacfwd(at_all)(mean) * jnp.asarray(space.sd)
+    return np.asarray(at_all(mean)), np.sqrt(np.asarray(jnp.sum(columns**2, axis=(1, 2))))

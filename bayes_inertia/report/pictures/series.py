@@ -1,0 +1,101 @@
+"""J and K over campaigns, and over the spacecraft of a fleet."""
+
+from __future__ import annotations
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from bayes_inertia.physics.parameters import BASE_NAMES
+from bayes_inertia.report.formatting import exponent, unit_text
+from bayes_inertia.report.pictures import style
+from bayes_inertia.series.fleet import Fleet
+from bayes_inertia.series.history import OF_PART, History
+
+# Of a normal distribution: 90 % lie within so many sds.
+_NINETY = 1.645
+
+
+@style.styled
+def draw_history(history: History, told: float) -> Figure:
+    """Each element of J and K against the campaigns: each campaign alone, and all together.
+
+    `told`: probability from which a jump is drawn.
+    """
+    figure = Figure(figsize=(style.WIDTH, 7.2), layout="constrained")
+    grid = figure.subplots(3, 3, sharex=True)
+    x = np.arange(len(history.campaigns))
+    for k, axes in enumerate(grid.ravel()):
+        center, power = _center_and_power(history.mean[:, k], history.alone_sd[:, k])
+        size = 10.0**power
+        mean, sd = (history.mean[:, k] - center) / size, history.sd[:, k] / size
+        axes.fill_between(
+            x, mean - _NINETY * sd, mean + _NINETY * sd, color=style.SKY, alpha=0.35, lw=0
+        )
+        axes.plot(x, mean, color=style.BLUE)
+        axes.errorbar(
+            x,
+            (history.alone[:, k] - center) / size,
+            history.alone_sd[:, k] / size,
+            fmt="o",
+            ms=3.5,
+            color=style.INK,
+            ecolor=style.MUTED,
+            elinewidth=0.8,
+        )
+        for jump in history.jumps:
+            if jump.probability > told and OF_PART[jump.part].start <= k < OF_PART[jump.part].stop:
+                axes.axvline(jump.after + 0.5, color=style.VERMILLION, ls=(0, (4, 2)))
+        _labels(axes, k, center, power)
+        axes.set_xticks(x, history.campaigns, rotation=30, ha="right")
+    return figure
+
+
+@style.styled
+def draw_fleet(fleet: Fleet, alone: np.ndarray, alone_sd: np.ndarray) -> Figure:
+    """Each element of J and K of each spacecraft: from its own campaigns, and with its sisters'.
+
+    `alone`, `alone_sd` (craft, 9).
+    """
+    figure = Figure(figsize=(style.WIDTH, 7.2), layout="constrained")
+    grid = figure.subplots(3, 3)
+    x = np.arange(len(fleet.names))
+    for k, axes in enumerate(grid.ravel()):
+        order = np.argsort(fleet.craft_mean[:, k])
+        center, power = _center_and_power(fleet.craft_mean[:, k], fleet.craft_sd[:, k])
+        size = 10.0**power
+        mean, spread = (fleet.mean[k] - center) / size, fleet.spread[k] / size
+        axes.axhspan(mean - spread, mean + spread, color=style.SKY, alpha=0.3, lw=0)
+        axes.axhline(mean, color=style.BLUE, lw=0.8)
+        for shift, values, sds, color, marker in (
+            (-0.15, alone, alone_sd, style.MUTED, "s"),
+            (0.15, fleet.craft_mean, fleet.craft_sd, style.INK, "o"),
+        ):
+            axes.errorbar(
+                x + shift,
+                (values[order, k] - center) / size,
+                sds[order, k] / size,
+                fmt=marker,
+                ms=3.0,
+                color=color,
+                elinewidth=0.8,
+            )
+        low, high = axes.get_ylim()
+        reach = 6.0 * max(spread, float(np.median(fleet.craft_sd[:, k])) / size)
+        axes.set_ylim(max(low, mean - reach), min(high, mean + reach))
+        _labels(axes, k, center, power)
+        axes.set_xticks([])
+        axes.set_xlabel("spacecraft, in order")
+    return figure
+
+
+def _center_and_power(values: np.ndarray, sds: np.ndarray) -> tuple[float, int]:
+    """What a panel counts from, rounded, and its power of ten."""
+    power = exponent(float(np.ptp(values)), float(np.median(sds)))
+    return float(np.round(np.median(values), 1 - power)), power
+
+
+def _labels(axes: Axes, k: int, center: float, power: int) -> None:
+    unit = "kg m^2" if k < OF_PART["K"].start else ""
+    axes.set_title(f"{BASE_NAMES[k]} less {center:.6g}")
+    axes.set_ylabel(unit_text(unit, power))

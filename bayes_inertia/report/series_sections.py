@@ -1,0 +1,163 @@
+"""What a series of campaigns, and a fleet, tell of J and K: sentences and sections."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bayes_inertia.physics.parameters import BASE_NAMES
+from bayes_inertia.report.formatting import listed, number, unit_text
+from bayes_inertia.report.pictures.series import draw_fleet, draw_history
+from bayes_inertia.report.section import Picture, Section, packaged
+from bayes_inertia.series.fleet import Fleet
+from bayes_inertia.series.history import OF_PART, History, SeenJump
+
+# A change is told as one above this probability, and as a possible one above the other.
+CERTAIN, POSSIBLE = 0.95, 0.2
+# Elements of a jump that are told: further than this many sds from no change.
+_SEEN = 3.0
+FLEET_HEADS = (
+    "parameter",
+    "unit",
+    "fleet's mean",
+    "sd",
+    "spread",
+    "90 % of the spread",
+    "sd of a craft alone",
+    "with its sisters",
+)
+_NOTE = (
+    "Points: each campaign alone, one quoted sd. Band: 90 % of what all campaigns say together. "
+    "Dashed: a jump that is at least possible."
+)
+
+
+def history_answer(history: History) -> str:
+    """One sentence: did J or K change?"""
+    certain = [jump for jump in history.jumps if jump.probability > CERTAIN]
+    wandering = [part for part, p in history.wanders.items() if p > CERTAIN]
+    said = [jump_in_words(history, jump) for jump in certain]
+    if wandering:
+        said.append(
+            f"{listed(wandering)} wander{'s' if len(wandering) == 1 else ''} from campaign "
+            "to campaign"
+        )
+    if said:
+        return "; ".join(said)
+    most = max((jump.probability for jump in history.jumps), default=0.0)
+    doubt = "" if most < POSSIBLE else ", but a jump is possible"
+    return f"no change of J or K is seen over {len(history.campaigns)} campaigns{doubt}"
+
+
+def jump_in_words(history: History, jump: SeenJump) -> str:
+    """When, what and by how much."""
+    names = BASE_NAMES[OF_PART[jump.part]]
+    seen = [k for k in range(len(names)) if abs(jump.size[k]) > _SEEN * jump.sd[k]]
+    shown = seen or [int(np.argmax(np.abs(jump.size / jump.sd)))]
+    unit = f" {unit_text('kg m^2')}" if jump.part == "J" else ""
+    sizes = [
+        f"{names[k]} by {number(jump.size[k], jump.sd[k])} ± {number(jump.sd[k], jump.sd[k])}{unit}"
+        for k in shown
+    ]
+    between = " and ".join(history.campaigns[jump.after : jump.after + 2])
+    return (
+        f"{jump.part} changed between {between} (probability {jump.probability:.3g}): "
+        f"{listed(sizes)}"
+    )
+
+
+def history_rows(history: History) -> list[tuple[str, ...]]:
+    """Name, unit, value at the last campaign, change since the first, of each parameter."""
+    rows: list[tuple[str, ...]] = []
+    for k, name in enumerate(BASE_NAMES):
+        mean, sd = history.mean[:, k], history.sd[:, k]
+        both = float(np.hypot(sd[0], sd[-1]))
+        unit = "kg m^2" if k < OF_PART["K"].start else ""
+        rows.append(
+            (
+                name,
+                unit_text(unit),
+                number(mean[-1], sd[-1]),
+                number(sd[-1], sd[-1]),
+                number(mean[-1] - mean[0], both),
+            )
+        )
+    return rows
+
+
+def history_sections(history: History) -> list[Section]:
+    """The page of `history`, the answer first."""
+    possible = [j for j in history.jumps if j.probability > POSSIBLE]
+    certain = any(j.probability > CERTAIN for j in possible)
+    chances = listed([f"{part} {100.0 * p:.0f} %" for part, p in history.wanders.items()])
+    context = {
+        "sentence": history_answer(history),
+        "level": "caution" if certain or possible else "good",
+        "more": f"Probability that it wanders from campaign to campaign: {chances}.",
+        "kind": "many short",
+        "heads": ("parameter", "unit", "now", "sd", "change since the first"),
+        "numbers": (2, 3, 4),
+        "extra": (1,),
+        "rows": history_rows(history),
+        "notes": tuple(jump_in_words(history, jump) for jump in possible),
+    }
+    picture = Picture(draw_history(history, POSSIBLE), _NOTE, "J and K over the campaigns")
+    return [Section("Result", packaged("table.html"), context, (picture,))]
+
+
+def fleet_answer(fleet: Fleet, alone_sd: np.ndarray) -> str:
+    """One sentence: how alike the spacecraft are, and what sisters are worth."""
+    gain = np.median(alone_sd / fleet.craft_sd, axis=0)
+    best = int(np.argmax(gain))
+    share = 100.0 * float(np.median(fleet.spread[:3] / fleet.mean[:3]))
+    return (
+        f"the moments of inertia of {len(fleet.names)} spacecraft differ by {share:.2g} % (one "
+        f"sd); what is known of the sisters makes {BASE_NAMES[best]} of each "
+        f"{gain[best]:.2g} times sharper"
+    )
+
+
+def fleet_rows(fleet: Fleet, alone_sd: np.ndarray) -> list[tuple[str, ...]]:
+    """Name, unit, fleet's mean and sd, spread with its interval, sd of a craft alone and now."""
+    rows: list[tuple[str, ...]] = []
+    for k, name in enumerate(BASE_NAMES):
+        unit = "kg m^2" if k < OF_PART["K"].start else ""
+        spread = fleet.spread[k]
+        interval = " to ".join(
+            number(x, spread) for x in (fleet.spread_low[k], fleet.spread_high[k])
+        )
+        sds = (float(np.median(x[:, k])) for x in (alone_sd, fleet.craft_sd))
+        rows.append(
+            (
+                name,
+                unit_text(unit),
+                number(fleet.mean[k], fleet.sd[k]),
+                number(fleet.sd[k], fleet.sd[k]),
+                number(spread, spread),
+                interval,
+                *(number(sd, sd) for sd in sds),
+            )
+        )
+    return rows
+
+
+def fleet_sections(fleet: Fleet, alone: np.ndarray, alone_sd: np.ndarray) -> list[Section]:
+    """The page of `fleet`, the answer first."""
+    context = {
+        "sentence": fleet_answer(fleet, alone_sd),
+        "level": "good",
+        "more": "",
+        "kind": "many short",
+        "heads": FLEET_HEADS,
+        "numbers": (2, 3, 4, 5, 6, 7),
+        "extra": (1, 5),
+        "rows": fleet_rows(fleet, alone_sd),
+        "notes": (
+            "Spread: sd from craft to craft. The sds of a craft are medians over the fleet.",
+        ),
+    }
+    caption = (
+        "Squares: each spacecraft from its own campaigns, one quoted sd. Dots: with what its "
+        "sisters tell. Line and band: the fleet's mean and spread."
+    )
+    picture = Picture(draw_fleet(fleet, alone, alone_sd), caption, "Spacecraft of the fleet")
+    return [Section("Result", packaged("table.html"), context, (picture,))]

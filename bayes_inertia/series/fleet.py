@@ -1,0 +1,177 @@
+"""J and K of sister spacecraft: what they have in common makes each known better (shrinkage).
+
+Each craft's J and K are drawn from the fleet's: a Gaussian with a mean and an own sd of every
+parameter (Gelman et al. 2013, chapter 5). Mean and crafts are integrated out exactly, so that only
+the logarithms of the nine sds are sampled.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import emcee
+import numpy as np
+
+from bayes_inertia.inference.likelihood_summary import N_BASE, LikelihoodSummary
+from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.series.history import unit_of
+
+# Sisters whose moments differ by more than all of them are none; below the other end no
+# telemetry sees a spread, and matrices become singular.
+_LEAST, _LARGEST = np.log(1e-8), np.log(1.0)
+
+
+@dataclass(frozen=True)
+class FleetSettings:
+    """How the spread of a fleet is sampled.
+
+    Parameters
+    ----------
+    spread : float
+        Prior median of each sd across the fleet: of J as a share of the mean moment of inertia, of
+        K itself. Half a per cent is usual of one drawing and one parts list.
+    spread_of_spread : float
+        Prior sd of its logarithm: 95 % from a fiftieth to fifty times that.
+    walkers, steps, burn : int
+        Of the ensemble; the density has nine dimensions and one mode.
+    seed : int
+        What reproduces the draws.
+    """
+
+    spread: float = 5e-3
+    spread_of_spread: float = 2.0
+    walkers: int = 32
+    steps: int = 400
+    burn: int = 150
+    seed: int = 0
+
+
+@array_dataclass
+class Fleet:
+    """J and K of a fleet and of each spacecraft in it.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the spacecraft.
+    mean, sd : (9,) arrays
+        The fleet's mean of J [kg m^2] and K, and how well it is known.
+    spread, spread_low, spread_high : (9,) arrays
+        Sd from craft to craft: median and 90 % interval.
+    craft_mean, craft_sd : (craft, 9) arrays
+        Each spacecraft, from its own campaigns and from its sisters.
+    """
+
+    names: tuple[str, ...]
+    mean: np.ndarray
+    sd: np.ndarray
+    spread: np.ndarray
+    spread_low: np.ndarray
+    spread_high: np.ndarray
+    craft_mean: np.ndarray
+    craft_sd: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class _Told:
+    """What the craft tell, in the prior sds of the first: roots (n, 9, 9), data (n, 9)."""
+
+    roots: np.ndarray
+    data: np.ndarray
+    unit: np.ndarray
+
+    def conditional(self, log_spread: np.ndarray) -> _Conditional:
+        """Mean and crafts given the spreads (b, 9), integrated one after the other."""
+        variance = (np.exp(log_spread) * self.unit) ** 2
+        # Of each craft given the mean: data = R (mean + own) + noise.
+        across = variance[:, None, :, None] * np.swapaxes(self.roots, 1, 2)[None]
+        covariance = self.roots[None] @ across + np.eye(N_BASE)
+        whole = np.linalg.solve(covariance, np.broadcast_to(self.roots, across.shape))
+        solved = np.linalg.solve(covariance, self.data[None, ..., None])[..., 0]
+        precision = np.einsum("nki,bnkj->bij", self.roots, whole) + np.eye(N_BASE)
+        pull = np.einsum("nki,bnk->bi", self.roots, solved)
+        center = np.linalg.solve(precision, pull[..., None])[..., 0]
+        log = 0.5 * np.einsum("bi,bi->b", pull, center)
+        log -= 0.5 * np.einsum("nk,bnk->b", self.data, solved)
+        log -= 0.5 * np.linalg.slogdet(precision)[1]
+        log -= 0.5 * np.linalg.slogdet(covariance)[1].sum(axis=1)
+        return _Conditional(log, center, np.linalg.inv(precision), across, covariance)
+
+
+@dataclass(frozen=True, eq=False)
+class _Conditional:
+    """Of each spread (b): log density (b,); the fleet's mean (b, 9) and its covariance."""
+
+    log_density: np.ndarray
+    center: np.ndarray
+    center_covariance: np.ndarray
+    across: np.ndarray
+    covariance: np.ndarray
+
+    def crafts(self, told: _Told, variance: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Mean (b, n, 9) and variance (b, n, 9) of each craft."""
+        gain = np.swapaxes(np.linalg.solve(self.covariance, np.swapaxes(self.across, 2, 3)), 2, 3)
+        gap = told.data[None] - np.einsum("nki,bi->bnk", told.roots, self.center)
+        mean = self.center[:, None] + np.einsum("bnik,bnk->bni", gain, gap)
+        own = variance[:, None] - np.einsum("bnik,bnik->bni", gain, self.across)
+        # What the mean leaves open moves a craft by what its own data do not tell.
+        follows = np.eye(N_BASE) - gain @ told.roots[None]
+        shared = np.einsum("bnij,bjk,bnik->bni", follows, self.center_covariance, follows)
+        return mean, own + shared
+
+
+def fleet_of(
+    crafts: Sequence[LikelihoodSummary], settings: FleetSettings = FleetSettings()
+) -> Fleet:
+    """The fleet that the summaries of its spacecraft imply, one summary a craft.
+
+    The prior of the first craft is the prior of the fleet's mean.
+    """
+    first = crafts[0]
+    parts = [craft.whitened(first) for craft in crafts]
+    told = _Told(np.array([r for r, _ in parts]), np.array([y for _, y in parts]), unit_of(first))
+    draws = _sampled_spreads(told, settings)
+    at = told.conditional(draws)
+    scale, variance = first.prior_sd, (np.exp(draws) * told.unit) ** 2
+    craft, craft_variance = at.crafts(told, variance)
+    mean, sd = _averaged(at.center, np.diagonal(at.center_covariance, axis1=1, axis2=2))
+    own_mean, own_sd = _averaged(craft, craft_variance)
+    spreads = np.quantile(np.sqrt(variance) * scale, [0.05, 0.5, 0.95], axis=0)
+    return Fleet(
+        tuple(craft.campaign for craft in crafts),
+        first.prior_mean + scale * mean,
+        scale * sd,
+        spreads[1],
+        spreads[0],
+        spreads[2],
+        first.prior_mean + scale * own_mean,
+        scale * own_sd,
+    )
+
+
+def _averaged(means: np.ndarray, variances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mean and sd of a mixture of equal weights (b, ...)."""
+    return means.mean(axis=0), np.sqrt(variances.mean(axis=0) + means.var(axis=0))
+
+
+def _sampled_spreads(told: _Told, settings: FleetSettings) -> np.ndarray:
+    """Draws (b, 9) of the logarithms of the fleet's sds."""
+    middle, width = np.log(settings.spread), settings.spread_of_spread
+
+    def log_density(log_spread: np.ndarray) -> np.ndarray:
+        prior = -0.5 * np.sum(((log_spread - middle) / width) ** 2, axis=1)
+        allowed = np.all((log_spread > _LEAST) & (log_spread < _LARGEST), axis=1)
+        inside = np.clip(log_spread, _LEAST, _LARGEST)
+        return np.where(allowed, prior + told.conditional(inside).log_density, -np.inf)
+
+    rng = np.random.Generator(np.random.MT19937(settings.seed))
+    start = middle + 0.25 * width * rng.standard_normal((settings.walkers, N_BASE))
+    moves = [(emcee.moves.DEMove(), 0.8), (emcee.moves.DEMove(gamma0=1.0), 0.2)]
+    sampler = emcee.EnsembleSampler(
+        settings.walkers, N_BASE, log_density, vectorize=True, moves=moves
+    )
+    state = np.random.MT19937(settings.seed).state
+    sampler.run_mcmc(emcee.State(start, random_state=state), settings.burn + settings.steps)
+    chain = sampler.get_chain(discard=settings.burn, flat=True)
+    return chain[:: max(1, len(chain) // 400)]

@@ -1,0 +1,350 @@
+"""J and K of one spacecraft over campaigns: constant, wandering, or with jumps.
+
+From campaign to campaign J and K may take a random walk, and jump: fuel used, a deployment, a
+sensor that ages. Each way is a hypothesis, a linear Gaussian model of which the evidence is exact;
+what is reported is their average, as a diagnosis averages over effects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import astuple, dataclass, replace
+from itertools import product
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+from scipy.special import logsumexp
+
+from bayes_inertia.inference.likelihood_summary import N_BASE, LikelihoodSummary, with_prior
+from bayes_inertia.maths.values import array_dataclass
+
+Part = Literal["J", "K"]
+OF_PART: Mapping[Part, slice] = MappingProxyType({"J": slice(0, 6), "K": slice(6, 9)})
+# J and K are averaged over the hypotheses that hold so much probability together.
+_HELD = 0.999
+
+
+@dataclass(frozen=True)
+class Changes:
+    """What may happen to J and K between two campaigns, and how probable it is beforehand.
+
+    Parameters
+    ----------
+    walks : tuple of float
+        Sds of the random walk from one campaign to the next: of J as a share of the mean moment of
+        inertia, of K itself. From what no campaign sees to what nobody would call a walk.
+    jumps : tuple of float
+        Sds of a jump in the same units: from a tenth of a per mille (a tank moved) to a panel.
+    walk_probability : float
+        That J, and that K, wanders at all: as probable as not.
+    jump_probability : float
+        Of a jump of J, and of K, between two campaigns: one in fifty, so that two hundred series
+        of six campaigns hold some twenty.
+    most_jumps : int
+        Of one hypothesis.
+    kept : int
+        The neighbours of so many of the best hypotheses are tried, until no new one is among them.
+    """
+
+    walks: tuple[float, ...] = (1e-5, 1e-4, 1e-3, 1e-2)
+    jumps: tuple[float, ...] = (1e-4, 3e-4, 1e-3, 3e-3, 1e-2, 3e-2)
+    walk_probability: float = 0.5
+    jump_probability: float = 0.02
+    most_jumps: int = 3
+    kept: int = 8
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A sudden change between two campaigns.
+
+    Parameters
+    ----------
+    after : int
+        Number of the campaign before it, from 0.
+    part : {"J", "K"}
+        What changes.
+    sd : float
+        Its size, as `Changes.jumps` counts it.
+    """
+
+    after: int
+    part: Part
+    sd: float
+
+
+@dataclass(frozen=True)
+class ChangeHypothesis:
+    """One hypothesis: how J and K change from campaign to campaign.
+
+    Parameters
+    ----------
+    walk_J, walk_K : float
+        Sds of the random walk of a step, as `Changes.walks` counts them; 0 for none.
+    jumps : tuple of Jump
+        Sudden changes, at most one of each part between two campaigns.
+    """
+
+    walk_J: float = 0.0
+    walk_K: float = 0.0
+    jumps: tuple[Jump, ...] = ()
+
+    def step_variance(self, after: int) -> np.ndarray:
+        """Variance (9,) of the change after a campaign, as shares of `unit`."""
+        variance = np.repeat([self.walk_J**2, self.walk_K**2], [6, 3])
+        for jump in self.jumps:
+            if jump.after == after:
+                variance[OF_PART[jump.part]] += jump.sd**2
+        return variance
+
+
+@dataclass(frozen=True, eq=False)
+class WeighedChanges:
+    """Hypotheses with their posterior probabilities, the most probable first.
+
+    Parameters
+    ----------
+    hypotheses : tuple of ChangeHypothesis
+    probability : (hypotheses,) array
+    """
+
+    hypotheses: tuple[ChangeHypothesis, ...]
+    probability: np.ndarray
+
+    def probability_of(self, holds: Iterable[bool]) -> float:
+        """The probability of all hypotheses of which something holds."""
+        return float(self.probability[np.fromiter(holds, bool, len(self.hypotheses))].sum())
+
+
+@array_dataclass
+class SeenJump:
+    """A jump between two campaigns, with its probability.
+
+    Parameters
+    ----------
+    after : int
+        Number of the campaign before it, from 0.
+    part : {"J", "K"}
+        What changed.
+    probability : float
+        That it happened between these two campaigns.
+    size, sd : (6,) or (3,) arrays
+        Change of each element of J [kg m^2], or of each K, if it happened.
+    """
+
+    after: int
+    part: Part
+    probability: float
+    size: np.ndarray
+    sd: np.ndarray
+
+
+@array_dataclass
+class History:
+    """J and K over a series of campaigns.
+
+    Parameters
+    ----------
+    campaigns : tuple of str
+        In the order flown.
+    mean, sd : (campaigns, 9) arrays
+        J [kg m^2] and K at each campaign, from all campaigns.
+    alone, alone_sd : (campaigns, 9) arrays
+        From each campaign alone, with the prior of the first.
+    jumps : tuple of SeenJump
+        The most probable first; improbable ones are among them.
+    wanders : dict of {"J", "K"} to float
+        Probability that J, and that K, changes a little from each campaign to the next.
+    """
+
+    campaigns: tuple[str, ...]
+    mean: np.ndarray
+    sd: np.ndarray
+    alone: np.ndarray
+    alone_sd: np.ndarray
+    jumps: tuple[SeenJump, ...]
+    wanders: dict[Part, float]
+
+
+def weigh_changes(
+    series: Sequence[LikelihoodSummary], changes: Changes = Changes()
+) -> WeighedChanges:
+    """The posterior probabilities of how J and K changed over a series of campaigns."""
+    told: dict[ChangeHypothesis, float] = {}
+    tried = _other_walks(ChangeHypothesis(), changes)
+    while new := [hypothesis for hypothesis in dict.fromkeys(tried) if hypothesis not in told]:
+        evidence = log_evidence(series, new).tolist()
+        prior = (log_prior(hypothesis, len(series), changes) for hypothesis in new)
+        told |= {
+            hypothesis: value + before
+            for hypothesis, value, before in zip(new, evidence, prior, strict=True)
+        }
+        best = sorted(told, key=told.__getitem__, reverse=True)[: changes.kept]
+        tried = [
+            more for hypothesis in best for more in _neighbours(hypothesis, len(series), changes)
+        ]
+    order = sorted(told, key=told.__getitem__, reverse=True)
+    weights = np.array([told[hypothesis] for hypothesis in order])
+    return WeighedChanges(tuple(order), np.exp(weights - logsumexp(weights)))
+
+
+def _other_walks(hypothesis: ChangeHypothesis, changes: Changes) -> list[ChangeHypothesis]:
+    sizes = product((0.0, *changes.walks), repeat=2)
+    return [replace(hypothesis, walk_J=J, walk_K=K) for J, K in sizes]
+
+
+def _neighbours(
+    hypothesis: ChangeHypothesis, campaigns: int, changes: Changes
+) -> list[ChangeHypothesis]:
+    """What differs by one jump, or by the walks: a jump unseen looks like a walk at first."""
+    taken = {(jump.after, jump.part) for jump in hypothesis.jumps}
+    found = _other_walks(hypothesis, changes)
+    if len(taken) == changes.most_jumps:
+        return found
+    parts: tuple[Part, Part] = ("J", "K")
+    for after, part, sd in product(range(campaigns - 1), parts, changes.jumps):
+        if (after, part) not in taken:
+            jumps = sorted((*hypothesis.jumps, Jump(after, part, sd)), key=astuple)
+            found.append(replace(hypothesis, jumps=tuple(jumps)))
+    return found
+
+
+def history_of(series: Sequence[LikelihoodSummary], changes: Changes = Changes()) -> History:
+    """J and K of one spacecraft at each of its campaigns, averaged over how they may change."""
+    ways = weigh_changes(series, changes)
+    few = int(np.searchsorted(np.cumsum(ways.probability), _HELD)) + 1
+    weights = ways.probability[:few] / ways.probability[:few].sum()
+    parts = [smoothed(series, hypothesis) for hypothesis in ways.hypotheses[:few]]
+    means = np.array([mean for mean, _ in parts])
+    mean = np.einsum("h,hkp->kp", weights, means)
+    variances = np.array([np.diag(covariance).reshape(mean.shape) for _, covariance in parts])
+    spread = np.einsum("h,hkp->kp", weights, variances + (means - mean) ** 2)
+    jumps = [
+        _seen_jump(after, part, ways, weights, parts)
+        for after, part in product(range(len(series) - 1), OF_PART)
+    ]
+    names = tuple(campaign.campaign for campaign in series)
+    walks = {
+        part: ways.probability_of(getattr(h, f"walk_{part}") > 0.0 for h in ways.hypotheses)
+        for part in OF_PART
+    }
+    likely = tuple(sorted((j for j in jumps if j is not None), key=lambda j: -j.probability))
+    first = series[0]
+    own = [
+        with_prior(replace(s, prior_mean=first.prior_mean, prior_sd=first.prior_sd)) for s in series
+    ]
+    alone, alone_sd = (
+        np.array(x) for x in zip(*((m, np.sqrt(np.diag(C))) for m, C in own), strict=True)
+    )
+    return History(names, mean, np.sqrt(spread), alone, alone_sd, likely, walks)
+
+
+def _seen_jump(
+    after: int,
+    part: Part,
+    ways: WeighedChanges,
+    weights: np.ndarray,
+    parts: Sequence[tuple[np.ndarray, np.ndarray]],
+) -> SeenJump | None:
+    """A jump after a campaign with its size, averaged over the hypotheses that have it."""
+
+    def has(hypothesis: ChangeHypothesis) -> bool:
+        return any(jump.after == after and jump.part == part for jump in hypothesis.jumps)
+
+    chosen = [k for k in range(len(weights)) if has(ways.hypotheses[k])]
+    if not chosen:
+        return None
+    w = weights[chosen] / weights[chosen].sum()
+    before = slice(after * N_BASE, (after + 1) * N_BASE)
+    next_one = slice(before.stop, before.stop + N_BASE)
+    sizes, variances = [], []
+    for k in chosen:
+        mean, covariance = parts[k]
+        sizes.append(mean[after + 1] - mean[after])
+        both = covariance[before, before] + covariance[next_one, next_one]
+        variances.append(
+            np.diag(both - covariance[before, next_one] - covariance[next_one, before])
+        )
+    size = w @ np.array(sizes)
+    sd = np.sqrt(w @ (np.array(variances) + (np.array(sizes) - size) ** 2))
+    probability = ways.probability_of(has(hypothesis) for hypothesis in ways.hypotheses)
+    return SeenJump(after, part, probability, size[OF_PART[part]], sd[OF_PART[part]])
+
+
+def log_prior(hypothesis: ChangeHypothesis, campaigns: int, changes: Changes) -> float:
+    """Log prior probability of a hypothesis; sizes share theirs evenly.
+
+    Examples
+    --------
+    >>> one = Changes(walks=(0.1,), jumps=(0.1,), walk_probability=0.5, jump_probability=0.5)
+    >>> round(float(np.exp(log_prior(ChangeHypothesis(), 2, one))), 6)
+    0.0625
+    """
+    some, none = np.log(changes.walk_probability), np.log1p(-changes.walk_probability)
+    total = 0.0
+    for walk in (hypothesis.walk_J, hypothesis.walk_K):
+        total += some - np.log(len(changes.walks)) if walk else none
+    chances = 2 * (campaigns - 1)
+    jump = np.log(changes.jump_probability / len(changes.jumps))
+    quiet = np.log1p(-changes.jump_probability)
+    return float(total + len(hypothesis.jumps) * jump + (chances - len(hypothesis.jumps)) * quiet)
+
+
+def unit_of(first: LikelihoodSummary) -> np.ndarray:
+    """What sizes of changes are shares of (9,), in prior sds: mean moment of inertia, and 1."""
+    moment = float(np.mean(first.prior_mean[:3]))
+    return np.repeat([moment, 1.0], [6, 3]) / first.prior_sd
+
+
+def log_evidence(
+    series: Sequence[LikelihoodSummary], hypotheses: Sequence[ChangeHypothesis]
+) -> np.ndarray:
+    """Log evidence (hypotheses,) of hypotheses, exact, by a Kalman filter over the campaigns.
+
+    The prior of the first campaign holds for the series; those of later ones were taken off.
+    """
+    first = series[0]
+    unit, size = unit_of(first), len(hypotheses)
+    mean = np.zeros((size, N_BASE))
+    covariance = np.broadcast_to(np.eye(N_BASE), (size, N_BASE, N_BASE)).copy()
+    total = np.zeros(size)
+    for k, campaign in enumerate(series):
+        root, data = campaign.whitened(first)
+        across = covariance @ root.T
+        spread = root @ across + np.eye(N_BASE)
+        gap = data - mean @ root.T
+        gain = np.linalg.solve(spread, np.swapaxes(across, 1, 2))
+        total -= 0.5 * np.linalg.slogdet(spread)[1]
+        total -= 0.5 * np.einsum("bi,bi->b", gap, np.linalg.solve(spread, gap[..., None])[..., 0])
+        mean = mean + np.einsum("bij,bi->bj", gain, gap)
+        covariance = covariance - across @ gain
+        steps = np.array([hypothesis.step_variance(k) for hypothesis in hypotheses]) * unit**2
+        covariance[:, np.arange(N_BASE), np.arange(N_BASE)] += steps
+    return total
+
+
+def smoothed(
+    series: Sequence[LikelihoodSummary], hypothesis: ChangeHypothesis
+) -> tuple[np.ndarray, np.ndarray]:
+    """J and K at each campaign under one hypothesis, from all campaigns.
+
+    Returns: mean (campaigns, 9); covariance (campaigns 9, campaigns 9) [kg m^2, 1].
+    """
+    first, n = series[0], len(series)
+    unit = unit_of(first)
+    grown = np.cumsum(
+        [np.zeros(N_BASE), *(hypothesis.step_variance(k) for k in range(n - 1))], axis=0
+    )
+    earlier = np.minimum.outer(np.arange(n), np.arange(n))
+    variance = 1.0 + grown[earlier] * unit**2
+    prior = np.einsum("klp,pq->kplq", variance, np.eye(N_BASE)).reshape(n * N_BASE, -1)
+    root, data = np.zeros_like(prior), np.zeros(n * N_BASE)
+    for k, campaign in enumerate(series):
+        part = slice(k * N_BASE, (k + 1) * N_BASE)
+        root[part, part], data[part] = campaign.whitened(first)
+    across = prior @ root.T
+    gain = np.linalg.solve(root @ across + np.eye(len(prior)), across.T).T
+    scale = np.tile(first.prior_sd, n)
+    covariance = (prior - gain @ across.T) * np.outer(scale, scale)
+    return first.prior_mean + (scale * (gain @ data)).reshape(n, N_BASE), covariance

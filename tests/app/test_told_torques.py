@@ -1,0 +1,108 @@
+"""Effects that are named count when conventions are held against physics."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayes_inertia.app.told_torques import torques_of
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.campaign.writer import write_campaign
+from bayes_inertia.conventions.check import (
+    check_conventions,
+    checked_with_torques,
+    refuse_impossible,
+)
+from bayes_inertia.maths.quaternion import exp, to_body
+from bayes_inertia.physics.small_campaign import small_campaign
+
+THRUSTERS = """from dataclasses import dataclass
+import jax.numpy as jnp
+from bayes_inertia import Effect, Normal, scalar
+
+@dataclass(frozen=True)
+class Thrusters(Effect):
+    name = "thrusters"
+    strength: float = {strength}
+
+    def parameters(self, campaign):
+        return (scalar("gain", unit="", prior=Normal(1.0, 0.02), null=0.0),)
+
+    def body_torque(self, p, slew, t, state):
+        push = jnp.where(t < 30.0, 1.0, 0.0) - jnp.where(t >= 70.0, 1.0, 0.0)
+        axis = jnp.eye(3)[slew.index]
+        return p["gain"] * self.strength * push * axis
+"""
+
+
+def pushed(strength: float) -> Campaign:
+    """A body without wheels that thrusters turn up and stop again, about one axis a slew."""
+    small = small_campaign()
+    moments, time = np.diag(small.inertia.tensor), np.arange(101.0)
+    speed = strength * np.clip(np.minimum(time, 100.0 - time), 0.0, 30.0)
+    slews = []
+    for k in range(3):
+        axis = np.eye(3)[k]
+        rate = speed[:, None] / moments[k] * axis
+        angle = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]))]) / moments[k]
+        attitude = np.array([np.asarray(exp(a * axis)) for a in angle])
+        slews.append(Slew(f"slew {k + 1}", 300.0 * k, time, rate=rate, attitude=attitude))
+    inertia = replace(small.inertia, tensor=np.diag(moments))
+    return replace(small, inertia=inertia, wheels=(), slews=tuple(slews))
+
+
+@pytest.fixture
+def thrown(tmp_path):
+    campaign = tmp_path / "campaign"
+    write_campaign(pushed(0.02), campaign)
+    return campaign
+
+
+def thrusters(folder, strength: float) -> list[str]:
+    file = folder.parent / "thrusters.py"
+    file.write_text(THRUSTERS.format(strength=strength))
+    return [f"{file}:Thrusters"]
+
+
+def test_a_torque_that_a_named_effect_tells_is_no_broken_law(thrown):
+    before = check_conventions(thrown)
+    assert before.verdict != "consistent"
+    assert before.misfits["conservation"] > 3.0
+    check = refuse_impossible(thrown, torques_of(thrown, thrusters(thrown, 0.02)))
+    assert check.verdict == "consistent"
+    assert max(check.misfits.values()) < 0.2
+
+
+def test_a_torque_of_the_wrong_sign_is_found(thrown):
+    check = checked_with_torques(thrown, torques_of(thrown, thrusters(thrown, -0.02)))
+    assert check.verdict != "consistent"
+    assert check.misfits["conservation"] > 3.0
+
+
+def test_effects_of_the_library_load_no_physics(thrown):
+    assert torques_of(thrown, ["magnetic_dipole", "constant_torque"]) == {}
+
+
+def test_the_told_torque_follows_the_measured_attitude(tmp_path):
+    """A torque that is fixed in inertial axes turns with the body, from the tracker's attitude."""
+    write_campaign(pushed(0.02), tmp_path / "campaign")
+    file = tmp_path / "wind.py"
+    file.write_text(
+        THRUSTERS.split("@dataclass")[0]
+        + "from bayes_inertia import to_body\n"
+        + "@dataclass(frozen=True)\nclass Wind(Effect):\n    name = 'wind'\n"
+        + "    def body_torque(self, p, slew, t, state):\n"
+        + "        return to_body(state.attitude, jnp.array([1e-3, 0.0, 0.0]))\n"
+    )
+    told = torques_of(tmp_path / "campaign", [f"{file}:Wind"])["slew 3"]
+    slew = pushed(0.02).slews[2]
+    force = np.tile([1e-3, 0.0, 0.0], (len(slew.time), 1))
+    torque = np.asarray(to_body(slew.attitude, force))
+    expected = np.trapezoid(torque, slew.time, axis=0)
+    at_end = told.at(slew.time[-1:])[0]
+    # Torques are held over steps of a few hundredths of a radian.
+    np.testing.assert_allclose(at_end[:3], expected, atol=0.02 * np.abs(expected).max())
+    assert at_end[3] == 0.0

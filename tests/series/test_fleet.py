@@ -1,0 +1,71 @@
+"""Sister spacecraft: exact integrals, calibrated shrinkage."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.told_campaigns import PRIOR_MEAN, PRIOR_SD, campaign_of
+
+from bayes_inertia.inference.likelihood_summary import with_prior
+from bayes_inertia.series.fleet import FleetSettings, _Told, fleet_of
+from bayes_inertia.series.history import unit_of
+
+SPREAD = np.repeat([2.4 * 3e-3, 3e-3], [6, 3])
+SHORT = FleetSettings(walkers=32, steps=150, burn=100)
+
+
+def flown(crafts: int, seed: int, spread: np.ndarray = SPREAD):
+    rng = np.random.default_rng(seed)
+    truth = rng.normal(PRIOR_MEAN, 0.5 * PRIOR_SD) + spread * rng.standard_normal((crafts, 9))
+    return truth, [campaign_of(x, rng, f"craft {k}") for k, x in enumerate(truth)]
+
+
+def test_fleet_and_crafts_are_integrated_exactly():
+    """Against the joint Gaussian of the fleet's mean and three crafts, at two spreads."""
+    _, told = flown(3, 0)
+    first, log_spread = told[0], np.log([np.full(9, 3e-3), np.full(9, 1e-2)])
+    parts = [craft.whitened(first) for craft in told]
+    inner = _Told(np.array([r for r, _ in parts]), np.array([y for _, y in parts]), unit_of(first))
+    result = inner.conditional(log_spread)
+    data = np.concatenate([y for _, y in parts])
+    expected = []
+    for spread in np.exp(log_spread) * unit_of(first):
+        own = np.kron(np.eye(3), np.diag(spread**2))
+        roots = np.zeros((27, 27))
+        for k, (R, _) in enumerate(parts):
+            roots[9 * k : 9 * k + 9, 9 * k : 9 * k + 9] = R
+        covariance = roots @ (own + np.kron(np.ones((3, 3)), np.eye(9))) @ roots.T + np.eye(27)
+        solved = np.linalg.solve(covariance, data)
+        expected.append(-0.5 * (data @ solved + np.linalg.slogdet(covariance)[1]))
+        across = np.tile(np.eye(9), 3) @ roots.T
+        k = len(expected) - 1
+        np.testing.assert_allclose(result.center[k], across @ solved, atol=1e-5)
+    np.testing.assert_allclose(np.diff(result.log_density), np.diff(expected), rtol=1e-4)
+
+
+@pytest.mark.parametrize("crafts", [5, 20])
+def test_quoted_sds_of_a_fleet_are_calibrated(crafts):
+    """z of all crafts: rms within 1 +- 3 / sqrt(2 n), n independent numbers."""
+    z = []
+    for seed in range(20 // crafts):
+        truth, told = flown(crafts, seed)
+        fleet = fleet_of(told, SHORT)
+        z.append((fleet.craft_mean - truth) / fleet.craft_sd)
+    every = np.concatenate(z).ravel()
+    assert abs(np.sqrt(np.mean(every**2)) - 1.0) < 3.0 / np.sqrt(2.0 * len(every))
+
+
+def test_sisters_make_a_craft_known_better_where_its_own_data_are_poor():
+    _, told = flown(20, 3, spread=1e-4 * np.ones(9))
+    fleet = fleet_of(told, SHORT)
+    alone = np.array([np.sqrt(np.diag(with_prior(craft)[1])) for craft in told])
+    assert np.median(alone[:, 3:6] / fleet.craft_sd[:, 3:6]) > 2.0
+    # An average over the spread may widen single elements, but no craft as a whole.
+    assert np.all(np.median(alone / fleet.craft_sd, axis=1) > 1.0)
+
+
+def test_two_seeds_agree_within_their_monte_carlo_error():
+    _, told = flown(10, 4)
+    a, b = (fleet_of(told, FleetSettings(seed=seed)) for seed in (1, 2))
+    assert np.max(np.abs(a.craft_mean - b.craft_mean) / a.craft_sd) < 0.2
+    assert np.max(np.abs(np.log(a.craft_sd / b.craft_sd))) < 0.15

@@ -1,0 +1,149 @@
+"""J and K over campaigns: exact evidence, jumps dated and sized, none invented."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bayes_inertia.inference.likelihood_summary import product, with_prior
+from bayes_inertia.series.history import (
+    ChangeHypothesis,
+    Changes,
+    History,
+    Jump,
+    history_of,
+    log_evidence,
+    log_prior,
+    smoothed,
+    unit_of,
+    weigh_changes,
+)
+
+TOLD = 0.95
+
+
+def certain(history: History) -> list[tuple[int, str]]:
+    return [(jump.after, jump.part) for jump in history.jumps if jump.probability > TOLD]
+
+
+def dense_log_evidence(series, hypothesis: ChangeHypothesis) -> float:
+    """The evidence from the joint Gaussian of all data, in place of a filter."""
+    first, n = series[0], len(series)
+    grown = np.cumsum(
+        [np.ones(9), *(hypothesis.step_variance(k) * unit_of(first) ** 2 for k in range(n - 1))],
+        axis=0,
+    )
+    prior = np.block([[np.diag(grown[min(k, j)]) for j in range(n)] for k in range(n)])
+    parts = [campaign.whitened(first) for campaign in series]
+    root = np.zeros((9 * n, 9 * n))
+    for k, (R, _) in enumerate(parts):
+        root[9 * k : 9 * k + 9, 9 * k : 9 * k + 9] = R
+    data = np.concatenate([y for _, y in parts])
+    covariance = root @ prior @ root.T + np.eye(9 * n)
+    return -0.5 * (np.linalg.slogdet(covariance)[1] + data @ np.linalg.solve(covariance, data))
+
+
+HYPOTHESES = (
+    ChangeHypothesis(),
+    ChangeHypothesis(walk_J=1e-3),
+    ChangeHypothesis(walk_K=1e-4, jumps=(Jump(1, "J", 3e-3), Jump(3, "K", 1e-3))),
+)
+
+
+@pytest.mark.parametrize("hypothesis", HYPOTHESES)
+def test_evidence_of_the_filter_is_that_of_the_joint_gaussian(series, hypothesis):
+    told = series(1, jump=(1, 0, 0.01), campaigns=5)
+    exact = dense_log_evidence(told, hypothesis)
+    assert log_evidence(told, [*HYPOTHESES, hypothesis])[-1] == pytest.approx(exact, rel=1e-7)
+
+
+def test_a_constant_series_is_known_as_all_campaigns_together(series):
+    told = series(2)
+    mean, covariance = with_prior(product(told))
+    at, joint = smoothed(told, ChangeHypothesis())
+    np.testing.assert_allclose(
+        at, np.tile(mean, (len(told), 1)), atol=1e-6 * np.sqrt(covariance.max())
+    )
+    np.testing.assert_allclose(joint[:9, :9], covariance, rtol=1e-4, atol=1e-12)
+
+
+def test_log_prior_of_all_hypotheses_of_two_campaigns_sums_to_one():
+    changes = Changes(walks=(1e-3, 1e-2), jumps=(1e-2,), most_jumps=2)
+    jumps = [
+        (),
+        (Jump(0, "J", 1e-2),),
+        (Jump(0, "K", 1e-2),),
+        (Jump(0, "J", 1e-2), Jump(0, "K", 1e-2)),
+    ]
+    every = [
+        ChangeHypothesis(J, K, some)
+        for J in (0.0, 1e-3, 1e-2)
+        for K in (0.0, 1e-3, 1e-2)
+        for some in jumps
+    ]
+    total = sum(np.exp(log_prior(hypothesis, 2, changes)) for hypothesis in every)
+    assert total == pytest.approx(1.0)
+
+
+def test_best_first_search_finds_what_enumeration_finds(series):
+    told = series(3, jump=(1, 2, 0.002), campaigns=3)
+    changes = Changes(walks=(1e-4, 1e-3), jumps=(1e-3, 1e-2), most_jumps=1)
+    found = weigh_changes(told, changes)
+    options = [(), *((Jump(k, part, sd),) for k in (0, 1) for part in "JK" for sd in (1e-3, 1e-2))]
+    every = [
+        ChangeHypothesis(J, K, some)
+        for J in (0.0, 1e-4, 1e-3)
+        for K in (0.0, 1e-4, 1e-3)
+        for some in options
+    ]
+    weights = log_evidence(told, every) + [log_prior(h, 3, changes) for h in every]
+    probability = np.exp(weights - np.logaddexp.reduce(weights))
+    assert found.hypotheses[0] == every[int(np.argmax(probability))]
+    assert found.probability[0] == pytest.approx(probability.max(), abs=0.01)
+
+
+def test_a_jump_of_one_per_cent_is_dated_and_sized(series):
+    """Of fifteen series none is missed; `analyses` has a hundred."""
+    dated, off = 0, []
+    for seed in range(15):
+        after, element = seed % 5, seed % 3
+        history = history_of(series(seed, jump=(after, element, 0.01)))
+        dated += certain(history) == [(after, "J")]
+        jump = history.jumps[0]
+        truth = 0.01 * history.mean[0, element]
+        off.append((jump.size[element] - truth) / jump.sd[element])
+    assert dated == 15
+    # Fifteen z-scores: rms within 3 of its own sds, 1 / sqrt(30).
+    assert np.sqrt(np.mean(np.square(off))) < 1.0 + 3.0 / np.sqrt(30.0)
+
+
+def test_no_jump_is_invented_in_constant_series(series):
+    assert [certain(history_of(series(seed))) for seed in range(15)] == [[]] * 15
+
+
+def test_sds_that_are_four_times_too_small_invent_changes(series):
+    """The negative control: the test above can fail."""
+    histories = [history_of(series(seed, narrower=4.0)) for seed in range(10)]
+    assert any(certain(h) or max(h.wanders.values()) > TOLD for h in histories)
+
+
+def test_a_random_walk_is_one_and_no_row_of_jumps(series):
+    history = history_of(series(5, walk=2e-3, campaigns=8))
+    assert history.wanders["J"] > TOLD
+    assert len(certain(history)) <= 1
+
+
+def test_coverage_of_J_and_K_over_series_that_may_change(series):
+    """z of the last campaign's J and K: rms of 9 x 12 correlated numbers."""
+    z = []
+    for seed in range(12):
+        told = series(seed, jump=(2, 1, 0.003) if seed % 2 else None)
+        rng = np.random.default_rng(seed)
+        truth = rng.normal([3.2, 2.2, 1.9, 0, 0, 0, 1, 1, 1], 0.5 * told[0].prior_sd)
+        if seed % 2:
+            truth[1] *= 1.003
+        history = history_of(told)
+        z.append((history.mean[-1] - truth) / history.sd[-1])
+    rms = np.sqrt(np.mean(np.square(z)))
+    # As if a third of them were independent: three sds of an rms are 3 / sqrt(2 n).
+    assert abs(rms - 1.0) < 3.0 / np.sqrt(2.0 * 36)
