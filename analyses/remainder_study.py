@@ -28,7 +28,7 @@ from random_paths import at_times
 from remainder_page import write_page
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.files import write_atomically
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.laplace import Estimate

@@ -21,7 +21,7 @@ from bayes_inertia.inference.likelihood import (
     Sensitivities,
     unpadded_sensitivities,
 )
-from bayes_inertia.inference.noise_model import Whitening
+from bayes_inertia.inference.noise_model import Whitenings
 from bayes_inertia.inference.objective import block_index, normal_equations, prior_rows
 from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.inference.slew_shares import SlewShares, slew_shares
@@ -57,7 +57,7 @@ class LinearisedFit:
         What was fitted.
     point : Point
         Where the derivatives are taken.
-    white : Whitening
+    white : tuple of Whitening
         The noise as used.
     information : Information
         Normal equations by slew and channel; its `free` are the f parameters that were fitted.
@@ -70,7 +70,7 @@ class LinearisedFit:
 
     model: Model
     point: Point
-    white: Whitening
+    white: Whitenings
     information: Information
     hessian: np.ndarray
     discount: np.ndarray

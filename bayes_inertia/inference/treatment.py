@@ -12,15 +12,12 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.channel_names import FIELD_OF_CHANNEL
 from bayes_inertia.campaign.dirt import Dirt, DirtKind
 from bayes_inertia.campaign.hardware import CorrelatedNoise, RateSensor
+from bayes_inertia.campaign.sensors import CHANNELS, STREAMS, stream_named
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.inference.noise_colour import Colour, ColourOfAxis
 from bayes_inertia.physics.slew_input import Drive
-
-_CALM: Mapping[str, float] = {"rate": 1.0, "attitude": 1.0, "momentum": 1.0}
-_SENSOR = {"rate": "rate sensor", "attitude": "star tracker", "momentum": "tachometers"}
 
 
 @dataclass(frozen=True)
@@ -41,7 +38,7 @@ class DirtTreatment:
     """
 
     masked: tuple[Dirt, ...] = ()
-    level: Mapping[str, float] = field(default_factory=lambda: dict(_CALM))
+    level: Mapping[str, float] = field(default_factory=lambda: dict.fromkeys(CHANNELS, 1.0))
     colour: Colour | None = None
     rounded: tuple[str, ...] = ()
 
@@ -65,7 +62,8 @@ class DirtTreatment:
                 "",
                 (),
                 "modelled",
-                f"the noise of the {_SENSOR[channel]} is {factor:.2f} times what is stated"
+                f"the noise of the {stream_named(channel).sensor} is {factor:.2f} times what is "
+                f"stated"
                 f"{', with the rounding of its readings' if channel in self.rounded else ''}",
             )
             for channel, factor in self.louder.items()
@@ -144,7 +142,7 @@ def treated(campaign: Campaign, treatment: DirtTreatment, drive: Drive) -> Campa
 
 def _masked(slew: Slew, masks: tuple[Dirt, ...]) -> Slew:
     for mask in masks:
-        key = FIELD_OF_CHANNEL[mask.channel]
+        key = stream_named(mask.channel).field
         if mask.slew == slew.name and getattr(slew, key) is not None:
             values = np.array(getattr(slew, key))
             values[list(mask.rows)] = np.nan
@@ -183,17 +181,6 @@ def with_measured_noise(
     the sigmas of its sensors multiplied.
     """
     factors = factors if drive == "commanded" else {**factors, "momentum": factors["rate"]}
-    sensor, tracker = campaign.rate_sensor, campaign.star_tracker
-    x, y, z = (factors["rate"] * sigma for sigma in sensor.sigma)
-    louder_sensor = replace(sensor, sigma=(x, y, z))
-    louder_wheels = tuple(
-        replace(w, momentum_sigma=w.momentum_sigma and factors["momentum"] * w.momentum_sigma)
-        for w in campaign.wheels
-    )
-    if tracker is not None:
-        tracker = replace(
-            tracker,
-            sigma_cross=factors["attitude"] * tracker.sigma_cross,
-            sigma_roll=factors["attitude"] * tracker.sigma_roll,
-        )
-    return replace(campaign, rate_sensor=louder_sensor, wheels=louder_wheels, star_tracker=tracker)
+    for stream in STREAMS:
+        campaign = stream.louder(campaign, factors[stream.name])
+    return campaign

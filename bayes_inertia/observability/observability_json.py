@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.maths.values import json_ready
 from bayes_inertia.observability.result import (
     Observability,

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.observability.result import (
     Observability,
     ParameterObservability,

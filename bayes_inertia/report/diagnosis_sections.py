@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.report.answer_wording import answer_text, per_cent
 from bayes_inertia.report.diagnosis_wording import (
     alike_sentences,

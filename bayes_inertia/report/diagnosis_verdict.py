@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.report.answer_wording import beyond_prior_text, probabilities_text
 from bayes_inertia.report.diagnosis_wording import (
     averaging_text,

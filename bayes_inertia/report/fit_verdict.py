@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.report.criteria import Criteria, criteria_of
 from bayes_inertia.report.formatting import listed, probability, typeset
 from bayes_inertia.report.parameter_wording import averaged_over

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.report.criteria import Criteria, criteria_of

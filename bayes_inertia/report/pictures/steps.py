@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.report.formatting import CHANNEL_NAMES, plain
 from bayes_inertia.report.pictures import style
 
