@@ -80,7 +80,7 @@ class Run:
 
     def owner(self, folder: Path) -> ResultFolder:
         """The claim of this run on a folder."""
-        options = asdict(self)
+        options = asdict(self) | {"noise": self.noise.json()}
         digest = options.pop("campaign_sha256")
         return ResultFolder(
             folder,

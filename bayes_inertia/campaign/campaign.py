@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -44,6 +45,9 @@ class Campaign:
     mission : sequence of (str, str), optional
         What reports are filed under: `name`, `spacecraft`, `operator` and `document`, as far as
         they are known.
+    more_sensors : sequence of (str, hardware), optional
+        Further sensors beside those above, each a `RateSensor` or `StarTracker` with the name under
+        which `Slew.more` has its readings.
 
     Raises
     ------
@@ -66,12 +70,14 @@ class Campaign:
     slews: tuple[Slew, ...]
     dirt: tuple[Dirt, ...] = ()
     mission: tuple[tuple[str, str], ...] = ()
+    more_sensors: tuple[tuple[str, Any], ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "wheels", tuple(self.wheels))
         object.__setattr__(self, "dirt", tuple(self.dirt))
         object.__setattr__(self, "slews", tuple(self.slews))
         object.__setattr__(self, "mission", tuple(self.mission))
+        object.__setattr__(self, "more_sensors", tuple(self.more_sensors))
         advice = "list at least one [[slews]] table"
         require(len(self.slews) > 0, "slews", "the campaign has no slew", advice)
         _require_different("wheels", [wheel.name for wheel in self.wheels])
@@ -99,6 +105,9 @@ class Campaign:
             "no rate-sensor columns",
             "the method needs rate telemetry: name its columns under columns.rate",
         )
+        unknown = sorted(set(slew.more or ()) - {name for name, _ in self.more_sensors})
+        what = f"readings of {unknown[:1]}, which no sensor has"
+        require(not unknown, f"{where}.more", what, "add the sensor to more_sensors")
         has_fix = slew.attitude is not None and bool(np.isfinite(slew.attitude).any())
         require(
             self.star_tracker is not None or not has_fix,
@@ -181,9 +190,7 @@ class Campaign:
         (n, 3) array of bool
             False where a reading is missing or saturated.
         """
-        limit = min(_SATURATED * (self.rate_sensor.range or np.inf), FASTEST_RATE)
-        rate = np.asarray(slew.rate)
-        return np.isfinite(rate) & (np.abs(np.nan_to_num(rate)) < limit)
+        return readings_in_range(np.asarray(slew.rate), self.rate_sensor)
 
     def largest_rate(self, quantile: float = 0.98) -> float:
         """The largest rate that the campaign believably turned at.
@@ -234,6 +241,12 @@ class Campaign:
             duration,
             float(np.trace(self.inertia.tensor) / 3.0),
         )
+
+
+def readings_in_range(rate: np.ndarray, sensor: RateSensor) -> np.ndarray:
+    """Which readings (n, 3) of a rate sensor are possible numbers inside its range."""
+    limit = min(_SATURATED * (sensor.range or np.inf), FASTEST_RATE)
+    return np.isfinite(rate) & (np.abs(np.nan_to_num(rate)) < limit)
 
 
 def _require_different(key: str, names: list[str]) -> None:

@@ -22,7 +22,7 @@ from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.noise_memory import innovations
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.maths.values import array_dataclass
-from bayes_inertia.physics.channels import Channel
+from bayes_inertia.physics.channels.channel import Channel, SensorAtFit
 from bayes_inertia.physics.model_data import Data
 from bayes_inertia.physics.prediction import Structure, acting_in, inertia_in, start_of
 from bayes_inertia.physics.simulator import simulate_slew
@@ -80,34 +80,32 @@ class TorqueResponse:
         numbers, k).
         """
 
-        def change(each: Channel, factors: np.ndarray, rows: tuple[np.ndarray, ...]) -> np.ndarray:
+        def change(each: Channel, fit: SensorAtFit, rows: tuple[np.ndarray, ...]) -> np.ndarray:
             if each.name == channel:
-                return each.whitened_columns(factors, error[rows])
-            return np.zeros((*factors.shape[:3], error.shape[-1]))
+                return each.whitened_columns(fit.factors, error[rows])
+            return np.zeros((*fit.factors.shape[:3], error.shape[-1]))
 
         return self._of_channels(change)
 
     def _whitened(self, turn: np.ndarray, rate_B: np.ndarray) -> np.ndarray:
         """Changes of attitude and rate (slews, n, 3, k) as changes of the whitened residuals."""
-        campaign, theta = self.estimate.model.campaign, self.estimate.theta
         return -self._of_channels(
-            lambda channel, factors, rows: channel.whitened_motion(
-                campaign, theta, factors, turn[rows], rate_B[rows]
-            )
+            lambda channel, fit, rows: channel.whitened_motion(fit, turn[rows], rate_B[rows])
         )
 
     def _of_channels(
-        self, change: Callable[[Channel, np.ndarray, tuple[np.ndarray, ...]], np.ndarray]
+        self, change: Callable[[Channel, SensorAtFit, tuple[np.ndarray, ...]], np.ndarray]
     ) -> np.ndarray:
         """Changes (slews, n, components, k) of each channel's readings, one after the other."""
-        model, parts = self.estimate.model, []
+        model, theta, parts = self.estimate.model, self.estimate.theta, []
         telemetry, slews = model.data.arrays.telemetry, np.arange(len(self.time))[:, None]
         sample = np.asarray(telemetry.sample)
         for channel, readings, white in zip(
             model.channels, telemetry.readings, self.estimate.white, strict=True
         ):
             rows = slews, sample[slews, np.asarray(readings.row)]
-            columns = change(channel, np.asarray(white.factors), rows)
+            fit = SensorAtFit(model.campaign, theta, readings, np.asarray(white.factors))
+            columns = change(channel, fit, rows)
             if white.memory is not None:
                 columns = np.asarray(innovations(columns, white.memory))
             columns = columns[:, :, : None if channel.compared else 0]

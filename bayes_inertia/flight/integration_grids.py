@@ -50,7 +50,7 @@ def integration_grid(campaign: Campaign, effects: Sequence[Effect]) -> Integrati
                     advice="give the plan an [orbit], or leave the effect out",
                 )
     step = integration_plan(campaign, effects, "commanded").spacing
-    arrays = pack(campaign, channels_of("commanded"), max_step=step)
+    arrays = pack(campaign, channels_of(campaign, "commanded"), max_step=step)
     n_rows = arrays.telemetry.sample.shape[1]
     substeps = int(arrays.telemetry.sample[0, 1])
     missing = n_rows * substeps - arrays.slews.context.time.shape[1]

@@ -269,9 +269,9 @@ def _with_level(fit: CleanFit) -> DirtTreatment:
             continue
         if channel in fit.treatment.rounded and has_one_error(steps[channel]):
             continue  # Fast differences do not tell its level.
-        in_bursts = not stream_named(channel).is_series
+        in_bursts = not stream_named(channel, estimate.model.campaign).is_series
         if factor > 1.0 and (in_bursts or is_alike_everywhere(slews, series[channel])):
-            level[channel] *= factor
+            level[channel] = level.get(channel, 1.0) * factor
     return replace(fit.treatment, level=level)
 
 

@@ -64,7 +64,7 @@ class Estimate:
         The noise as the campaign states it.
     white : tuple of Whitening
         The noise as it was used (equal unless discounted).
-    discount : (slews, 3) array
+    discount : (slews, channels) array
         Factor of each slew's and channel's information, 1 where the model explains the data.
     information : Information
         Normal equations by slew and channel at `point`, with the noise as used.

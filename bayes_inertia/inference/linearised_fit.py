@@ -63,7 +63,7 @@ class LinearisedFit:
         Normal equations by slew and channel; its `free` are the f parameters that were fitted.
     hessian : (f + 3 + slews n_local,) squared array
         Normal matrix of everything fitted, priors included.
-    discount : (slews, 3) array
+    discount : (slews, channels) array
         Factor of each slew's and channel's information: noise as stated over noise as used,
         squared.
     """

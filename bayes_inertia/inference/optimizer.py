@@ -201,7 +201,9 @@ def with_noise(previous: Estimate, factors: dict[str, float]) -> Estimate:
     Returns: the same object if its noise is that already.
     """
     model, free = previous.model, previous.free
-    discount = np.tile([factors[c.name] ** -2.0 for c in model.channels], (model.n_slews, 1))
+    discount = np.tile(
+        [factors.get(c.name, 1.0) ** -2.0 for c in model.channels], (model.n_slews, 1)
+    )
     if np.array_equal(discount, previous.discount):
         return previous
     settled = _optimum_with_noise(model, previous.point, discount, free)

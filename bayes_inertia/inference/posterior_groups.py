@@ -49,7 +49,6 @@ _LIBRARIES = ("bayes-inertia", "jax", "emcee", "arviz", "numpy", "scipy")
 _DIMENSIONS = {
     "principal_moment": ["axis"],
     "time": ["slew", "row"],
-    "fix_time": ["slew", "fix"],
     "signal_time": ["slew", "instant"],
 }
 _UNITS = {
@@ -88,9 +87,7 @@ def build_posterior(
         "wheel": [w.name for w in campaign.wheels],
         "axis": [1, 2, 3],
     }
-    dimensions = dict(_DIMENSIONS)
-    for channel in estimate.model.channels:
-        dimensions |= {channel.name: [*channel.axes], f"{channel.name}_point": [*channel.axes[:2]]}
+    dimensions = _dimensions(estimate.model.channels)
     if signals := stochastic_signals(estimate, chains, np.random.default_rng([seed, 2])):
         groups["signal"] = signals
         constant["signal_time"] = signal_times(estimate)
@@ -109,6 +106,16 @@ def build_posterior(
     attributes |= _attributes(estimate, chains, context) | _mission(campaign)
     tree.attrs = {"format": FORMAT, "bayes_inertia": json.dumps(attributes)}
     return Posterior(tree)
+
+
+def _dimensions(channels: tuple[Channel, ...]) -> dict[str, list[str]]:
+    """Names of the axes of each variable."""
+    dimensions = dict(_DIMENSIONS)
+    for channel in channels:
+        axes = channel.axes
+        dimensions |= {channel.name: [*axes], f"{channel.name}_point": [*axes[:2]]}
+        dimensions[f"{axes[1]}_time"] = [*axes[:2]]
+    return dimensions
 
 
 def _mission(campaign: Campaign) -> dict[str, Any]:

@@ -123,6 +123,8 @@ def why_not_compressed(structure: Structure, marginal: Marginal) -> str | None:
         return "an effect acts on the motion within a step, or on a sensor"
     if marginal.coefficients is not None:
         return "effects without a fixed shape are integrated out"
+    if any(not channel.stream.field for channel in structure.channels):
+        return "further sensors are compared"
     for channel, white in zip(structure.channels, marginal.white, strict=True):
         sensor = channel.stream.sensor
         if white.memory is not None:

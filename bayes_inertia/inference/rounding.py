@@ -11,7 +11,7 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.quantisation import quantisation_sigma, quantisation_step
-from bayes_inertia.campaign.sensors import STREAMS
+from bayes_inertia.campaign.sensors import series_of
 
 # Rounding that adds less to the noise than this factor is left alone.
 ROUNDING_THAT_COUNTS = 1.005
@@ -27,9 +27,7 @@ def rounding_steps(campaign: Campaign) -> dict[str, np.ndarray]:
     Returns (components,): by channel [stated sigma]; 0 where nothing is rounded.
     """
     steps = {}
-    for stream in STREAMS:
-        if not stream.is_series:
-            continue
+    for stream in series_of(campaign):
         tables = [x for slew in campaign.slews if (x := stream.of(slew)) is not None]
         steps[stream.name] = np.array(
             [

@@ -14,10 +14,12 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.dirt import Dirt, DirtKind
 from bayes_inertia.campaign.hardware import CorrelatedNoise, RateSensor
-from bayes_inertia.campaign.sensors import CHANNELS, STREAMS, stream_named
+from bayes_inertia.campaign.sensors import CHANNELS, STREAMS, stream_named, streams_of
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.inference.noise_colour import Colour, ColourOfAxis
 from bayes_inertia.physics.slew_input import Drive
+
+_SENSORS = {stream.name: stream.sensor for stream in STREAMS}
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,7 @@ class DirtTreatment:
                 "",
                 (),
                 "modelled",
-                f"the noise of the {stream_named(channel).sensor} is {factor:.2f} times what is "
+                f"the noise of the {_SENSORS.get(channel, channel)} is {factor:.2f} times what is "
                 f"stated"
                 f"{', with the rounding of its readings' if channel in self.rounded else ''}",
             )
@@ -129,7 +131,7 @@ def treated(campaign: Campaign, treatment: DirtTreatment, drive: Drive) -> Campa
     """
     if treatment.is_nothing:
         return campaign
-    slews = tuple(_masked(slew, treatment.masked) for slew in campaign.slews)
+    slews = tuple(_masked(campaign, slew, treatment.masked) for slew in campaign.slews)
     dirt = records_of_dirt(campaign, treatment)
     campaign = replace(campaign, slews=slews, dirt=dirt)
     if treatment.colour is not None:
@@ -140,14 +142,13 @@ def treated(campaign: Campaign, treatment: DirtTreatment, drive: Drive) -> Campa
     return campaign
 
 
-def _masked(slew: Slew, masks: tuple[Dirt, ...]) -> Slew:
+def _masked(campaign: Campaign, slew: Slew, masks: tuple[Dirt, ...]) -> Slew:
     for mask in masks:
-        key = stream_named(mask.channel).field
-        if mask.slew == slew.name and getattr(slew, key) is not None:
-            values = np.array(getattr(slew, key))
-            values[list(mask.rows)] = np.nan
-            masked: dict[str, Any] = {key: values}
-            slew = replace(slew, **masked)
+        stream = stream_named(mask.channel, campaign)
+        if mask.slew == slew.name and (values := stream.of(slew)) is not None:
+            gone = np.zeros(values.shape, dtype=bool)
+            gone[list(mask.rows)] = True
+            slew = stream.masked(slew, gone)
     return slew
 
 
@@ -181,6 +182,6 @@ def with_measured_noise(
     the sigmas of its sensors multiplied.
     """
     factors = factors if drive == "commanded" else {**factors, "momentum": factors["rate"]}
-    for stream in STREAMS:
-        campaign = stream.louder(campaign, factors[stream.name])
+    for stream in streams_of(campaign):
+        campaign = stream.louder(campaign, factors.get(stream.name, 1.0))
     return campaign

@@ -93,6 +93,7 @@ def observe(estimate: Estimate, other_drive: Estimate | None = None) -> Observab
         drive=model.structure.drive,
         effects=tuple(effect.name for effect in model.effects),
         slews=tuple(slew.name for slew in model.campaign.slews),
+        channels=tuple(channel.name for channel in model.channels),
         parameters=_parameters(estimate, names, other_drive),
         covariance=estimate.covariance[np.ix_(estimate.free, estimate.free)],
         directions=_directions(estimate, names),
@@ -120,7 +121,7 @@ def _groups(estimate: Estimate) -> dict[str, np.ndarray]:
 
 
 def _sd_without(estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
-    """sd (slews, f) without each slew, and (3, f) without each channel (NaN: it has no data)."""
+    """sd without each slew (slews, f), and without each channel (channels, f): NaN without data."""
     f, shape, fit = len(estimate.free), estimate.information.n_data.shape, estimate.linearised()
 
     def sd(weights: np.ndarray) -> np.ndarray:
@@ -134,8 +135,10 @@ def _sd_without(estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
     )
     measured = estimate.information.n_data.any(axis=0)
     channels = [
-        sd(np.where(np.arange(3) == c, 0.0, np.ones(shape))) if measured[c] else np.full(f, np.nan)
-        for c in range(3)
+        sd(np.where(np.arange(len(measured)) == c, 0.0, np.ones(shape)))
+        if known
+        else np.full(f, np.nan)
+        for c, known in enumerate(measured)
     ]
     return slews, np.stack(channels)
 

@@ -83,7 +83,7 @@ class Model:
         drive = self.drive or ("commanded" if commanded else "measured")
         _check(campaign, effects, drive)
         _check_noise(campaign, drive, self.noise)
-        space = _space(campaign, effects, self.noise)
+        space = _space(campaign, channels_of(campaign, drive), effects, self.noise)
         structure = _structure(campaign, _acting(campaign, effects, drive), drive, space)
         _check_combination(structure, self.noise)
         plan = integration_plan(campaign, structure.effects, drive)
@@ -185,7 +185,7 @@ def _check_acts(effect: Effect, campaign: Campaign) -> None:
 
 
 def _check_noise(campaign: Campaign, drive: Drive, noise: NoiseModel) -> None:
-    channels = {channel.name: channel for channel in channels_of(drive)}
+    channels = {channel.name: channel for channel in channels_of(campaign, drive)}
     for name, asked in noise.channels:
         read = name in channels and channels[name].is_read(campaign)
         if not read and not asked.is_stated:
@@ -205,7 +205,12 @@ def _check_combination(structure: Structure, noise: NoiseModel) -> None:
         )
 
 
-def _space(campaign: Campaign, effects: tuple[Effect, ...], noise: NoiseModel) -> ParameterSpace:
+def _space(
+    campaign: Campaign,
+    channels: tuple[Channel, ...],
+    effects: tuple[Effect, ...],
+    noise: NoiseModel,
+) -> ParameterSpace:
     prior, sensor = campaign.inertia, campaign.rate_sensor
     elements = zip(inertia_tensor.ELEMENTS, prior.elements.tolist(), prior.sd.tolist(), strict=True)
     entries: list[tuple[str, Parameter]] = [
@@ -218,6 +223,7 @@ def _space(campaign: Campaign, effects: tuple[Effect, ...], noise: NoiseModel) -
     entries += [
         ("", scalar(name, unit="", prior=Normal(mean, sd), null=1.0)) for name, mean, sd in factors
     ]
+    entries += [(c.name, parameter) for c in channels for parameter in c.own_parameters(campaign)]
     entries += [
         (effect.name, parameter)
         for effect in effects
@@ -252,7 +258,7 @@ def _structure(
         modes=_TACHOMETER_MODES if drive == "measured" else 0,
         refined=False,
         coefficients=coefficient_counts(campaign, effects),
-        channels=channels_of(drive),
+        channels=channels_of(campaign, drive),
     )
 
 

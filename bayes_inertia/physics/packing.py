@@ -139,7 +139,7 @@ def pack(
     --------
     >>> from bayes_inertia.physics.channels import channels_of
     >>> from bayes_inertia.physics.small_campaign import small_campaign
-    >>> telemetry = pack(small_campaign(), channels_of("commanded")).telemetry
+    >>> telemetry = pack(small_campaign(), channels_of(small_campaign(), "commanded")).telemetry
     >>> telemetry.readings[0].values.shape
     (3, 64, 3)
     """

@@ -47,7 +47,8 @@ class Structure:
     drive : "commanded" or "measured"
         What drives the model.
     layout : tuple of (str, str, int or None)
-        Owner, name and number of components (None: a scalar) of each parameter after J and K.
+        Owner (an effect or a further sensor), name and number of components (None: a scalar) of
+        each parameter after J and K.
     includes_wheel_spin : bool
         Whether the first six parameters are J_locked.
     wheels : int
@@ -113,6 +114,8 @@ class Structure:
         The motion is then worked out only where it is compared.
         """
         hooks = (*MOVING_HOOKS, *LOOKING_BACK)
+        if any(channel.sees_attitude for channel in self.channels):
+            return False
         return self.rows_per_step > 1 and not any(e.acts(h) for e in self.effects for h in hooks)
 
     @property
@@ -129,7 +132,7 @@ class Structure:
         start = N_BASE
         for owner, name, size in self.layout:
             stop = start + (1 if size is None else size)
-            values[owner][name] = theta[start] if size is None else theta[start:stop]
+            values.setdefault(owner, {})[name] = theta[start] if size is None else theta[start:stop]
             start = stop
         return ActiveEffects(self.effects, values)
 

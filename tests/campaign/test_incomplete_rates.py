@@ -42,7 +42,7 @@ def saturated(campaign: Campaign, rows: slice) -> Campaign:
 
 def start_rate(campaign: Campaign) -> np.ndarray:
     """The body rate that each slew is taken to start with."""
-    return pack(campaign, channels_of("commanded")).reference.rate_B
+    return pack(campaign, channels_of(campaign, "commanded")).reference.rate_B
 
 
 def test_axes_in_turn_tell_the_same_motion(flown):

@@ -1,15 +1,35 @@
 """Sensors whose readings are compared with the model, one file a kind, in the order of tables."""
 
-from bayes_inertia.campaign.sensors.attitude import ATTITUDE
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import RateSensor, StarTracker
+from bayes_inertia.campaign.sensors.attitude import ATTITUDE, AttitudeStream
 from bayes_inertia.campaign.sensors.momentum import MOMENTUM
-from bayes_inertia.campaign.sensors.rate import RATE
+from bayes_inertia.campaign.sensors.rate import RATE, RateStream
 from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
 
 STREAMS: tuple[SensorStream, ...] = (RATE, ATTITUDE, MOMENTUM)
-# Names of the channels.
+# Names of the channels that every campaign has.
 CHANNELS = tuple(stream.name for stream in STREAMS)
+# Which class reads the sensors of `Campaign.more_sensors`.
+KINDS: Mapping[type, type[SensorStream]] = MappingProxyType(
+    {RateSensor: RateStream, StarTracker: AttitudeStream}
+)
 
 
-def stream_named(channel: str) -> SensorStream:
+def streams_of(campaign: Campaign) -> tuple[SensorStream, ...]:
+    """The streams of a campaign, one a sensor."""
+    more = (KINDS[type(hardware)](name) for name, hardware in campaign.more_sensors)
+    return (*STREAMS, *more)
+
+
+def series_of(campaign: Campaign) -> tuple[SensorStream, ...]:
+    """Those in which every row may hold a reading."""
+    return tuple(stream for stream in streams_of(campaign) if stream.is_series)
+
+
+def stream_named(channel: str, campaign: Campaign) -> SensorStream:
     """The stream of a channel."""
-    return STREAMS[CHANNELS.index(channel)]
+    return next(stream for stream in streams_of(campaign) if stream.name == channel)

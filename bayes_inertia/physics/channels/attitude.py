@@ -13,7 +13,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.values import AnyArray
-from bayes_inertia.physics.channels.channel import Channel, Readings
+from bayes_inertia.physics.channels.channel import Channel, Readings, SensorAtFit
 from bayes_inertia.physics.slew_context import Trajectory
 from bayes_inertia.physics.slew_input import Drive, SlewInput
 
@@ -25,14 +25,16 @@ class AttitudeChannel(Channel):
     """Quaternions, body from inertial, scalar last; residuals are small rotations, sign-free."""
 
     hook = "attitude_output"
-    axes = ("slew", "fix", "quaternion")
-    residual_axes = ("slew", "fix", "body_axis")
+    columns = "quaternion"
+    components = "body_axis"
     blank = (0.0, 0.0, 0.0, 1.0)
 
     def readings(self, campaign: Campaign, slew: Slew) -> Readings:
         """The fixes."""
-        rows = np.flatnonzero(slew.fixes)
-        values = np.zeros((0, 4)) if slew.attitude is None else slew.attitude[rows]
+        known = self.stream.of(slew)
+        known = np.full((len(slew.time), 4), np.nan) if known is None else known
+        rows = np.flatnonzero(np.isfinite(known).all(axis=1))
+        values = known[rows]
         return Readings(values, np.ones((len(rows), 3), bool), rows)
 
     def start(self, campaign: Campaign, slew: Slew) -> dict[str, np.ndarray]:
@@ -58,12 +60,12 @@ class AttitudeChannel(Channel):
 
     def column_sigma(self, campaign: Campaign) -> np.ndarray:
         """Components of a quaternion are half a small rotation."""
-        tracker = campaign.star_tracker
+        tracker = self.stream.hardware(campaign)
         return np.full(4, 0.5 * tracker.sigma_cross if tracker else np.inf)
 
     def noise(self, campaign: Campaign, theta: np.ndarray, drive: Drive) -> np.ndarray:
         """Root of the covariance and its inverse (2, 3, 3) [rad, 1/rad]; zero without tracker."""
-        tracker = campaign.star_tracker
+        tracker = self.stream.hardware(campaign)
         if tracker is None:
             return np.zeros((2, 3, 3))
         along = np.outer(tracker.boresight_B, tracker.boresight_B)
@@ -83,13 +85,6 @@ class AttitudeChannel(Channel):
         """Small rotations [rad]."""
         return unit @ noise[0]
 
-    def whitened_motion(
-        self,
-        campaign: Campaign,
-        theta: np.ndarray,
-        factors: np.ndarray,
-        turn: np.ndarray,
-        rate_B: np.ndarray,
-    ) -> np.ndarray:
+    def whitened_motion(self, fit: SensorAtFit, turn: np.ndarray, rate_B: np.ndarray) -> np.ndarray:
         """The turn itself."""
-        return self.whitened_columns(factors, turn)
+        return self.whitened_columns(fit.factors, turn)

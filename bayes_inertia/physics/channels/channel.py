@@ -20,6 +20,7 @@ from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.maths.values import AnyArray
 from bayes_inertia.physics.effect import Effect
+from bayes_inertia.physics.parameters import Parameter
 from bayes_inertia.physics.slew_context import SlewContext, Trajectory
 from bayes_inertia.physics.slew_input import Drive, SlewInput
 
@@ -46,6 +47,15 @@ class Readings(NamedTuple):
     combined: AnyArray | None = None
 
 
+class SensorAtFit(NamedTuple):
+    """A sensor at a fit, all slews together: what changes of its readings depend on."""
+
+    campaign: Campaign
+    theta: np.ndarray
+    readings: Readings
+    factors: np.ndarray
+
+
 @dataclass(frozen=True)
 class Channel(ABC):
     """One sensor's stream of readings, compared with the model.
@@ -66,9 +76,11 @@ class Channel(ABC):
 
     # Hook of `Effect` by which effects reach the readings.
     hook: ClassVar[str]
-    # Names of the axes of readings and residuals in a posterior.
-    axes: ClassVar[tuple[str, str, str]]
-    residual_axes: ClassVar[tuple[str, str, str]]
+    # Names of the columns of readings and of the components of residuals in a posterior.
+    columns: ClassVar[str]
+    components: ClassVar[str]
+    # Whether readings in every row follow the attitude, which is then worked out at every row.
+    sees_attitude: ClassVar[bool] = False
     # What stands for a reading in padding.
     blank: ClassVar[tuple[float, ...]] = (0.0,)
 
@@ -77,13 +89,28 @@ class Channel(ABC):
         """Of the channel."""
         return self.stream.name
 
+    @property
+    def axes(self) -> tuple[str, str, str]:
+        """Names of the axes of readings in a posterior."""
+        fix = "fix" if self.stream.field else f"{self.name}_fix"
+        return ("slew", "row" if self.stream.is_series else fix, self.columns)
+
+    @property
+    def residual_axes(self) -> tuple[str, str, str]:
+        """Names of the axes of residuals in a posterior."""
+        return (*self.axes[:2], self.components)
+
     @abstractmethod
     def readings(self, campaign: Campaign, slew: Slew) -> Readings:
         """What was measured, of numpy."""
 
-    @abstractmethod
     def start(self, campaign: Campaign, slew: Slew) -> dict[str, np.ndarray]:
         """Fields of `Start` that the first readings tell roughly."""
+        return {}
+
+    def own_parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        """What is estimated of the sensor itself, beside K of the rate sensor."""
+        return ()
 
     def is_read(self, campaign: Campaign) -> bool:
         """Whether there are readings to compare."""
@@ -103,6 +130,8 @@ class Channel(ABC):
         self, effect: Effect, p: Any, slew: SlewContext, trajectory: Trajectory, values: Array
     ) -> Array:
         """`values` as an effect leaves them."""
+        if not self.stream.field:
+            return values  # Effects are those of the first sensor of a kind.
         return getattr(effect, self.hook)(p, slew, trajectory, values)
 
     def read(self, parameters: Array, values: Array) -> Array:
@@ -150,14 +179,7 @@ class Channel(ABC):
         return np.einsum("snij,snjk->snik", factors, error)
 
     @abstractmethod
-    def whitened_motion(
-        self,
-        campaign: Campaign,
-        theta: np.ndarray,
-        factors: np.ndarray,
-        turn: np.ndarray,
-        rate_B: np.ndarray,
-    ) -> np.ndarray:
+    def whitened_motion(self, fit: SensorAtFit, turn: np.ndarray, rate_B: np.ndarray) -> np.ndarray:
         """Changes of predictions in sigmas (..., n, components, k), by changes of the motion.
 
         `turn` [rad, body axes], `rate_B` [rad/s] (..., n, 3, k).
@@ -173,3 +195,40 @@ class Channel(ABC):
     def diagonal(self, factors: AnyArray) -> np.ndarray:
         """One over the sigma of each number (..., n, components)."""
         return np.diagonal(factors, axis1=-2, axis2=-1)
+
+
+class SeparateColumns(Channel):
+    """A channel whose columns have noise of their own, as the stream states it."""
+
+    def noise(self, campaign: Campaign, theta: np.ndarray, drive: Drive) -> np.ndarray:
+        """Sigma (columns,), infinite where it is not stated."""
+        return self.column_sigma(campaign)
+
+    def variance(self, noise: np.ndarray) -> np.ndarray:
+        """Column by column."""
+        return np.square(noise)
+
+    def factors(self, noise: np.ndarray, valid: np.ndarray) -> np.ndarray:
+        """One over sigma (..., columns)."""
+        return np.where(valid, 1.0 / noise, 0.0) if self.compared else np.zeros(valid.shape)
+
+    def drawn(self, noise: np.ndarray, unit: np.ndarray) -> np.ndarray:
+        """To single precision."""
+        sigma = np.where(np.isfinite(noise), noise, np.nan)
+        return (sigma * unit).astype(np.float32)
+
+    def whitened(self, factors: Array, gap: Array) -> Array:
+        """Column by column."""
+        return factors * gap
+
+    def unwhitened(self, factors: np.ndarray, residual: np.ndarray) -> np.ndarray:
+        """Column by column."""
+        return residual / np.where(factors > 0, factors, 1.0)
+
+    def diagonal(self, factors: AnyArray) -> np.ndarray:
+        """The factors themselves."""
+        return np.asarray(factors)
+
+    def whitened_columns(self, factors: np.ndarray, error: np.ndarray) -> np.ndarray:
+        """Column by column."""
+        return factors[..., None] * error

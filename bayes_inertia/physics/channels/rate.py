@@ -13,7 +13,8 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import on_device
-from bayes_inertia.physics.channels.channel import Channel, Readings
+from bayes_inertia.physics.channels.channel import Channel, Readings, SensorAtFit
+from bayes_inertia.physics.parameters import Normal, Parameter, scalar
 from bayes_inertia.physics.slew_context import Trajectory
 from bayes_inertia.physics.slew_input import Drive, SlewInput
 
@@ -38,17 +39,20 @@ class RateChannel(Channel):
     """Angular rates [rad/s]; its parameters are the scale factors K."""
 
     hook = "rate_output"
-    axes = residual_axes = ("slew", "row", "sensor_axis")
+    columns = components = "sensor_axis"
 
     def readings(self, campaign: Campaign, slew: Slew) -> Readings:
         """Those inside the sensor's range."""
-        valid = campaign.valid_readings(slew)
-        return Readings(
-            np.where(valid, np.asarray(slew.rate), 0.0), valid, np.arange(len(slew.time))
-        )
+        rows, known = np.arange(len(slew.time)), self.stream.of(slew)
+        if known is None:
+            return Readings(np.zeros((len(rows), 3)), np.zeros((len(rows), 3), bool), rows)
+        valid = self.stream.valid(campaign, slew)
+        return Readings(np.where(valid, known, 0.0), valid, rows)
 
     def start(self, campaign: Campaign, slew: Slew) -> dict[str, np.ndarray]:
         """The body rate by the first readings."""
+        if not self.stream.field:
+            return {}
         sensor = campaign.rate_sensor
         _, readings = slew.complete_rates(campaign.valid_readings(slew))
         some = readings[: max(1, min(8, len(readings) // 50))]
@@ -57,13 +61,30 @@ class RateChannel(Channel):
         return {"rate_B": np.linalg.solve(sensor.axes, rate_S)}
 
     def constants(self, campaign: Campaign) -> RateConstants:
-        """Axes and prior bias."""
-        sensor = campaign.rate_sensor
-        return RateConstants(on_device(sensor.axes), on_device(sensor.bias))
+        """Axes and prior bias; a further sensor's bias is a parameter."""
+        sensor = self.stream.hardware(campaign)
+        bias = sensor.bias if self.stream.field else np.zeros(3)
+        return RateConstants(on_device(sensor.axes), on_device(bias))
+
+    def own_parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        """K and bias of a further sensor."""
+        if self.stream.field:
+            return ()
+        sensor = self.stream.hardware(campaign)
+        kinds = (
+            ("K", "", sensor.scale_factor, sensor.scale_factor_sigma, 1.0),
+            ("bias", "rad/s", sensor.bias, sensor.bias_sigma, 0.0),
+        )
+        return tuple(
+            scalar(f"{name}{i + 1}", unit=unit, prior=Normal(mean[i], sd[i]), null=null)
+            for name, unit, mean, sd, null in kinds
+            for i in range(3)
+        )
 
     def sensed(self, constants: Any, bias: Array, slew: SlewInput, trajectory: Trajectory) -> Array:
         """Rates about the sensor's axes, with its bias."""
-        bias_S, C = constants.bias + bias, constants.axes
+        bias_S = constants.bias + bias if self.stream.field else constants.bias
+        C = constants.axes
         rate_B = trajectory.rate_B
         return jnp.stack(
             [sum(C[i, j] * rate_B[:, j] for j in range(3)) + bias_S[i] for i in range(3)], -1
@@ -71,7 +92,8 @@ class RateChannel(Channel):
 
     def read(self, parameters: Array, values: Array) -> Array:
         """Divided by the scale factors."""
-        return values / parameters
+        K, bias = parameters[:3], parameters[3:]
+        return (values if self.stream.field else values + bias) / K
 
     def noise(self, campaign: Campaign, theta: np.ndarray, drive: Drive) -> np.ndarray:
         """Covariance (3, 3) of one reading [rad^2/s^2].
@@ -79,13 +101,13 @@ class RateChannel(Channel):
         In the measured drive tachometer noise is an input: it shakes the predicted rate by
         J^-1 G dh. (The part of it that accumulates in the attitude is among the nuisances.)
         """
-        sensor = campaign.rate_sensor
+        sensor = self.stream.hardware(campaign)
         covariance = np.diag(np.square(sensor.sigma))
         if drive == "measured" and campaign.wheels:
             shake = (
                 sensor.axes
                 @ np.linalg.solve(_locked_inertia(campaign, theta), campaign.wheel_axes_B)
-                / np.asarray(theta[slice(*self.parameters)])[:, None]
+                / np.asarray(theta[slice(*self.parameters)])[:3, None]
             )
             wheels = np.diag(np.square([w.momentum_sigma or 0.0 for w in campaign.wheels]))
             covariance = covariance + shake @ wheels @ shake.T
@@ -117,18 +139,12 @@ class RateChannel(Channel):
             [sum(factors[..., i, j] * gap[..., j] for j in range(i + 1)) for i in range(3)], -1
         )
 
-    def whitened_motion(
-        self,
-        campaign: Campaign,
-        theta: np.ndarray,
-        factors: np.ndarray,
-        turn: np.ndarray,
-        rate_B: np.ndarray,
-    ) -> np.ndarray:
+    def whitened_motion(self, fit: SensorAtFit, turn: np.ndarray, rate_B: np.ndarray) -> np.ndarray:
         """Along the sensor's axes, over the scale factors."""
-        scale_factors = theta[slice(*self.parameters)][:, None]
-        sensed = np.einsum("ij,snjk->snik", campaign.rate_sensor.axes, rate_B) / scale_factors
-        return self.whitened_columns(factors, sensed)
+        axes = self.stream.hardware(fit.campaign).axes
+        scale_factors = fit.theta[slice(*self.parameters)][:3, None]
+        sensed = np.einsum("ij,snjk->snik", axes, rate_B) / scale_factors
+        return self.whitened_columns(fit.factors, sensed)
 
 
 def _locked_inertia(campaign: Campaign, theta: np.ndarray) -> np.ndarray:
