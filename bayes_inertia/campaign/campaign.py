@@ -82,6 +82,11 @@ class Campaign:
         require(len(self.slews) > 0, "slews", "the campaign has no slew", advice)
         _require_different("wheels", [wheel.name for wheel in self.wheels])
         _require_different("slews", [slew.name for slew in self.slews])
+        for name, sensor in self.more_sensors:
+            known = isinstance(sensor, RateSensor | StarTracker) or hasattr(sensor, "stream")
+            what = f"a {type(sensor).__name__} is no kind of sensor"
+            advice = "give a RateSensor, a StarTracker or an object that names its stream"
+            require(known, f"more_sensors.{name}", what, advice)
         for slew in self.slews:
             self._check_slew(slew)
 

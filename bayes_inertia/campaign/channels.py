@@ -12,14 +12,13 @@ from bayes_inertia.campaign.schema import (
     PositionColumns,
     TorqueColumns,
 )
-from bayes_inertia.campaign.sensors import STREAMS
+from bayes_inertia.campaign.sensors import BY_KEY
 from bayes_inertia.campaign.streams import Stream
 from bayes_inertia.campaign.units import to_si
 from bayes_inertia.tables.number_table import Table
 
 # Entry of [columns] -> field of `Slew`, of the environment.
 _ENVIRONMENT = {"magnetic_field": "magnetic_field_N", "position": "position_N"}
-_SENSORS = {key: sensor for sensor in STREAMS for key in sensor.keys}
 
 
 def stream_from_table(
@@ -39,8 +38,8 @@ def stream_from_table(
     channels = {"time": time + stream.offset_s if stream.offset_s else time}
     for key in stream.keys:
         entry = getattr(columns, key)
-        if key in _SENSORS:
-            field, values = _SENSORS[key].field, _SENSORS[key].read(table, entry, spin_inertias)
+        if key in BY_KEY:
+            field, values = BY_KEY[key].field, BY_KEY[key].read(table, entry, spin_inertias)
         elif key in _ENVIRONMENT:
             field, values = _ENVIRONMENT[key], _environment(table, entry, key)
         else:

@@ -44,6 +44,7 @@ from bayes_inertia.campaign.gaps import (
     with_rows_at,
     without_intervals,
 )
+from bayes_inertia.campaign.sensors import STREAMS
 from bayes_inertia.campaign.short_gaps import with_short_gaps_filled
 
 Interval = tuple[float, float]
@@ -143,7 +144,7 @@ def _unknown_intervals(
 
 # Pieces of one gap, and of all gaps of one slew: every piece costs one unknown a wheel.
 _MOST_OF_GAP, _MOST_OF_SLEW = 8, 48
-_LEFT_OUT = {"rate", "attitude", "wheel_momentum"}  # where a piece is longer than a row
+_LEFT_OUT = {stream.field for stream in STREAMS}  # where a piece is longer than a row
 _FEWEST_TRIALS = 30
 _MOST_ON_A_LINE = 3  # lost rows of a gap; errors of longer lines add up
 _SAFETY = 1.25  # times the rms error of the lines

@@ -16,7 +16,7 @@ import numpy as np
 
 from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.campaign.schema import ColumnsPart
-from bayes_inertia.campaign.sensors import STREAMS
+from bayes_inertia.campaign.sensors import BY_KEY
 from bayes_inertia.campaign.stream_clocks import StreamRows
 from bayes_inertia.campaign.stuck import resolution
 from bayes_inertia.campaign.units import to_si
@@ -122,7 +122,7 @@ def counted_once(
     Returns: the same with a record of kind "duplicate" where readings are held.
     """
     result = [list(streams) for streams in slews]
-    for key, sensor in ((key, stream) for stream in STREAMS for key in stream.keys):
+    for key, sensor in BY_KEY.items():
         places = [(i, k) for i, streams in enumerate(result) for k, rows in enumerate(streams)
                   if key in rows.stream.keys]  # fmt: skip
         if not places:

@@ -13,6 +13,7 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.campaign.gaps import gap_note, missing_rows, without_intervals
+from bayes_inertia.campaign.sensors import STREAMS
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import located, parts_of
 
@@ -20,7 +21,7 @@ from bayes_inertia.campaign.slew_parts import located, parts_of
 # it errs on the large side, and one slew in many is concerned.
 _OF_RATE_NOISE, _OF_ATTITUDE_NOISE = 0.1, 2.0
 _READINGS_FOR_SLOPE = 4
-_CHANNELS = ("rate", "attitude", "wheel_momentum", "magnetic_field_N", "position_N")
+_CHANNELS = (*(stream.field for stream in STREAMS), "magnetic_field_N", "position_N")
 
 
 @dataclass(frozen=True)

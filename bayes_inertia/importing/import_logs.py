@@ -18,6 +18,7 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.held import held_readings
 from bayes_inertia.campaign.known_offsets import known_offset
 from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.campaign.sensors import BY_KEY
 from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.files import read_bytes, text_of, write_new_files
@@ -45,7 +46,6 @@ from bayes_inertia.progress import Progress, silent
 _MEANT = 0.998
 # What units of time lie apart; spans are so alike, and steps of such streams so different.
 _UNITS_APART, _ALIKE, _OTHER_STEPS = (60.0, 3.6e3, 1e3, 6e4, 1e6, 3.6e6, 1e9), 0.03, 10.0
-_MEASURED = ("rate", "attitude", "wheel_momentum", "wheel_speed")
 
 
 @dataclass(frozen=True)
@@ -150,9 +150,9 @@ def import_logs(
 
 def _once(stream: LoggedStream) -> LoggedStream:
     """A stream without rows that only repeat a reading; commands are held by nature."""
-    if stream.holds not in _MEASURED:
+    if stream.holds not in BY_KEY:
         return stream
-    (held,) = held_readings([(stream.time, stream.values)], by_axis=stream.holds != "attitude")
+    (held,) = held_readings([(stream.time, stream.values)], by_axis=BY_KEY[stream.holds].is_series)
     if held is None:
         return stream
     values = np.where(held.repeats, np.nan, stream.values)

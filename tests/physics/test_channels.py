@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import jax.numpy as jnp
 import numpy as np
@@ -11,12 +11,68 @@ from scipy.spatial.transform import Rotation
 
 from bayes_inertia.campaign.hardware import RateSensor, StarTracker
 from bayes_inertia.campaign.inspection import with_dirt_masked
+from bayes_inertia.campaign.sensors import SensorStream
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.point import Point
+from bayes_inertia.maths import quaternion
+from bayes_inertia.physics.channels.channel import Readings, SeparateColumns
 from bayes_inertia.physics.forward_model import Model
+from bayes_inertia.physics.parameters import Normal, vector
 from bayes_inertia.physics.prediction import predict_all
+
+
+@dataclass(frozen=True)
+class FieldChannel(SeparateColumns):
+    """A magnetometer's field in body axes; its parameter is its bias."""
+
+    columns = components = "field_axis"
+    sees_attitude = True
+
+    def readings(self, campaign, slew):
+        values = self.stream.values(slew)
+        return Readings(np.nan_to_num(values), np.isfinite(values), np.arange(len(values)))
+
+    def own_parameters(self, campaign):
+        return (vector("bias", "xyz", unit="T", prior=Normal(0.0, 1e-7)),)
+
+    def sensed(self, constants, bias, slew, trajectory):
+        return quaternion.to_body(trajectory.attitude, slew.magnetic_field_N)
+
+    def read(self, parameters, values):
+        return values + parameters
+
+    def whitened_motion(self, fit, turn, rate_B):
+        field_B = np.asarray(fit.readings.values)[..., None]
+        return self.whitened_columns(fit.factors, np.cross(field_B, turn, axis=2))
+
+
+@dataclass(frozen=True)
+class FieldStream(SensorStream):
+    """Its readings."""
+
+    sensor = title = "magnetometer"
+    unit = "T"
+    channel = FieldChannel
+
+    def sigma(self, campaign):
+        return (self.hardware(campaign).sigma,) * 3
+
+    def components(self, campaign):
+        return ("x", "y", "z")
+
+    def louder(self, campaign, factor):
+        return self.with_hardware(campaign, Magnetometer(factor * self.hardware(campaign).sigma))
+
+
+@dataclass(frozen=True)
+class Magnetometer:
+    """Of an outsider: nothing in the package knows of it."""
+
+    sigma: float
+    stream = FieldStream
+
 
 SECOND = RateSensor(sigma=3e-5, axes=Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix())
 TRACKER = StarTracker((1.0, 0.0, 0.0), 3e-5, 2e-4)
@@ -88,3 +144,34 @@ def test_impossible_readings_of_a_further_sensor_are_masked(more):
 def test_readings_of_a_sensor_that_is_not_listed_are_refused(more):
     with pytest.raises(CampaignError, match=r"second.*no sensor"):
         replace(more, more_sensors=(("tracker", TRACKER),))
+
+
+def test_an_outsider_adds_a_kind_of_sensor_and_edits_nothing(flown):
+    slews, bias = [], np.array([6e-8, -4e-8, 2e-8])
+    for slew in flown.campaign.slews:
+        n = len(slew.time)
+        field = np.stack([2e-5 * np.cos(0.01 * slew.time), np.full(n, 1e-5), np.full(n, -3e-5)], 1)
+        slews.append(replace(slew, magnetic_field_N=field, more={"field": np.full((n, 3), np.nan)}))
+    sensors = (("field", Magnetometer(1e-8)),)
+    silent = Model(replace(flown.campaign, slews=tuple(slews), more_sensors=sensors))
+    theta = np.concatenate([silent.space.mean[:9], bias])
+    told = [
+        replace(slew, more={"field": field_B[: len(slew.time)]})
+        for slew, field_B in zip(slews, predicted(silent, theta)[3], strict=True)
+    ]
+    model = Model(replace(silent.campaign, slews=tuple(told)))
+    assert model.space.names[9:] == ("field.bias_x", "field.bias_y", "field.bias_z")
+    found = residuals_at(model, theta)
+    assert np.abs(found["field"]).max() < 1e-9
+    np.testing.assert_array_equal(found["rate"], residuals_at(silent, theta)["rate"])
+    for slew in told:
+        sizes = [
+            np.linalg.norm(x, axis=1) for x in (slew.more["field"] - bias, slew.magnetic_field_N)
+        ]
+        np.testing.assert_allclose(*sizes, rtol=1e-12)
+    assert np.abs(residuals_at(model, model.space.mean)["field"]).max() > 1.0
+
+
+def test_what_is_no_sensor_is_refused(flown):
+    with pytest.raises(CampaignError, match=r"more_sensors.x: a float is no kind of sensor"):
+        replace(flown.campaign, more_sensors=(("x", 1.0),))

@@ -11,9 +11,13 @@ from bayes_inertia.campaign.sensors.rate import RATE, RateStream
 from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
 
 STREAMS: tuple[SensorStream, ...] = (RATE, ATTITUDE, MOMENTUM)
+# The stream of each entry of [columns] that holds readings.
+BY_KEY: Mapping[str, SensorStream] = MappingProxyType(
+    {key: stream for stream in STREAMS for key in stream.keys}
+)
 # Names of the channels that every campaign has.
 CHANNELS = tuple(stream.name for stream in STREAMS)
-# Which class reads the sensors of `Campaign.more_sensors`.
+# Which class reads the sensors of `Campaign.more_sensors`; others name theirs as `stream`.
 KINDS: Mapping[type, type[SensorStream]] = MappingProxyType(
     {RateSensor: RateStream, StarTracker: AttitudeStream}
 )
@@ -21,7 +25,7 @@ KINDS: Mapping[type, type[SensorStream]] = MappingProxyType(
 
 def streams_of(campaign: Campaign) -> tuple[SensorStream, ...]:
     """The streams of a campaign, one a sensor."""
-    more = (KINDS[type(hardware)](name) for name, hardware in campaign.more_sensors)
+    more = ((KINDS.get(type(x)) or x.stream)(name) for name, x in campaign.more_sensors)
     return (*STREAMS, *more)
 
 

@@ -35,8 +35,10 @@ class SensorStream(ABC):
     sensor: ClassVar[str]
     title: ClassVar[str]
     unit: ClassVar[str]
+    # The `Channel` of a kind that is not the package's own.
+    channel: ClassVar[Any] = None
     # Entries of [columns] that may hold them.
-    keys: ClassVar[tuple[str, ...]]
+    keys: ClassVar[tuple[str, ...]] = ()
     # How they are written: entry of [columns], its unit and sense, columns (a text: one a wheel).
     written: ClassVar[tuple[str, Mapping[str, str], str | Sequence[str]]]
     # Whether every row of a slew may hold a reading; else there are fixes here and there.
@@ -74,12 +76,12 @@ class SensorStream(ABC):
         """Whether each wheel has a column."""
         return isinstance(self.written[2], str)
 
-    @abstractmethod
     def read(self, table: Table, entry: Any, spin_inertias: np.ndarray) -> np.ndarray | None:
         """Readings (n, columns) from a table, None where its columns are empty for good.
 
-        `entry`: of [columns]. `spin_inertias` (wheels,): of the wheels [kg m^2].
+        `entry`: of [columns], one of `keys`. `spin_inertias` (wheels,): of the wheels [kg m^2].
         """
+        raise NotImplementedError(f"{self.name} in a table")
 
     def valid(self, campaign: Campaign, slew: Slew) -> np.ndarray:
         """Which readings (n, columns) count."""

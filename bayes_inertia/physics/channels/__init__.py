@@ -35,7 +35,7 @@ def channels_of(campaign: Campaign, drive: Drive) -> tuple[Channel, ...]:
     """The channels of a model, in the order of all tables; tachometers may drive it."""
     channels, begin = [], N_BASE
     for stream in streams_of(campaign):
-        channel = KINDS[type(stream)](stream)
+        channel = (KINDS.get(type(stream)) or stream.channel)(stream)
         if stream == RATE:
             channel = replace(channel, parameters=(6, N_BASE))
         elif isinstance(stream, MomentumStream):
