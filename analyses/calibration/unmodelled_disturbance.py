@@ -30,7 +30,7 @@ from analyses.naming.fixed_shape_campaigns import draw, without_tachometers
 from analyses.naming.sample_paths import at_times
 from analyses.naming.second_simulator import Disturbance, replayed
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.files import write_atomically
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.laplace import Estimate

@@ -119,7 +119,7 @@ def by_hand(model: Model, at: Marginal) -> Callable[[np.ndarray], np.ndarray]:
     optimum = jax.tree.map(np.asarray, at.optimum)
     root, ridge, ridge_bias = (np.asarray(x) for x in (at.root, at.ridge_local, at.ridge_bias))
     mean, sd = model.space.mean, model.space.sd
-    fixes = np.asarray(white.attitude)
+    fixes = np.asarray(white[1].factors)
 
     def density(thetas: np.ndarray) -> np.ndarray:
         walkers, shift = len(thetas), thetas - optimum.theta
@@ -131,7 +131,7 @@ def by_hand(model: Model, at: Marginal) -> Callable[[np.ndarray], np.ndarray]:
         absolute = begin.wheel_momentum + spin * (begin.rate_B @ axes)
         total = np.einsum("wij,wsj->wsi", J, begin.rate_B) + absolute @ axes.T
         momentum_N = np.asarray(to_inertial(begin.attitude, total))
-        physical = np.asarray(model.data.sensors.bias) + bias * np.asarray(model.data.scale.bias)
+        physical = np.asarray(model.data.sensors[0].bias) + bias * np.asarray(model.data.scale.bias)
         chi2, gradients = np.zeros(walkers), []
         for s, (measured, wheels) in enumerate(rows):
             gradient = np.zeros((measured[4].shape[2], walkers))
@@ -171,18 +171,19 @@ def _rows_of(model: Model, at: Marginal, s: int, columns: Sequence[np.ndarray]) 
     gained = np.cumsum(slew.wheel_torque * step[:, None], axis=0)
     gained = np.concatenate([np.zeros((1, wheels)), gained[:-1]])
     fix_of_row = np.full(n, -1)
-    valid = np.flatnonzero(np.asarray(telemetry.fix_valid[s]))
-    fix_of_row[np.asarray(telemetry.fix_row[s])[valid]] = valid
-    white_rate = np.ascontiguousarray(np.diagonal(at.white.rate[s], axis1=1, axis2=2)[:n])
+    rates, attitudes, momenta = telemetry.readings
+    valid = np.flatnonzero(np.asarray(attitudes.valid[s]).all(-1))
+    fix_of_row[np.asarray(attitudes.row[s])[valid]] = valid
+    white_rate = np.ascontiguousarray(np.diagonal(at.white[0].factors[s], axis1=1, axis2=2)[:n])
     axes = campaign.wheel_axes_B
     measured = (
         gained @ axes.T,
         step,
-        np.array(telemetry.rate[s, :n]),
+        np.array(rates.values[s, :n]),
         white_rate,
         np.ascontiguousarray(columns[0][s].reshape(-1, 3, k)[:n]),
         fix_of_row,
-        np.array(telemetry.attitude[s]),
+        np.array(attitudes.values[s]),
         np.ascontiguousarray(columns[1][s].reshape(-1, 3, k)),
     )
     of_wheels = (
@@ -190,8 +191,8 @@ def _rows_of(model: Model, at: Marginal, s: int, columns: Sequence[np.ndarray]) 
         np.ascontiguousarray(axes),
         campaign.spin_inertias,
         gained,
-        np.array(telemetry.momentum[s, :n]),
-        np.array(at.white.momentum[s, :n]),
+        np.array(momenta.values[s, :n]),
+        np.array(at.white[2].factors[s, :n]),
         np.ascontiguousarray(columns[2][s].reshape(-1, wheels, k)[:n]),
     )
     return measured, of_wheels
@@ -233,7 +234,7 @@ def described(campaign: Campaign, model: Model) -> dict:
 
 def _compared(marginal: Marginal) -> int:
     """Rows that an evaluation compares, padding included."""
-    slews, rows = marginal.data.arrays.telemetry.rate.shape[:2]
+    slews, rows = marginal.data.arrays.telemetry.readings[0].values.shape[:2]
     return int(slews * rows)
 
 

@@ -30,7 +30,7 @@ from bayes_inertia.flight.plan import paper_like_plan
 from bayes_inertia.flight.planned_telemetry import planned_campaign
 from bayes_inertia.flight.simulated_campaigns import draw_flight
 from bayes_inertia.inference.likelihood import information_blocks, residuals
-from bayes_inertia.inference.noise_model import Whitening, discounted, whitening
+from bayes_inertia.inference.noise_model import Whitenings, discounted, whitening
 from bayes_inertia.inference.objective import (
     in_chart,
     moved,
@@ -70,7 +70,7 @@ class Problem:
     """One campaign's posterior, for both kinds of solver."""
 
     model: Model
-    white: Whitening
+    white: Whitenings
     free: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
@@ -129,7 +129,7 @@ def optimistix_solve(solver, structure, flat, data, white, constants):
     """Minimise from one start; the end point, all steps and the accepted ones."""
 
     def all_residuals(z, _):
-        point = from_flat(z, len(white.rate), len(constants["mean"]))
+        point = from_flat(z, len(white[0].factors), len(constants["mean"]))
         channels = [r.ravel() for r in residuals(structure, point, data, white)]
         priors = [prior_residual(constants, point.theta), point.bias, point.local.ravel()]
         return jnp.concatenate([*channels, *priors])

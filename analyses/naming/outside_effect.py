@@ -62,17 +62,15 @@ def simulated(model: Model, theta: np.ndarray, seed: int) -> Campaign:
     for i, slew in enumerate(campaign.slews):
         rows = len(slew.time)
         error = quaternion.exp(jnp.asarray(sigma * rng.normal(size=(rows, 3))))
-        rate = np.array(flown.rate[i, :rows]) + np.array(campaign.rate_sensor.sigma) * rng.normal(
+        rate = np.array(flown[0][i, :rows]) + np.array(campaign.rate_sensor.sigma) * rng.normal(
             size=(rows, 3)
         )
-        momentum = np.array(flown.momentum[i, :rows]) + wheels * rng.normal(
-            size=(rows, len(wheels))
-        )
+        momentum = np.array(flown[2][i, :rows]) + wheels * rng.normal(size=(rows, len(wheels)))
         slews.append(
             replace(
                 slew,
                 rate=rate,
-                attitude=np.array(quaternion.multiply(flown.attitude[i, :rows], error)),
+                attitude=np.array(quaternion.multiply(flown[1][i, :rows], error)),
                 wheel_momentum=momentum,
             )
         )

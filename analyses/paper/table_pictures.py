@@ -244,9 +244,7 @@ def rate_residuals(at: Estimate, initial: np.ndarray) -> Figure:
     panels = figure.subplots(2, 5, sharex="col", sharey="row")
     sigma = np.array(at.model.campaign.rate_sensor.sigma)
     for row, theta, label in ((0, initial, "before"), (1, at.theta, "after")):
-        gap = (
-            np.asarray(_gaps(at, theta).rate).reshape(len(panels[0]), -1, 3) * sigma / DEG * 3600.0
-        )
+        gap = np.asarray(_gaps(at, theta)[0]).reshape(len(panels[0]), -1, 3) * sigma / DEG * 3600.0
         for k, slew in enumerate(at.model.campaign.slews):
             n = len(slew.time)
             for i in range(3):
@@ -274,9 +272,9 @@ def attitude_residuals(at: Estimate, initial: np.ndarray) -> Figure:
     panels = figure.subplots(1, 2)
     tracker, telemetry = at.model.campaign.star_tracker, at.model.data.arrays.telemetry
     sigma = np.where(np.array(tracker.boresight_B) > 0.5, tracker.sigma_roll, tracker.sigma_cross)
-    valid = np.asarray(telemetry.fix_valid)
+    valid = np.asarray(telemetry.readings[1].valid).all(-1)
     for ax, theta, label in ((panels[0], initial, "before"), (panels[1], at.theta, "after")):
-        gap = np.asarray(_gaps(at, theta).attitude).reshape(*valid.shape, 3) * sigma / ARCSEC
+        gap = np.asarray(_gaps(at, theta)[1]).reshape(*valid.shape, 3) * sigma / ARCSEC
         for i in range(3):
             values = np.where(valid, gap[..., i], np.nan).ravel()
             ax.plot(

@@ -89,7 +89,9 @@ def readings_a_mean(campaign: Campaign) -> int:
     """
     rates = [np.asarray(slew.rate) for slew in campaign.slews if slew.rate is not None]
     commanded = any(slew.wheel_torque is not None for slew in campaign.slews)
-    if not rates or commanded or campaign.rate_sensor.correlated_noise is not None:
+    if campaign.rate_sensor.correlated_noise is not None or campaign.more_sensors:
+        return 1
+    if not rates or commanded:
         return 1
     rows = int(np.median([np.isfinite(rate).any(axis=1).sum() for rate in rates]))
     if rows <= LIMITS.rows_for_blocks:

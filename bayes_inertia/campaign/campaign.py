@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -41,6 +42,9 @@ class Campaign:
     mission : sequence of (str, str), optional
         What reports are filed under: `name`, `spacecraft`, `operator` and `document`, as far as
         they are known.
+    more_sensors : sequence of (str, hardware), optional
+        Further sensors beside those above, each a `RateSensor` or `StarTracker` with the name under
+        which `Slew.more` has its readings.
 
     Raises
     ------
@@ -63,16 +67,23 @@ class Campaign:
     slews: tuple[Slew, ...]
     dirt: tuple[Dirt, ...] = ()
     mission: tuple[tuple[str, str], ...] = ()
+    more_sensors: tuple[tuple[str, Any], ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "wheels", tuple(self.wheels))
         object.__setattr__(self, "dirt", tuple(self.dirt))
         object.__setattr__(self, "slews", tuple(self.slews))
         object.__setattr__(self, "mission", tuple(self.mission))
+        object.__setattr__(self, "more_sensors", tuple(self.more_sensors))
         advice = "list at least one [[slews]] table"
         require(len(self.slews) > 0, "slews", "the campaign has no slew", advice)
         _require_different("wheels", [wheel.name for wheel in self.wheels])
         _require_different("slews", [slew.name for slew in self.slews])
+        for name, sensor in self.more_sensors:
+            known = isinstance(sensor, RateSensor | StarTracker) or hasattr(sensor, "stream")
+            what = f"a {type(sensor).__name__} is no kind of sensor"
+            advice = "give a RateSensor, a StarTracker or an object that names its stream"
+            require(known, f"more_sensors.{name}", what, advice)
         for slew in self.slews:
             self._check_slew(slew)
 
@@ -96,6 +107,9 @@ class Campaign:
             "no rate-sensor columns",
             "the method needs rate telemetry: name its columns under columns.rate",
         )
+        unknown = sorted(set(slew.more or ()) - {name for name, _ in self.more_sensors})
+        what = f"readings of {unknown[:1]}, which no sensor has"
+        require(not unknown, f"{where}.more", what, "add the sensor to more_sensors")
         has_fix = slew.attitude is not None and bool(np.isfinite(slew.attitude).any())
         require(
             self.star_tracker is not None or not has_fix,
@@ -178,9 +192,7 @@ class Campaign:
         (n, 3) array of bool
             False where a reading is missing or saturated.
         """
-        limit = min(LIMITS.saturated * (self.rate_sensor.range or np.inf), LIMITS.fastest_rate)
-        rate = np.asarray(slew.rate)
-        return np.isfinite(rate) & (np.abs(np.nan_to_num(rate)) < limit)
+        return readings_in_range(np.asarray(slew.rate), self.rate_sensor)
 
     def largest_rate(self, quantile: float = 0.98) -> float:
         """The largest rate that the campaign believably turned at.
@@ -231,6 +243,12 @@ class Campaign:
             duration,
             float(np.trace(self.inertia.tensor) / 3.0),
         )
+
+
+def readings_in_range(rate: np.ndarray, sensor: RateSensor) -> np.ndarray:
+    """Which readings (n, 3) of a rate sensor are possible numbers inside its range."""
+    limit = min(LIMITS.saturated * (sensor.range or np.inf), LIMITS.fastest_rate)
+    return np.isfinite(rate) & (np.abs(np.nan_to_num(rate)) < limit)
 
 
 def _require_different(key: str, names: list[str]) -> None:

@@ -43,6 +43,7 @@ from bayes_inertia.campaign.gaps import (
     without_intervals,
 )
 from bayes_inertia.campaign.limits import LIMITS
+from bayes_inertia.campaign.sensors import STREAMS
 from bayes_inertia.campaign.short_gaps import with_short_gaps_filled
 
 Interval = tuple[float, float]
@@ -142,7 +143,7 @@ def _unknown_intervals(
     return unknown
 
 
-_LEFT_OUT = {"rate", "attitude", "wheel_momentum"}  # where a piece is longer than a row
+_LEFT_OUT = {stream.field for stream in STREAMS}  # where a piece is longer than a row
 
 
 def with_lost_commands(

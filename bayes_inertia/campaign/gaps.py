@@ -8,6 +8,7 @@ import numpy as np
 
 from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.campaign.limits import LIMITS
+from bayes_inertia.campaign.sensors import SensorStream
 from bayes_inertia.campaign.slew import Slew
 
 Channels = dict[str, np.ndarray]
@@ -92,7 +93,7 @@ def with_rows_at(channels: Channels, times: np.ndarray, step: float) -> Channels
     return {**grown, "time": np.insert(time, at, new)}
 
 
-def gap_records(slew: Slew) -> list[Dirt]:
+def gap_records(slew: Slew, sensors: Sequence[SensorStream]) -> list[Dirt]:
     """Gaps in the readings of the rate sensor and the tachometers.
 
     They cost information and nothing else: the motion is integrated across them.
@@ -102,11 +103,13 @@ def gap_records(slew: Slew) -> list[Dirt]:
     Examples
     --------
     >>> time = np.array([0., 1., 2., 3., 4., 7., 8.])
-    >>> gap_records(Slew("a", 0.0, time, rate=np.zeros((7, 3))))[0].note
+    >>> from bayes_inertia.campaign.sensors import RATE
+    >>> gap_records(Slew("a", 0.0, time, rate=np.zeros((7, 3))), [RATE])[0].note
     '1 gap, the longest of 3 s'
     """
     records = []
-    for channel, values in (("rate", slew.rate), ("momentum", slew.wheel_momentum)):
+    for sensor in sensors:
+        values = sensor.of(slew)
         if values is None:
             continue
         rows = np.flatnonzero(np.isfinite(values).any(axis=1))
@@ -115,7 +118,7 @@ def gap_records(slew: Slew) -> list[Dirt]:
             longest = float(np.diff(slew.time[rows])[before].max())
             note = gap_note(len(before), longest)
             records.append(
-                Dirt("gap", channel, slew.name, tuple(rows[before].tolist()), "ignored", note)
+                Dirt("gap", sensor.name, slew.name, tuple(rows[before].tolist()), "ignored", note)
             )
     return records
 

@@ -17,17 +17,12 @@ import numpy as np
 from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.campaign.limits import LIMITS
 from bayes_inertia.campaign.schema import ColumnsPart
+from bayes_inertia.campaign.sensors import BY_KEY
 from bayes_inertia.campaign.stream_clocks import StreamRows
 from bayes_inertia.campaign.stuck import resolution
 from bayes_inertia.campaign.units import to_si
 from bayes_inertia.maths.values import array_dataclass
 
-_CHANNELS = {
-    "rate": "rate",
-    "attitude": "attitude",
-    "wheel_momentum": "momentum",
-    "wheel_speed": "momentum",
-}
 _WORDS = ("once", "twice", "three", "four", "five", "six", "seven", "eight", "nine", "ten")
 
 
@@ -114,17 +109,17 @@ def counted_once(
     Returns: the same with a record of kind "duplicate" where readings are held.
     """
     result = [list(streams) for streams in slews]
-    for key, channel in _CHANNELS.items():
+    for key, sensor in BY_KEY.items():
         places = [(i, k) for i, streams in enumerate(result) for k, rows in enumerate(streams)
                   if key in rows.stream.keys]  # fmt: skip
         if not places:
             continue
         names = getattr(columns, key).names
         series = [(result[i][k].stamps, result[i][k].table.stack(names)) for i, k in places]
-        found = held_readings(series, by_axis=key != "attitude")
+        found = held_readings(series, by_axis=sensor.is_series)
         for (i, k), held in zip(places, found, strict=True):
             if held is not None:
-                result[i][k] = _without(result[i][k], names, held, channel)
+                result[i][k] = _without(result[i][k], names, held, sensor.name)
     return result
 
 

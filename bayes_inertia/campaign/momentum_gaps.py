@@ -14,10 +14,11 @@ from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.campaign.gaps import gap_note, missing_rows, without_intervals
 from bayes_inertia.campaign.limits import LIMITS
+from bayes_inertia.campaign.sensors import STREAMS
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.campaign.slew_parts import located, parts_of
 
-_CHANNELS = ("rate", "attitude", "wheel_momentum", "magnetic_field_N", "position_N")
+_CHANNELS = (*(stream.field for stream in STREAMS), "magnetic_field_N", "position_N")
 
 
 @dataclass(frozen=True)

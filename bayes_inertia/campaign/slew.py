@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -58,6 +59,8 @@ class Slew:
         In a lost row `wheel_torque` is a guess. None if all are known.
     lost_command_sd : (n, wheels) array, optional
         How far that guess may be off, one sd [N m]; wanted where `lost_command` is given.
+    more : mapping of (n, columns) arrays, optional
+        Readings of further sensors, by the names under `Campaign.more_sensors`.
 
     Raises
     ------
@@ -83,6 +86,7 @@ class Slew:
     angle: float | None = None
     lost_command: np.ndarray | None = None
     lost_command_sd: np.ndarray | None = None
+    more: Mapping[str, np.ndarray] | None = None
 
     def __post_init__(self) -> None:
         where = f"slews.{self.name}"
@@ -97,6 +101,12 @@ class Slew:
             if getattr(self, key) is not None:
                 array = _channel(getattr(self, key), len(time), width, f"{where}.{key}")
                 object.__setattr__(self, key, array)
+        if self.more is not None:
+            more = {
+                key: _channel(values, len(time), None, f"{where}.more.{key}")
+                for key, values in self.more.items()
+            }
+            object.__setattr__(self, "more", more)
         if self.lost_command is not None:
             object.__setattr__(self, "lost_command", self._lost_pieces(where))
         if self.attitude is not None:

@@ -9,13 +9,14 @@ import numpy as np
 
 from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.campaign.schema import ColumnsPart
+from bayes_inertia.campaign.sensors import BY_KEY
 from bayes_inertia.campaign.stamps import regular_stamps
 from bayes_inertia.campaign.streams import Stream
 from bayes_inertia.campaign.uneven_stamps import StampSlope, regular_clock, slope_of_readings
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.tables.number_table import Table
 
-_READINGS = ("rate", "wheel_momentum", "wheel_speed")
+_READINGS = tuple(key for key, stream in BY_KEY.items() if stream.is_series)
 
 
 @dataclass(frozen=True)

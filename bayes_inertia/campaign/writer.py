@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,20 +12,16 @@ import numpy as np
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.hardware import Wheel
 from bayes_inertia.campaign.schema import FORMAT
+from bayes_inertia.campaign.sensors import STREAMS
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import OutputError
 from bayes_inertia.files import write_new_files
 
 # Slew field -> key of [columns], its unit and sense, and its columns (a text: one a wheel).
-_CHANNELS = {
+_CHANNELS: dict[str, tuple[str, Mapping[str, str], str | Sequence[str]]] = {
     "wheel_torque": ("wheel_torque", {"unit": "N m", "acts_on": "wheel"}, "u{}_Nm"),
-    "wheel_momentum": ("wheel_momentum", {"unit": "N m s", "relative_to": "body"}, "h{}_Nms"),
-    "rate": ("rate", {"unit": "rad/s"}, ["wx_radps", "wy_radps", "wz_radps"]),
-    "attitude": (
-        "attitude",
-        {"scalar": "last", "maps": "inertial_to_body"},
-        ["q1", "q2", "q3", "q4"],
-    ),
+    # What wheels have first.
+    **{sensor.field: sensor.written for sensor in sorted(STREAMS, key=lambda s: not s.per_wheel)},
     "magnetic_field_N": (
         "magnetic_field",
         {"unit": "T", "frame": "inertial"},
@@ -33,6 +29,9 @@ _CHANNELS = {
     ),
     "position_N": ("position", {"unit": "m", "frame": "inertial"}, ["rx_N_m", "ry_N_m", "rz_N_m"]),
 }
+
+
+_SENSORS = {sensor.field: sensor for sensor in STREAMS}
 
 
 def write_campaign(campaign: Campaign, folder: str | Path) -> Path:
@@ -95,7 +94,7 @@ def _columns(campaign: Campaign) -> dict[str, list[str]]:
         if (
             not having
             or (per_wheel and not campaign.wheels)
-            or (channel == "attitude" and campaign.star_tracker is None)
+            or (channel in _SENSORS and not _SENSORS[channel].sigma(campaign))
         ):
             continue
         for slew in having:
@@ -110,14 +109,18 @@ def _columns(campaign: Campaign) -> dict[str, list[str]]:
 def _has(slew: Slew, channel: str) -> bool:
     """Whether a slew has a channel; fixes and environment without a number count as absent."""
     values = getattr(slew, channel)
-    may_be_empty = channel == "attitude" or channel.endswith("_N")
+    may_be_empty = channel.endswith("_N") or not _is_series(channel)
     return values is not None and not (may_be_empty and np.isnan(values).all())
+
+
+def _is_series(channel: str) -> bool:
+    return channel not in _SENSORS or _SENSORS[channel].is_series
 
 
 def _refuse_what_reading_refuses(slew: Slew, channel: str) -> None:
     """Raise `OutputError` for gaps in a channel that cannot be read back."""
     empty = np.isnan(getattr(slew, channel))
-    if channel in ("rate", "wheel_momentum") and empty.all(axis=0).any():
+    if channel in _SENSORS and _is_series(channel) and empty.all(axis=0).any():
         raise OutputError(
             f"{channel} has no number in column {int(np.argmax(empty.all(axis=0))) + 1}",
             where=f"slew {slew.name}",

@@ -23,6 +23,7 @@ from bayes_inertia.campaign.description import parse_description
 from bayes_inertia.campaign.inspection import with_dirt_masked
 from bayes_inertia.campaign.reader import read_unmasked
 from bayes_inertia.campaign.schema import CampaignPart
+from bayes_inertia.campaign.sensors import BY_KEY, SensorStream
 from bayes_inertia.campaign.units import UNITS
 from bayes_inertia.conventions import wording
 from bayes_inertia.conventions.candidates import mistakes
@@ -387,11 +388,13 @@ def with_companions(mistake: Mistake, campaign: Campaign, written: Mapping[str, 
 def _companions(
     mended: KeyChange, campaign: Campaign, written: Mapping[str, Any]
 ) -> Iterator[KeyChange]:
-    if mended.key == "columns.rate.unit" and _in_one_unit(campaign, "rate"):
+    if mended.key == "columns.rate.unit" and _in_one_unit(campaign, BY_KEY["rate"]):
         factor = UNITS["rate"][mended.mended] / UNITS["rate"][mended.stated]
         sigma = written.get("rate_sensor", {}).get("sigma", list(campaign.rate_sensor.sigma))
         yield KeyChange("rate_sensor.sigma", sigma, _times(sigma, factor))
-    if mended.key == "columns.wheel_momentum.unit" and _in_one_unit(campaign, "momentum"):
+    if mended.key == "columns.wheel_momentum.unit" and _in_one_unit(
+        campaign, BY_KEY["wheel_momentum"]
+    ):
         units = UNITS["wheel_momentum"]
         factor = units[mended.mended] / units[mended.stated]
         for wheel in campaign.wheels:
@@ -407,9 +410,9 @@ def _companions(
             yield KeyChange("inertia.product_sigma", products, _times(products, factor))
 
 
-def _in_one_unit(campaign: Campaign, channel: str) -> bool:
+def _in_one_unit(campaign: Campaign, stream: SensorStream) -> bool:
     """Whether the noise of a channel agrees with what is stated, as both are read now."""
-    ratio = noise_ratios(campaign, channel)
+    ratio = noise_ratios(campaign, stream)
     known = ratio[np.isfinite(ratio) & (ratio > 0.0)]
     if not len(known):
         return False

@@ -8,14 +8,13 @@ import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.dirt import Dirt
+from bayes_inertia.campaign.sensors import SensorStream, series_of
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.conventions.misfits import Misfits
-from bayes_inertia.conventions.noise_seen import CHANNELS, noise_ratios
+from bayes_inertia.conventions.noise_seen import noise_ratios
 from bayes_inertia.conventions.reading import Reading
 from bayes_inertia.conventions.rotations import angle_of, composed, turned_back
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD
-
-_PEOPLE = {"rate": "the rate's noise", "momentum": "the tachometers' noise"}
 
 
 def dirt_of(misfits: Misfits, stated: Reading, reading: Reading) -> tuple[dict[str, Any], ...]:
@@ -25,22 +24,23 @@ def dirt_of(misfits: Misfits, stated: Reading, reading: Reading) -> tuple[dict[s
     `Dirt.json` writes them; a stale bias has the kind "stale_bias".
     """
     by_reader = [dirt.json() for dirt in misfits.campaign.dirt]
-    levels = [dirt.json() for c in CHANNELS if (dirt := _level(misfits.campaign, c)) is not None]
+    series = series_of(misfits.campaign)
+    levels = [dirt.json() for s in series if (dirt := _level(misfits.campaign, s)) is not None]
     return (*by_reader, *levels, *_stale_bias(misfits, stated, reading))
 
 
-def _level(campaign: Campaign, channel: str) -> Dirt | None:
-    ratio = noise_ratios(campaign, channel)
+def _level(campaign: Campaign, stream: SensorStream) -> Dirt | None:
+    ratio = noise_ratios(campaign, stream)
     off = ratio[np.isfinite(ratio) & (ratio > 0.0)]
     if not len(off):
         return None
     worst = float(off[np.argmax(np.abs(np.log(off)))])
     if 1.0 / LIMITS.noise_ratio < worst < LIMITS.noise_ratio:
         return None
-    note = f"{_PEOPLE[channel]} in smooth rows is {worst:.2g} times the stated one"
+    note = f"the noise of the {stream.sensor} in smooth rows is {worst:.2g} times the stated one"
     if worst < 1.0:
         note += " (or it is filtered, and not white)"
-    return Dirt("noise_level", channel, "", (), "ignored", note)
+    return Dirt("noise_level", stream.name, "", (), "ignored", note)
 
 
 def _stale_bias(misfits: Misfits, stated: Reading, reading: Reading) -> list[dict[str, Any]]:

@@ -11,10 +11,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.sensors import series_of
 from bayes_inertia.conventions.laws import CLOSURE, CONSERVATION, DRIVE, LAWS, LawData, Told
 from bayes_inertia.conventions.linear_fit import LinearFit
 from bayes_inertia.conventions.motion import Motion, motion_of
-from bayes_inertia.conventions.noise_seen import CHANNELS, believed_noise
+from bayes_inertia.conventions.noise_seen import believed_noise
 from bayes_inertia.conventions.reading import Reading
 from bayes_inertia.conventions.sampled_slews import SampledSlews
 from bayes_inertia.conventions.told_torque import ToldTorque
@@ -78,7 +79,8 @@ class Misfits:
     def told(self, reading: Reading) -> Told:
         """Telemetry in physical units, under a reading."""
         if "noise" not in self.kept:
-            self.kept["noise"] = {c: believed_noise(self.campaign, c) for c in CHANNELS}
+            series = series_of(self.campaign)
+            self.kept["noise"] = {s.name: believed_noise(self.campaign, s) for s in series}
         noise = self.kept["noise"]
         motion = self.motion(reading)
         return Told(self.campaign, self.slews, reading, motion, noise, torques=self.torques)

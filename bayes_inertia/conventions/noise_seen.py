@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from types import MappingProxyType
-
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.sensors import SensorStream
 from bayes_inertia.conventions.limits import LIMITS
 from bayes_inertia.maths.robust_scale import SD_OVER_MAD
-
-CHANNELS: Mapping[str, str] = MappingProxyType({"rate": "rate", "momentum": "wheel_momentum"})
-"""Channels whose noise is looked at, and the fields of `Slew` that hold them."""
 
 
 def smooth_noise(values: np.ndarray) -> float:
@@ -32,14 +27,14 @@ def smooth_noise(values: np.ndarray) -> float:
     return float(SD_OVER_MAD * np.median(second) / LIMITS.second_difference_variance**0.5)
 
 
-def noise_ratios(campaign: Campaign, channel: str) -> np.ndarray:
+def noise_ratios(campaign: Campaign, stream: SensorStream) -> np.ndarray:
     """Noise in smooth rows over the stated noise, median over the slews.
 
     Returns: one number an axis or wheel; empty or NaN where nothing is known.
     """
-    stated = _stated(campaign, channel)
-    channels = [getattr(slew, CHANNELS[channel]) for slew in campaign.slews]
-    seen = [[smooth_noise(c) for c in v.T] for v in channels if v is not None and v.shape[1]]
+    stated = _stated(campaign, stream)
+    readings = [stream.of(slew) for slew in campaign.slews]
+    seen = [[smooth_noise(c) for c in v.T] for v in readings if v is not None and v.shape[1]]
     if not seen or not len(stated):
         return np.zeros(0)
     ratios = np.array(seen) / stated
@@ -48,7 +43,7 @@ def noise_ratios(campaign: Campaign, channel: str) -> np.ndarray:
     )
 
 
-def believed_noise(campaign: Campaign, channel: str) -> np.ndarray:
+def believed_noise(campaign: Campaign, stream: SensorStream) -> np.ndarray:
     """The stated noise, but never much more than the readings show.
 
     So a reading in a smaller unit has less noise too, and cannot drown in a noise that was stated
@@ -56,15 +51,13 @@ def believed_noise(campaign: Campaign, channel: str) -> np.ndarray:
 
     Returns: sd of each axis or wheel, 0 where nothing is stated.
     """
-    stated = np.nan_to_num(_stated(campaign, channel))
-    ratio = noise_ratios(campaign, channel)
+    stated = np.nan_to_num(_stated(campaign, stream))
+    ratio = noise_ratios(campaign, stream)
     if len(ratio) != len(stated):
         return stated
     seen = np.where(np.isfinite(ratio), ratio, 1.0)
     return stated * np.minimum(1.0, LIMITS.noise_believed * seen)
 
 
-def _stated(campaign: Campaign, channel: str) -> np.ndarray:
-    if channel == "rate":
-        return np.asarray(campaign.rate_sensor.sigma)
-    return np.array([wheel.momentum_sigma or np.nan for wheel in campaign.wheels])
+def _stated(campaign: Campaign, stream: SensorStream) -> np.ndarray:
+    return np.array([np.nan if s is None else s for s in stream.sigma(campaign)], dtype=float)

@@ -13,8 +13,8 @@ from bayes_inertia.design.numerics import NUMERICS
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.flight.orbit import Orbit
 from bayes_inertia.maths.values import AnyArray
+from bayes_inertia.physics.channels.rate import RateConstants
 from bayes_inertia.physics.forward_model import Model
-from bayes_inertia.physics.model_data import Sensors
 from bayes_inertia.physics.nuisances import NuisanceScale
 
 
@@ -59,7 +59,7 @@ class FlightConditions(NamedTuple):
 
     Parameters
     ----------
-    sensors : Sensors
+    sensors : RateConstants
         Axes and bias of the rate sensor.
     scale : NuisanceScale
         Prior sds of bias and start states.
@@ -85,7 +85,7 @@ class FlightConditions(NamedTuple):
         The middle of the campaign on that clock [s].
     """
 
-    sensors: Sensors
+    sensors: RateConstants
     scale: NuisanceScale
     noise: InverseNoise
     environment: EnvironmentTable
@@ -124,7 +124,7 @@ def conditions_of(
     tracker = campaign.star_tracker
     boresight_B = (0.0, 0.0, 1.0) if tracker is None else tracker.boresight_B
     return FlightConditions(
-        sensors=model.data.sensors,
+        sensors=model.data.sensors[model.structure.place("rate")],
         scale=model.data.scale,
         noise=_inverse_noise(campaign),
         environment=environment,

@@ -27,8 +27,8 @@ from jax import Array
 from bayes_inertia.errors import EffectError
 from bayes_inertia.inference.point import N_BIAS
 from bayes_inertia.maths import inertia_tensor, quaternion
+from bayes_inertia.physics.channels.rate import RateConstants
 from bayes_inertia.physics.effect import Effect
-from bayes_inertia.physics.model_data import Sensors
 from bayes_inertia.physics.nuisances import NuisanceScale
 from bayes_inertia.physics.prediction import Structure
 from bayes_inertia.physics.slew_context import SlewContext, State, Trajectory
@@ -104,7 +104,7 @@ def telemetry_sensitivity(
     theta: Array,
     context: SlewContext,
     planned: PlannedTrajectory,
-    sensors: Sensors,
+    sensors: RateConstants,
     scale: NuisanceScale,
 ) -> TelemetrySensitivity:
     """First-order sensitivity of one slew's telemetry; the slew begins at rest.
@@ -174,7 +174,7 @@ def _of_sensors(
     deviation: _StateDeviation,
     path: Trajectory,
     context: SlewContext,
-    sensors: Sensors,
+    sensors: RateConstants,
     scale: NuisanceScale,
     d: int,
 ) -> TelemetrySensitivity:
@@ -205,7 +205,7 @@ def _quantities(
     theta: Array,
     context: SlewContext,
     planned: PlannedTrajectory,
-    sensors: Sensors,
+    sensors: RateConstants,
 ) -> _Quantities:
     """Inertia, wheels, torques and sensor signals that theta (d,) gives along the motion."""
     active, path = structure.active_effects(theta), planned.path

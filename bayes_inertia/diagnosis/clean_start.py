@@ -218,7 +218,7 @@ def _with_treatment(
 
 def _log_evidence(estimate: Estimate) -> float:
     """Log posterior density with the norms of the noise, less what the shape of the noise costs."""
-    value = log_normalisation(estimate.white) - estimate.objective
+    value = log_normalisation(estimate.model, estimate.white) - estimate.objective
     if estimate.model.campaign.rate_sensor.correlated_noise is not None:
         value -= 0.5 * _NUMBERS_OF_COLOUR * float(np.log(_READINGS_A_NUMBER))
     return value

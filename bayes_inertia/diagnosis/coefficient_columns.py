@@ -15,7 +15,6 @@ import numpy as np
 from jax import Array
 
 from bayes_inertia.diagnosis.torque_response import TorqueResponse
-from bayes_inertia.inference.channel_rows import channel_rows
 from bayes_inertia.inference.each_slew import of_all_slews, of_slew
 from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.device_arrays import repeated
@@ -55,9 +54,7 @@ def coefficient_columns(response: TorqueResponse, effect: StochasticEffect) -> n
 def _changes(response: TorqueResponse, units: Mapping[str, np.ndarray], count: int) -> np.ndarray:
     """Changes of the whitened residuals by signals (slews, n, components, k) in hooks."""
     estimate = response.estimate
-    campaign, channels = estimate.model.campaign, channel_rows(estimate.model)
-    telemetry = estimate.model.data.arrays.telemetry
-    sample, slews = np.asarray(telemetry.sample), np.arange(len(response.time))[:, None]
+    campaign = estimate.model.campaign
     torque_B, momentum = units.get("body_torque"), units.get("momentum_output")
     if "delivered_torque" in units:
         axes_B, delivered = campaign.wheel_axes_B, units["delivered_torque"]
@@ -68,17 +65,14 @@ def _changes(response: TorqueResponse, units: Mapping[str, np.ndarray], count: i
         torque_B = -np.einsum("iw,snwk->snik", axes_B, delivered) - gyroscopic
     if torque_B is None:
         torque_B = np.zeros((*response.time.shape, 3, count))
-    columns = np.concatenate([np.asarray(c) for c in response.residual_change(torque_B)], axis=1)
+    columns = response.residual_change(torque_B)
     if "rate_output" in units:
         factors = estimate.theta[6:9][:, None]
-        columns -= response.reading_change(units["rate_output"] / factors)
+        columns -= response.reading_change("rate", units["rate_output"] / factors)
     if "attitude_output" in units:
-        fixes = units["attitude_output"][slews, sample[slews, np.asarray(telemetry.fix_row)]]
-        turn = np.einsum("sfij,sfjk->sfik", np.asarray(estimate.white.attitude), fixes)
-        columns[:, channels["attitude"].part] -= turn.reshape(len(slews), -1, count)
+        columns -= response.reading_change("attitude", units["attitude_output"])
     if momentum is not None:
-        read = np.asarray(estimate.white.momentum)[..., None] * momentum[slews, sample]
-        columns[:, channels["momentum"].part] -= read.reshape(len(slews), -1, count)
+        columns -= response.reading_change("momentum", momentum)
     return columns
 
 

@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.diagnosis.candidates import FLEXIBLE_MODE
 from bayes_inertia.diagnosis.hypotheses import Level, hypotheses, with_shapes
 from bayes_inertia.diagnosis.nameless import (
@@ -151,16 +150,16 @@ def final_tests(estimate: Estimate) -> dict[str, ChannelTest]:
     tested, info = estimate.tested_residuals, estimate.information
     series = {
         c: [s * x for s, x in zip(scale[:, i], tested.series[c], strict=True)]
-        for i, c in enumerate(CHANNELS)
+        for i, c in enumerate(tested.series)
     }
     # Slews of one noise are added before they are scaled, as they always were.
     relative = estimate.discount / estimate.discount[0]
     chi2 = (tested.chi2 * relative).sum(0) * scale[0] ** 2
     dof = info.n_data.sum(0) - tested.parameters
     steps = rounding_steps(estimate.model.campaign)
-    largest = dict(zip(CHANNELS, scale.max(0), strict=True))
+    largest = dict(zip(tested.series, scale.max(0), strict=True))
     rounded = [c for c, of_components in steps.items() if has_one_error(largest[c] * of_components)]
-    return channel_tests(series, chi2, dof, rounded)
+    return channel_tests(estimate.model.channels, series, chi2, dof, rounded)
 
 
 def is_explained(tests: dict[str, ChannelTest], rules: Rules) -> bool:

@@ -98,10 +98,9 @@ def driven_evidence(response: TorqueResponse, fit: LinearisedFit) -> dict[tuple[
         along = np.einsum("snk,ij->snikj", scaled, np.eye(3))
         along = along.reshape(*scaled.shape[:2], 3, -1)
         change = response.residual_change(torque_size * along)
-        evidence["body torque", name] = _evidence(
-            fit, np.concatenate([np.asarray(c) for c in change], axis=1)
-        )
-        evidence["rate sensor", name] = _evidence(fit, response.reading_change(rate_size * along))
+        evidence["body torque", name] = _evidence(fit, change)
+        error = response.reading_change("rate", rate_size * along)
+        evidence["rate sensor", name] = _evidence(fit, error)
     return evidence
 
 

@@ -109,4 +109,9 @@ def log_evidence_of_fit(estimate: Estimate) -> float:
     slope, _ = prior_rows(estimate.model, estimate.theta)
     priors = float(np.log(np.abs(slope[estimate.free])).sum())
     half_log_det = 0.5 * float(np.linalg.slogdet(estimate.hessian)[1])
-    return log_normalisation(estimate.white) - estimate.objective + priors - half_log_det
+    return (
+        log_normalisation(estimate.model, estimate.white)
+        - estimate.objective
+        + priors
+        - half_log_det
+    )

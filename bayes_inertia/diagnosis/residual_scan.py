@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
+from bayes_inertia.campaign.sensors import stream_named
 from bayes_inertia.inference.channel_rows import ChannelRows
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.linearised_fit import LinearisedFit
@@ -34,7 +35,7 @@ class Window:
 
     Parameters
     ----------
-    channel : {"rate", "attitude", "momentum"}
+    channel : str
         Which channel.
     slew, component : str
         Names.
@@ -133,11 +134,8 @@ def scan_residuals(
 
 def component_names(estimate: Estimate, channel: str) -> tuple[str, ...]:
     """Name the components of a channel."""
-    if channel == "momentum":
-        return tuple(wheel.name for wheel in estimate.model.campaign.wheels)
-    if channel == "rate":
-        return ("axis 1", "axis 2", "axis 3")
-    return ("about x", "about y", "about z")
+    campaign = estimate.model.campaign
+    return stream_named(channel, campaign).components(campaign)
 
 
 def _largest_scores(

@@ -109,7 +109,7 @@ def wheel_torque(fit: LinearisedFit, response: TorqueResponse) -> SignalBasis | 
 
     columns = _torque_columns(response, torque_B, splines)
     # The wheel's own momentum takes up the torque.
-    white = np.asarray(response.estimate.white.momentum)
+    white = _factors(response, "momentum")
     taken_up = scale * np.einsum(
         "snw,snk,wv->snwkv", white, _integrals_at_rows(response, splines), np.eye(wheels)
     )
@@ -133,7 +133,7 @@ def _integrals_at_rows(response: TorqueResponse, splines: np.ndarray) -> np.ndar
 
 def rate_reading(fit: LinearisedFit, response: TorqueResponse) -> SignalBasis:
     """Build the basis of an error of the rate sensor's readings, sensor axes."""
-    white = np.asarray(response.estimate.white.rate)
+    white = _factors(response, "rate")
     scale = float(np.max(response.estimate.model.campaign.rate_sensor.sigma))
     return _reading(fit, ("rate sensor", "rad/s"), fit.channels["rate"], white, scale)
 
@@ -143,12 +143,18 @@ def momentum_reading(fit: LinearisedFit, response: TorqueResponse) -> SignalBasi
 
     Returns: in N m s, one component a wheel; None where wheels are not predicted.
     """
-    momentum, white = fit.channels["momentum"], np.asarray(response.estimate.white.momentum)
+    momentum, white = fit.channels["momentum"], _factors(response, "momentum")
     if not momentum.valid.any():
         return None
     diagonal = white[..., None] * np.eye(white.shape[-1])
     scale = max(w.momentum_sigma or 0.0 for w in response.estimate.model.campaign.wheels)
     return _reading(fit, ("tachometers", "N m s"), momentum, diagonal, scale)
+
+
+def _factors(response: TorqueResponse, channel: str) -> np.ndarray:
+    """What whitens one channel's readings."""
+    estimate = response.estimate
+    return np.asarray(estimate.white[estimate.model.structure.place(channel)].factors)
 
 
 def _reading(
@@ -189,5 +195,5 @@ def _torque_columns(
     for start in range(0, splines.shape[-1], _KNOTS_AT_A_TIME):
         change = response.residual_change(torque_B(splines[..., start : start + _KNOTS_AT_A_TIME]))
         # What the data gain is what the residuals of the model without it gain.
-        parts.append(-np.concatenate([np.asarray(c) for c in change], axis=1))
+        parts.append(-change)
     return np.concatenate(parts, -1)

@@ -8,8 +8,8 @@ change by X(t) c(t). One set of six tangents a slew serves all torque histories.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -19,10 +19,10 @@ from jax import Array
 from bayes_inertia.inference.each_slew import of_all_slews, of_slew
 from bayes_inertia.inference.kept_programs import KeptProgram
 from bayes_inertia.inference.laplace import Estimate
-from bayes_inertia.inference.likelihood import Residuals
-from bayes_inertia.inference.noise_memory import Memory, innovations
+from bayes_inertia.inference.noise_memory import innovations
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.maths.values import array_dataclass
+from bayes_inertia.physics.channels.channel import Channel, SensorAtFit
 from bayes_inertia.physics.model_data import Data
 from bayes_inertia.physics.prediction import Structure, acting_in, inertia_in, start_of
 from bayes_inertia.physics.simulator import simulate_slew
@@ -59,10 +59,10 @@ class TorqueResponse:
     transition: np.ndarray
     inverse_inertia: np.ndarray
 
-    def residual_change(self, torque_B: np.ndarray) -> Residuals:
+    def residual_change(self, torque_B: np.ndarray) -> np.ndarray:
         """Compute the change of the whitened residuals by torques on the body.
 
-        `torque_B` (slews, n, 3, k) [N m].
+        `torque_B` (slews, n, 3, k) [N m]. Returns (slews, numbers, k).
         """
         kick = np.zeros((*torque_B.shape[:2], 6, torque_B.shape[-1]))
         kick[:, :, 3:] = np.einsum("ij,snjk->snik", self.inverse_inertia, torque_B)
@@ -73,55 +73,44 @@ class TorqueResponse:
         moved = self.transition @ carried
         return self._whitened(moved[:, :, :3], moved[:, :, 3:])
 
-    def reading_change(self, error: np.ndarray) -> np.ndarray:
-        """Compute the size of the change of the whitened residuals by errors of the rate sensor.
+    def reading_change(self, channel: str, error: np.ndarray) -> np.ndarray:
+        """Compute the size of the change of the whitened residuals by errors of one sensor.
 
-        `error` (slews, n, 3, k): k histories of the readings' error, sensor axes [rad/s]. Returns
-        (slews, numbers, k).
+        `error` (slews, n, components, k): k histories of the readings' error. Returns (slews,
+        numbers, k).
         """
-        telemetry = self.estimate.model.data.arrays.telemetry
-        white = np.asarray(self.estimate.white.rate)
-        slews = np.arange(len(error))[:, None]
-        of_rate = np.einsum("snij,snjk->snik", white, error[slews, np.asarray(telemetry.sample)])
-        of_rate = _filtered(of_rate, self.estimate.white.memory)
-        still = np.zeros((*error.shape[:2], 3, 1))
-        numbers = sum(np.shape(x)[1] for x in self._whitened(still, still))
-        columns = np.zeros((len(of_rate), numbers, error.shape[-1]))
-        columns[:, : of_rate.shape[1] * of_rate.shape[2]] = of_rate.reshape(
-            len(of_rate), -1, error.shape[-1]
-        )
-        return columns
 
-    def _whitened(self, turn: np.ndarray, rate_B: np.ndarray) -> Residuals:
+        def change(each: Channel, fit: SensorAtFit, rows: tuple[np.ndarray, ...]) -> np.ndarray:
+            if each.name == channel:
+                return each.whitened_columns(fit.factors, error[rows])
+            return np.zeros((*fit.factors.shape[:3], error.shape[-1]))
+
+        return self._of_channels(change)
+
+    def _whitened(self, turn: np.ndarray, rate_B: np.ndarray) -> np.ndarray:
         """Changes of attitude and rate (slews, n, 3, k) as changes of the whitened residuals."""
-        model, white = self.estimate.model, self.estimate.white
-        campaign, telemetry = model.campaign, model.data.arrays.telemetry
-        sample, fix = np.asarray(telemetry.sample), np.asarray(telemetry.fix_row)
-        slews = np.arange(len(sample))[:, None]
-        rate_B = rate_B[slews, sample]
-        scale_factors = self.estimate.theta[6:9][:, None]
-        sensed = np.einsum("ij,snjk->snik", campaign.rate_sensor.axes, rate_B) / scale_factors
-        of_rate = -np.einsum("snij,snjk->snik", np.asarray(white.rate), sensed)
-        of_rate = _filtered(of_rate, white.memory)
-        of_attitude = -np.einsum(
-            "sfij,sfjk->sfik", np.asarray(white.attitude), turn[slews, sample[slews, fix]]
+        return -self._of_channels(
+            lambda channel, fit, rows: channel.whitened_motion(fit, turn[rows], rate_B[rows])
         )
-        of_momentum = np.einsum(
-            "snw,w,iw,snik->snwk",
-            np.asarray(white.momentum),
-            campaign.spin_inertias,
-            campaign.wheel_axes_B,
-            rate_B,
-        )
-        if model.structure.drive == "measured":
-            of_momentum = of_momentum[:, :, :0]
-        channels = (of_rate, of_attitude, of_momentum)
-        return Residuals(*(x.reshape(len(sample), -1, rate_B.shape[-1]) for x in channels))
 
-
-def _filtered(of_rate: Any, memory: Memory | None) -> Any:
-    """Changes (slews, n, 3, k) of the whitened rates, without what the noise before tells."""
-    return of_rate if memory is None else innovations(of_rate, memory)
+    def _of_channels(
+        self, change: Callable[[Channel, SensorAtFit, tuple[np.ndarray, ...]], np.ndarray]
+    ) -> np.ndarray:
+        """Changes (slews, n, components, k) of each channel's readings, one after the other."""
+        model, theta, parts = self.estimate.model, self.estimate.theta, []
+        telemetry, slews = model.data.arrays.telemetry, np.arange(len(self.time))[:, None]
+        sample = np.asarray(telemetry.sample)
+        for channel, readings, white in zip(
+            model.channels, telemetry.readings, self.estimate.white, strict=True
+        ):
+            rows = slews, sample[slews, np.asarray(readings.row)]
+            fit = SensorAtFit(model.campaign, theta, readings, np.asarray(white.factors))
+            columns = change(channel, fit, rows)
+            if white.memory is not None:
+                columns = np.asarray(innovations(columns, white.memory))
+            columns = columns[:, :, : None if channel.compared else 0]
+            parts.append(columns.reshape(len(columns), -1, columns.shape[-1]))
+        return np.concatenate(parts, 1)
 
 
 def torque_response(estimate: Estimate) -> TorqueResponse:

@@ -11,6 +11,7 @@ from jax import Array
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.errors import EffectError
+from bayes_inertia.physics.channels import channels_of
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.integration_plan import integration_plan
 from bayes_inertia.physics.packing import pack
@@ -48,8 +49,9 @@ def integration_grid(campaign: Campaign, effects: Sequence[Effect]) -> Integrati
                     where=effect.name,
                     advice="give the plan an [orbit], or leave the effect out",
                 )
-    arrays = pack(campaign, max_step=integration_plan(campaign, effects, "commanded").spacing)
-    n_rows = arrays.telemetry.rate.shape[1]
+    step = integration_plan(campaign, effects, "commanded").spacing
+    arrays = pack(campaign, channels_of(campaign, "commanded"), max_step=step)
+    n_rows = arrays.telemetry.sample.shape[1]
     substeps = int(arrays.telemetry.sample[0, 1])
     missing = n_rows * substeps - arrays.slews.context.time.shape[1]
     return IntegrationGrid(_padded(arrays.slews, missing), n_rows, substeps)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -51,7 +53,7 @@ def _planned_slew(
     """Slew i, from its padded angle [rad] and rate [rad/s] (rows,)."""
     slew, time, sensor = plan.slews[i], plan.times(i), craft.rate_sensor
     n, axis = len(time), np.array(slew.axis_B)
-    optional = {}
+    optional: dict[str, Any] = {}
     if plan.orbit is not None:
         campaign_time = plan.starts[i] + time
         optional["magnetic_field_N"] = plan.orbit.magnetic_field_N(campaign_time)

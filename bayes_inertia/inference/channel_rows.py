@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.forward_model import Model
 
@@ -38,12 +37,14 @@ class ChannelRows:
 
 def channel_rows(model: Model) -> dict[str, ChannelRows]:
     """Where each channel's numbers are among those of all channels."""
-    time = row_times(model)
-    fix_time = np.take_along_axis(time, np.asarray(model.data.arrays.telemetry.fix_row), axis=1)
+    times, telemetry = row_times(model), model.data.arrays.telemetry
     rows, begin = {}, 0
-    for channel, valid in zip(CHANNELS, measured(model), strict=True):
+    for channel, readings, valid in zip(
+        model.structure.channels, telemetry.readings, measured(model), strict=True
+    ):
         part = slice(begin, begin + valid[0].size)
-        rows[channel] = ChannelRows(part, fix_time if channel == "attitude" else time, valid)
+        time = np.take_along_axis(times, np.asarray(readings.row), axis=1)
+        rows[channel.name] = ChannelRows(part, time, valid)
         begin = part.stop
     return rows
 
@@ -53,20 +54,11 @@ def row_times(model: Model) -> np.ndarray:
 
     Returns (slews, n): on each slew's own clock [s], the last one repeated in padding.
     """
-    n = model.data.arrays.telemetry.rate.shape[1]
+    n = model.data.arrays.telemetry.sample.shape[1]
     return np.stack([np.pad(s.time, (0, n - len(s.time)), "edge") for s in model.campaign.slews])
 
 
-def measured(model: Model) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What the model compares with measurements, by channel.
-
-    `model`: in the measured drive tachometers are an input and no channel. Returns `rate, attitude,
-    momentum` (slews, rows, components).
-    """
-    telemetry = model.data.arrays.telemetry
-    wheels = 0 if model.structure.drive == "measured" else None
-    return (
-        np.asarray(telemetry.rate_valid, bool),
-        np.repeat(np.asarray(telemetry.fix_valid, bool)[..., None], 3, -1),
-        np.asarray(telemetry.momentum_valid, bool)[..., :wheels],
-    )
+def measured(model: Model) -> tuple[np.ndarray, ...]:
+    """What the model compares with measurements, by channel (slews, rows, components)."""
+    pairs = zip(model.structure.channels, model.data.arrays.telemetry.readings, strict=True)
+    return tuple(np.asarray(x.valid, bool)[..., : None if c.compared else 0] for c, x in pairs)

@@ -28,6 +28,7 @@ from scipy import ndimage, stats
 
 from bayes_inertia.campaign.campaign import Campaign
 from bayes_inertia.campaign.dirt import Dirt
+from bayes_inertia.campaign.sensors import stream_named
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.gate_limits import REJECT_BELOW
 from bayes_inertia.inference.laplace import Estimate, plain_series
@@ -173,15 +174,17 @@ def outliers_in(estimate: Estimate) -> tuple[Dirt, ...]:
 
     `estimate`: A fit; what its campaign masks already is not looked at.
     """
-    slews, series = estimate.model.campaign.slews, plain_series(estimate)
-    steps, hit = rounding_steps(estimate.model.campaign), {}
-    for channel in ("rate", "momentum"):
-        if any(values.size for values in series[channel]):
-            flags = outlying_readings(series[channel], steps[channel].tolist())
+    model, series = estimate.model, plain_series(estimate)
+    slews, steps, hit = model.campaign.slews, rounding_steps(model.campaign), {}
+    for channel in sorted(model.channels, key=lambda c: not c.stream.is_series):
+        name = channel.name
+        if not channel.stream.is_series:
+            hit[name] = fix_outliers(estimate, series, name)
+        elif any(values.size for values in series[name]):
+            flags = outlying_readings(series[name], steps[name].tolist())
             flags = away_from_switches(slews, flags)
-            hit[channel] = [np.flatnonzero(flag.any(axis=1)) for flag in flags]
-    hit["attitude"] = fix_outliers(estimate, series)
-    noise = estimate.model.noise
+            hit[name] = [np.flatnonzero(flag.any(axis=1)) for flag in flags]
+    noise = model.noise
     return tuple(
         Dirt("outliers", channel, slew.name, tuple(rows.tolist()), "masked")
         for channel, of_slews in hit.items()
@@ -236,7 +239,7 @@ def colour_of_rounding(estimate: Estimate) -> Colour | None:
 
 def _with_colour(fit: CleanFit) -> DirtTreatment:
     """The treatment with correlated noise of the rate sensor, if that is what there is."""
-    if fit.treatment.colour is not None or fit.estimate.model.noise.rate.heavy:
+    if fit.treatment.colour is not None or fit.estimate.model.noise.of("rate").heavy:
         return fit.treatment
     colour = colour_seen(fit.estimate)
     if colour is None or max(colour.times) > _LONGEST_COLOUR * colour.spacing:
@@ -266,8 +269,9 @@ def _with_level(fit: CleanFit) -> DirtTreatment:
             continue
         if channel in fit.treatment.rounded and has_one_error(steps[channel]):
             continue  # Fast differences do not tell its level.
-        if factor > 1.0 and (channel == "attitude" or is_alike_everywhere(slews, series[channel])):
-            level[channel] *= factor
+        in_bursts = not stream_named(channel, estimate.model.campaign).is_series
+        if factor > 1.0 and (in_bursts or is_alike_everywhere(slews, series[channel])):
+            level[channel] = level.get(channel, 1.0) * factor
     return replace(fit.treatment, level=level)
 
 
@@ -342,18 +346,23 @@ def _distances(burst: np.ndarray, unturned: np.ndarray, time: np.ndarray) -> np.
     return distance
 
 
-def fix_outliers(estimate: Estimate, series: dict[str, list[np.ndarray]]) -> list[np.ndarray]:
+def fix_outliers(
+    estimate: Estimate, series: dict[str, list[np.ndarray]], channel: str
+) -> list[np.ndarray]:
     """Outliers among the fixes of an estimate's campaign.
 
     `series` (rows, components): its residuals by channel and slew, in stated sigmas, noise that is
-    correlated as it is.
+    correlated as it is. `channel`: of the star tracker.
     """
-    slews = estimate.model.campaign.slews
-    rows = [np.flatnonzero(slew.fixes) for slew in slews]
-    fixes = [x[: len(k)] for x, k in zip(series["attitude"], rows, strict=True)]
+    model, slews = estimate.model, estimate.model.campaign.slews
+    place = model.structure.place(channel)
+    rows = [model.channels[place].readings(model.campaign, slew).row for slew in slews]
+    fixes = [x[: len(k)] for x, k in zip(series[channel], rows, strict=True)]
     times = [slew.time[k] for slew, k in zip(slews, rows, strict=True)]
     bursts = [bursts_of(time) for time in times]
     turns = [_turn_seen(estimate, s, x, rows[s]) for s, x in enumerate(series["rate"])]
+    factors = np.asarray(estimate.stated[place].factors)
+    turns = [np.einsum("fij,fj->fi", factors[s, : len(k)], turns[s]) for s, k in enumerate(rows)]
     flags = outlying_fixes(fixes, bursts, times, turns)
     return [k[flag] for k, flag in zip(rows, flags, strict=True)]
 
@@ -361,13 +370,14 @@ def fix_outliers(estimate: Estimate, series: dict[str, list[np.ndarray]]) -> lis
 def _turn_seen(
     estimate: Estimate, slew: int, residuals: np.ndarray, rows: np.ndarray
 ) -> np.ndarray:
-    """How the rate sensor saw the body turn beyond what is predicted (fixes, 3), whitened."""
+    """How the rate sensor saw the body turn beyond what is predicted (fixes, 3) [rad]."""
     campaign, time = estimate.model.campaign, estimate.model.campaign.slews[slew].time
     residuals = residuals[: len(time)]
     given = np.isfinite(residuals)
     if not len(rows) or not given.any(axis=0).all():
         return np.zeros((len(rows), 3))
-    white = np.asarray(estimate.stated.rate)[slew, : len(time)]
+    structure = estimate.model.structure
+    white = np.asarray(estimate.stated[structure.place("rate")].factors)[slew, : len(time)]
     # Nothing was measured where a factor's row is zero.
     filled = white + np.where(given[..., None], 0.0, np.eye(3))
     gap = np.linalg.solve(filled, np.nan_to_num(residuals)[..., None])[..., 0]
@@ -378,6 +388,4 @@ def _turn_seen(
     scaled = np.stack(smooth) * np.asarray(estimate.theta[6:9])[:, None]
     rate_B = np.linalg.solve(campaign.rate_sensor.axes, scaled).T
     mean = 0.5 * (rate_B[1:] + rate_B[:-1]) * np.diff(time)[:, None]
-    turn_B = np.concatenate([np.zeros((1, 3)), np.cumsum(mean, axis=0)])[rows]
-    factors = np.asarray(estimate.stated.attitude)[slew, : len(rows)]
-    return np.einsum("fij,fj->fi", factors, turn_B)
+    return np.concatenate([np.zeros((1, 3)), np.cumsum(mean, axis=0)])[rows]

@@ -14,7 +14,7 @@ from bayes_inertia.inference.hyperparameters import (
     without_hyperparameters,
 )
 from bayes_inertia.inference.likelihood import Information, information_blocks
-from bayes_inertia.inference.noise_model import Whitening, n_data
+from bayes_inertia.inference.noise_model import Whitenings, n_data
 from bayes_inertia.inference.objective import (
     in_chart,
     moved,
@@ -33,7 +33,7 @@ _TOLERANCE_OF_ROUNDS = 1e-3
 
 
 def descend(
-    model: Model, point: Point, white: Whitening, free: np.ndarray, **stop: Any
+    model: Model, point: Point, white: Whitenings, free: np.ndarray, **stop: Any
 ) -> tuple[Point, float]:
     """The minimum that a descent from a point reaches, and its objective.
 
@@ -65,7 +65,7 @@ def roughly(stop: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _sizes_learnt(
-    model: Model, point: Point, white: Whitening, free: np.ndarray
+    model: Model, point: Point, white: Whitenings, free: np.ndarray
 ) -> tuple[Point, float]:
     """The point with the sizes that the evidence favours, and how far they moved [prior sd]."""
     by_knots = np.setdiff1d(free, filtered_parameters(model, point.theta))
@@ -77,7 +77,7 @@ def _sizes_learnt(
 
 
 def _to_minimum(
-    model: Model, point: Point, white: Whitening, free: np.ndarray, **stop: Any
+    model: Model, point: Point, white: Whitenings, free: np.ndarray, **stop: Any
 ) -> tuple[Point, float]:
     """The minimum with the sizes of stochastic effects as they are."""
     return minimum_from(
@@ -86,7 +86,7 @@ def _to_minimum(
         free,
         lambda x: negative_log_posterior(model, x, white),
         lambda x: information_blocks(model, x, white, free),
-        expected=0.5 * max(float(n_data(white).sum()), 1.0),
+        expected=0.5 * max(float(n_data(model, white).sum()), 1.0),
         **stop,
     )
 

@@ -13,8 +13,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from bayes_inertia.inference.noise_memory import Memory
-from bayes_inertia.inference.noise_model import Whitening
+from bayes_inertia.inference.noise_model import Whitenings
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.device_arrays import filled
 from bayes_inertia.physics.model_data import Data
@@ -25,7 +24,7 @@ class SlewPiece(NamedTuple):
 
     point: Point
     data: Data
-    white: Whitening
+    white: Whitenings
 
 
 def is_traced(*arrays: Any) -> bool:
@@ -33,19 +32,13 @@ def is_traced(*arrays: Any) -> bool:
     return any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(arrays))
 
 
-def slew_pieces(point: Point, data: Data, white: Whitening) -> list[SlewPiece]:
+def slew_pieces(point: Point, data: Data, white: Whitenings) -> list[SlewPiece]:
     """Nuisances (slews, n_local), arrays and noise of each slew alone; padding has no weight."""
     local = np.asarray(point.local)
-    shapes = data.pieces[0].arrays.telemetry
-    rows, fixes = shapes.rate.shape[1], shapes.attitude.shape[1]
-    memory = white.memory
-    if memory is not None:
-        memory = Memory(*(filled(np.asarray(x), rows) for x in memory))
-    padded = Whitening(
-        filled(np.asarray(white.rate), rows),
-        filled(np.asarray(white.attitude), fixes),
-        filled(np.asarray(white.momentum), rows),
-        memory,
+    sizes = [readings.values.shape[1] for readings in data.pieces[0].arrays.telemetry.readings]
+    padded = tuple(
+        jax.tree.map(lambda x, size=size: filled(np.asarray(x), size), each)
+        for each, size in zip(white, sizes, strict=True)
     )
     return [
         SlewPiece(replace(point, local=local[k : k + 1]), alone, of_slew(k, padded))

@@ -66,5 +66,5 @@ def effects_between_knots(model: Model, theta: np.ndarray) -> tuple[EffectNoise,
 
 def _is_read(model: Model, noise: ReadingNoise) -> bool:
     """Whether readings with this noise are compared, and the noise is there at all."""
-    compared = noise.channel == "rate" or model.structure.drive == "commanded"
-    return compared and float(noise.size) > 0.0
+    channel = model.channels[model.structure.place(noise.channel)]
+    return channel.compared and float(noise.size) > 0.0

@@ -19,12 +19,13 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from bayes_inertia.inference.channel_rows import channel_rows
 from bayes_inertia.inference.coefficients import SlewEquations, eliminated, log_integral
 from bayes_inertia.inference.hyperparameters import without_hyperparameters
 from bayes_inertia.inference.likelihood import unpadded_sensitivities
-from bayes_inertia.inference.noise_filter import rate_noise_memories
+from bayes_inertia.inference.noise_filter import noise_memories
 from bayes_inertia.inference.noise_memory import Memory, innovations
-from bayes_inertia.inference.noise_model import Whitening, rate_noise_covariance
+from bayes_inertia.inference.noise_model import Whitenings, stated_noise_of, without_memory
 from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.inference.shared_unknowns import shared_first
 from bayes_inertia.maths.at_once import at_once
@@ -65,7 +66,7 @@ class FilteredEvidence:
     model : Model
     point : Point
         Where the derivatives are taken.
-    white : Whitening
+    white : tuple of Whitening
         The noise as used; how it remembers does not count.
     free : (f,) array of int
         Indices of the parameters that are integrated out.
@@ -77,7 +78,7 @@ class FilteredEvidence:
 
     model: Model
     point: Point
-    white: Whitening
+    white: Whitenings
     free: np.ndarray
     level: float
     filtered: np.ndarray
@@ -85,7 +86,7 @@ class FilteredEvidence:
     @cached_property
     def _rows(self) -> _Rows:
         shaped = without_hyperparameters(self.model, self.free)
-        white = self.white._replace(memory=None)
+        white = without_memory(self.white)
         s = unpadded_sensitivities(self.model, self.point, white, shaped)
         f, unknowns = len(shaped), shared_first(self.model, self.point, shaped)
         kept = np.concatenate([np.ones(f + N_BIAS, bool), ~self.filtered])
@@ -97,7 +98,8 @@ class FilteredEvidence:
             gone = np.einsum("snk,sk->sn", columns[..., f + N_BIAS :], numbers)
             parts.append((np.asarray(r) - gone)[..., None])
             parts.append(columns[..., order] * unknowns.scale[order])
-        rate, *others = (np.concatenate(parts[i : i + 2], -1) for i in range(0, len(parts), 2))
+        others = [np.concatenate(parts[i : i + 2], -1) for i in range(0, len(parts), 2)]
+        rate = others.pop(self._place)
         rows = _Rows(
             self._padded(rate.reshape(*rate.shape[:1], -1, 3, rate.shape[-1])),
             filled(sum(np.swapaxes(x, 1, 2) @ x for x in others), self._size, 0),
@@ -106,6 +108,11 @@ class FilteredEvidence:
             filled(np.asarray(self.point.local)[:, ~self.filtered], self._size, 0),
         )
         return jax.tree.map(on_device, rows)
+
+    @property
+    def _place(self) -> int:
+        """Of the rates among the channels."""
+        return self.model.structure.place("rate")
 
     @property
     def _size(self) -> int:
@@ -123,12 +130,13 @@ class FilteredEvidence:
         `as_stated`: whether the white noise is as stated, and not as used; then no set may be
         empty.
         """
-        covariance = self.level**2 * rate_noise_covariance(self.model, self.point.theta)
+        channel = self.model.channels[self._place]
+        noise = self.level**2 * stated_noise_of(self.model, channel, self.point.theta)
         white = 1.0 / self.level**2 if as_stated else 1.0
-        memories = rate_noise_memories(self.model, covariance, settings, white=white)
+        memories = noise_memories(self.model, channel, noise, settings, white=white)
         if memories is None:
             return np.full(len(settings), float(_of_white_noise(self._rows)))
-        valid = self._padded(np.asarray(self.model.data.arrays.telemetry.rate_valid))
+        valid = self._padded(channel_rows(self.model)["rate"].valid)
         # One filter a call: compiled code has one shape, and a batch of them is no faster.
         each = (Memory(*(self._padded(x[i]) for x in memories)) for i in range(len(settings)))
         return np.array(at_once([partial(_log_evidence, self._rows, own, valid) for own in each]))

@@ -12,7 +12,7 @@ from bayes_inertia.inference.effect_noise import effects_between_knots
 from bayes_inertia.inference.filtered_evidence import FilteredEvidence
 from bayes_inertia.inference.hyperparameters import with_sizes
 from bayes_inertia.inference.learnt_parameters import LearntParameters
-from bayes_inertia.inference.noise_model import Whitening, rate_noise_covariance
+from bayes_inertia.inference.noise_model import Whitenings, stated_noise_of
 from bayes_inertia.inference.point import Point
 from bayes_inertia.maths.central_differences import quadratic_at
 from bayes_inertia.maths.least_squares import dogleg
@@ -123,7 +123,7 @@ def filtered_parameters(model: Model, theta: np.ndarray) -> np.ndarray:
 
 
 def with_filtered_sizes(
-    model: Model, point: Point, white: Whitening, free: np.ndarray
+    model: Model, point: Point, white: Whitenings, free: np.ndarray
 ) -> tuple[Point, float]:
     """The point with the sizes and times that the whole processes favour.
 
@@ -151,9 +151,11 @@ def with_filtered_sizes(
     return with_sizes(model, point, parameters.put(point.theta, peak.at)), change
 
 
-def noise_level_used(model: Model, point: Point, white: Whitening) -> float:
+def noise_level_used(model: Model, point: Point, white: Whitenings) -> float:
     """Noise of the rates as used over noise as stated, over all slews."""
-    used = np.square(np.asarray(white.rate)).sum((2, 3))
-    stated = np.trace(np.linalg.inv(rate_noise_covariance(model, point.theta)))
+    place = model.structure.place("rate")
+    used = np.square(np.asarray(white[place].factors)).sum((2, 3))
+    noise = stated_noise_of(model, model.channels[place], point.theta)
+    stated = np.trace(np.linalg.inv(noise))
     measured = used > 0.0
     return float(np.sqrt(stated / used[measured].mean())) if measured.any() else 1.0

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.descent import descend
 from bayes_inertia.inference.noise_model import discounted, whitening
@@ -91,7 +90,7 @@ def _gentle_descent(model: Model, theta: np.ndarray, free: np.ndarray) -> tuple[
     are guessed again at the J that was reached.
     """
     theta = np.asarray(theta, float)
-    weights = np.full((model.n_slews, len(CHANNELS)), GENTLE_WEIGHT)
+    weights = np.full((model.n_slews, len(model.channels)), GENTLE_WEIGHT)
     white = discounted(whitening(model, theta), weights)
     core = free[free < N_BASE]
     first = Point(theta, np.zeros(N_BIAS), guess_nuisances(model, theta))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.inference.likelihood import Information
 from bayes_inertia.inference.objective import block_index
 from bayes_inertia.inference.point import N_BIAS
@@ -23,7 +22,7 @@ def hat_traces(
     `covariance` (unknowns, unknowns) [free]; `counted` (f,) [free]. `nuisances` (n_local,): which
     of a slew's nuisances are paid for; all by default. The others act all the same. Returns (3,).
     """
-    total = np.zeros(len(CHANNELS))
+    total = np.zeros(information.n_data.shape[1])
     for s, block in enumerate(information.matrix):
         index = block_index(len(information.free) + N_BIAS, n_local, s)
         if counted is not None:

@@ -31,7 +31,7 @@ from bayes_inertia.inference.coefficients import (
 )
 from bayes_inertia.inference.learnt_parameters import LearntParameters
 from bayes_inertia.inference.likelihood import Information, information_blocks
-from bayes_inertia.inference.noise_model import Whitening
+from bayes_inertia.inference.noise_model import Whitenings
 from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.inference.shared_unknowns import shared_first
@@ -248,7 +248,7 @@ def given_sizes(structure: Structure, frozen: FrozenEvidence, standardised: Arra
 PROGRAMS = (_negative_log, given_sizes)
 
 
-def evidence_at(model: Model, point: Point, white: Whitening, free: np.ndarray) -> Evidence:
+def evidence_at(model: Model, point: Point, white: Whitenings, free: np.ndarray) -> Evidence:
     """The evidence around a point.
 
     `free` (f,).
@@ -287,7 +287,7 @@ def with_sizes(model: Model, point: Point, theta: np.ndarray) -> Point:
 
 
 def information_with_learnt(
-    model: Model, point: Point, white: Whitening, free: np.ndarray
+    model: Model, point: Point, white: Whitenings, free: np.ndarray
 ) -> Information:
     """Normal equations in which the learnt parameters have the curvature of their evidence.
 

@@ -134,10 +134,10 @@ def _form(x: Any) -> tuple:
 
 
 def _key(function: Callable[..., Any], form: tuple) -> str | None:
-    """By what a program is found; None for effects whose code is not the package's."""
+    """By what a program is found; None for effects and sensors whose code is not the package's."""
     structure, tree, shapes = form
-    effects = getattr(structure, "effects", ())
-    if any(type(effect).__module__.split(".")[0] != _PACKAGE for effect in effects):
+    parts = (*getattr(structure, "effects", ()), *getattr(structure, "channels", ()))
+    if any(type(part).__module__.split(".")[0] != _PACKAGE for part in parts):
         return None
     device = jax.devices()[0]
     what = (

@@ -13,11 +13,11 @@ from bayes_inertia.inference.hat_matrix import hat_traces
 from bayes_inertia.inference.likelihood import Information, Residuals
 from bayes_inertia.inference.linearised_fit import LinearisedFit
 from bayes_inertia.inference.marginal_posterior import Marginal
-from bayes_inertia.inference.noise_filter import rate_noise_memory
+from bayes_inertia.inference.noise_filter import noise_memory
 from bayes_inertia.inference.noise_model import (
-    Whitening,
+    Whitenings,
     noise_between_knots,
-    rate_noise_covariance,
+    stated_noise_of,
 )
 from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.inference.point import N_BIAS, Point
@@ -60,11 +60,11 @@ class Estimate:
         What was fitted.
     point : Point
         The maximum.
-    stated : Whitening
+    stated : tuple of Whitening
         The noise as the campaign states it.
-    white : Whitening
+    white : tuple of Whitening
         The noise as it was used (equal unless discounted).
-    discount : (slews, 3) array
+    discount : (slews, channels) array
         Factor of each slew's and channel's information, 1 where the model explains the data.
     information : Information
         Normal equations by slew and channel at `point`, with the noise as used.
@@ -78,8 +78,8 @@ class Estimate:
 
     model: Model
     point: Point
-    stated: Whitening
-    white: Whitening
+    stated: Whitenings
+    white: Whitenings
     discount: np.ndarray
     information: Information
     hessian: np.ndarray
@@ -152,7 +152,7 @@ class Estimate:
         tested = self.tested_residuals
         dof = self.information.n_data.sum(0) - tested.parameters
         rounded = [c for c, s in rounding_steps(self.model.campaign).items() if has_one_error(s)]
-        return channel_tests(tested.series, tested.chi2.sum(0), dof, rounded)
+        return channel_tests(self.model.channels, tested.series, tested.chi2.sum(0), dof, rounded)
 
     @cached_property
     def robust_sd(self) -> np.ndarray | None:
@@ -273,12 +273,14 @@ def plain_series(estimate: Estimate) -> dict[str, list[np.ndarray]]:
 
     Returns (rows, components): by channel and slew; NaN where nothing was measured.
     """
-    model = estimate.model
-    covariance = rate_noise_covariance(model, estimate.theta)
-    more = noise_between_knots(model, estimate.theta)
-    memory = rate_noise_memory(model, covariance, more, measured=False)
-    white = estimate.stated._replace(memory=memory)
-    return residual_series(model, estimate.point, white)
+    model, theta = estimate.model, estimate.theta
+    more = noise_between_knots(model, theta)
+    white = []
+    for channel, stated in zip(model.channels, estimate.stated, strict=True):
+        noise = stated_noise_of(model, channel, theta)
+        memory = noise_memory(model, channel, noise, more, measured=False)
+        white.append(stated._replace(memory=memory))
+    return residual_series(model, estimate.point, tuple(white))
 
 
 def marginal(estimate: Estimate) -> Marginal:
@@ -288,7 +290,7 @@ def marginal(estimate: Estimate) -> Marginal:
     nuisance = estimate.hessian[d:, d:]
     ridge = -solve(nuisance, estimate.hessian[d:, :d])
     jacobian = estimate.linearised().sensitivities.jacobian
-    columns = Residuals(*(on_device(np.asarray(j)[..., d:]) for j in jacobian))
+    columns = tuple(on_device(np.asarray(j)[..., d:]) for j in jacobian)
     return Marginal(
         optimum=jax.tree.map(on_device, point),
         ridge_bias=on_device(ridge[:N_BIAS]),

@@ -14,9 +14,8 @@ from jax.flatten_util import ravel_pytree
 from bayes_inertia.inference.each_slew import is_traced, of_all_slews, slew_pieces
 from bayes_inertia.inference.kept_programs import KeptProgram
 from bayes_inertia.inference.noise_memory import Memory, innovations
-from bayes_inertia.inference.noise_model import Whitening, n_data
+from bayes_inertia.inference.noise_model import Whitenings, n_data, without_memory
 from bayes_inertia.inference.point import Point
-from bayes_inertia.maths import quaternion
 from bayes_inertia.maths.at_once import at_once
 from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.values import AnyArray
@@ -24,24 +23,15 @@ from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.model_data import Data
 from bayes_inertia.physics.nuisances import Nuisances
 from bayes_inertia.physics.packing import Telemetry
-from bayes_inertia.physics.prediction import Prediction, Structure, predict, predict_all
+from bayes_inertia.physics.prediction import Structure, predict, predict_all
 
 # Sensitivities are taken so many columns at a time.
 _COLUMNS_AT_ONCE = 48
 
 
-class Residuals(NamedTuple):
-    """Whitened residuals by channel; zero where nothing was measured.
-
-    Parameters
-    ----------
-    rate, attitude, momentum : (slews, numbers of that channel) arrays
-        Measured minus predicted, in sigmas. Or derivatives of these, with further axes.
-    """
-
-    rate: AnyArray
-    attitude: AnyArray
-    momentum: AnyArray
+# Whitened residuals (slews, numbers) of each channel, measured minus predicted, in sigmas; zero
+# where nothing was measured. Or derivatives of these, with further axes.
+Residuals = tuple[AnyArray, ...]
 
 
 class Sensitivities(NamedTuple):
@@ -65,11 +55,11 @@ class Information(NamedTuple):
 
     Parameters
     ----------
-    matrix : (slews, 3, p, p) array
-    gradient : (slews, 3, p) array
-    chi2 : (slews, 3) array
+    matrix : (slews, channels, p, p) array
+    gradient : (slews, channels, p) array
+    chi2 : (slews, channels) array
         Sums of squares.
-    n_data : (slews, 3) array of int
+    n_data : (slews, channels) array of int
         Numbers measured.
     free : (f,) array of int
         Indices of the parameters that may move.
@@ -83,27 +73,24 @@ class Information(NamedTuple):
 
 
 def whitened(
-    structure: Structure, prediction: Prediction, telemetry: Telemetry, white: Whitening
+    structure: Structure, prediction: tuple[Array, ...], telemetry: Telemetry, white: Whitenings
 ) -> Residuals:
     """Measured minus predicted, whitened and flattened.
 
     `prediction`: of one slew, or of all with a leading axis.
     """
-    gap = telemetry.rate - prediction.rate
-    rate = jnp.stack(
-        [sum(white.rate[..., i, j] * gap[..., j] for j in range(i + 1)) for i in range(3)], -1
-    )
-    if white.memory is not None:
-        rate = innovations(rate, white.memory)
-    turn = quaternion.error(prediction.attitude, telemetry.attitude)
-    attitude = jnp.einsum("...ij,...j->...i", white.attitude, turn)
-    momentum = white.momentum * (telemetry.momentum - prediction.momentum)
-    if structure.drive == "measured":
-        momentum = momentum[..., :0]
-    return Residuals(*(r.reshape(*r.shape[:-2], -1) for r in (rate, attitude, momentum)))
+    residuals = []
+    for channel, predicted, readings, noise in zip(
+        structure.channels, prediction, telemetry.readings, white, strict=True
+    ):
+        r = channel.whitened(noise.factors, channel.gap(readings.values, predicted))
+        r = r if noise.memory is None else innovations(r, noise.memory)
+        r = r if channel.compared else r[..., :0]
+        residuals.append(r.reshape(*r.shape[:-2], -1))
+    return tuple(residuals)
 
 
-def residuals(structure: Structure, point: Point, data: Data, white: Whitening) -> Residuals:
+def residuals(structure: Structure, point: Point, data: Data, white: Whitenings) -> Residuals:
     """Whitened residuals of all slews."""
     program = partial(_filtered, _plain_residuals, structure)
     if is_traced(point, data, white):
@@ -113,48 +100,50 @@ def residuals(structure: Structure, point: Point, data: Data, white: Whitening) 
 
 
 @KeptProgram
-def _plain_residuals(structure: Structure, point: Point, data: Data, white: Whitening) -> Residuals:
+def _plain_residuals(
+    structure: Structure, point: Point, data: Data, white: Whitenings
+) -> Residuals:
     prediction = predict_all(structure, point.theta, point.local, point.bias, data)
     return whitened(structure, prediction, data.arrays.telemetry, white)
 
 
 def _filtered(
-    program: Any, structure: Structure, point: Point, data: Data, white: Whitening, *more: Any
+    program: Any, structure: Structure, point: Point, data: Data, white: Whitenings, *more: Any
 ) -> Any:
     """Residuals, or their derivatives (slews, numbers, p), without what noise before lets expect.
 
     It is linear: one compiled model serves white and correlated noise.
     """
-    plain = program(structure, point, data, white._replace(memory=None), *more)
+    plain = program(structure, point, data, without_memory(white), *more)
     if isinstance(plain, Sensitivities):
         return Sensitivities(*(filtered(part, white) for part in plain))
     return filtered(plain, white)
 
 
-def filtered(plain: Residuals, white: Whitening) -> Residuals:
+def filtered(plain: Residuals, white: Whitenings) -> Residuals:
     """Residuals, or derivatives of them, where noise may remember."""
-    return plain if white.memory is None else _remembered(plain, white.memory)
+    pairs = zip(plain, white, strict=True)
+    return tuple(r if w.memory is None else _remembered(r, w.memory) for r, w in pairs)
 
 
 @jax.jit
-def _remembered(plain: Residuals, memory: Memory) -> Residuals:
-    shape = plain.rate.shape
-    rate = innovations(plain.rate.reshape(shape[0], shape[1] // 3, 3, *shape[2:]), memory)
-    return plain._replace(rate=rate.reshape(shape))
+def _remembered(plain: Array, memory: Memory) -> Array:
+    components = memory.scale.shape[-1]
+    shape = plain.shape[0], plain.shape[1] // components, components, *plain.shape[2:]
+    return innovations(plain.reshape(shape), memory).reshape(plain.shape)
 
 
-def _numbers(structure: Structure, white: Whitening) -> Residuals:
+def _numbers(structure: Structure, white: Whitenings) -> Residuals:
     """How many numbers a slew has in each channel."""
-    wheels = 0 if structure.drive == "measured" else white.momentum.shape[2]
-    rows, fixes = white.rate.shape[1], white.attitude.shape[1]
-    return Residuals(3 * rows, 3 * fixes, wheels * rows)
+    pairs = zip(structure.channels, white, strict=True)
+    return tuple(w.factors.shape[1] * w.factors.shape[2] * c.compared for c, w in pairs)
 
 
 def sensitivities(
     structure: Structure,
     point: Point,
     data: Data,
-    white: Whitening,
+    white: Whitenings,
     columns: Array | None = None,
 ) -> Sensitivities:
     """Residuals and their exact derivatives.
@@ -171,7 +160,7 @@ def sensitivities(
 
 @KeptProgram
 def _plain_sensitivities(
-    structure: Structure, point: Point, data: Data, white: Whitening, columns: Array | None
+    structure: Structure, point: Point, data: Data, white: Whitenings, columns: Array | None
 ) -> Sensitivities:
     d, b = len(point.theta), len(point.bias)
 
@@ -196,7 +185,7 @@ def _plain_sensitivities(
 
 
 @KeptProgram
-def _sensor_columns(structure: Structure, point: Point, data: Data, white: Whitening) -> Residuals:
+def _sensor_columns(structure: Structure, point: Point, data: Data, white: Whitenings) -> Residuals:
     """Derivatives by the coefficients that only sensors feel: the motion is simulated once."""
     sensed = structure.only_sensed
 
@@ -224,7 +213,7 @@ def _sensor_columns(structure: Structure, point: Point, data: Data, white: White
 
 
 def padded_sensitivities(
-    model: Model, point: Point, white: Whitening, free: np.ndarray
+    model: Model, point: Point, white: Whitenings, free: np.ndarray
 ) -> Sensitivities:
     """Sensitivities to everything fitted, padded: all fits of a model share compiled code.
 
@@ -256,17 +245,17 @@ def padded_sensitivities(
         of_all_slews(derivatives[k : k + len(pieces)], numbers)
         for k in range(0, len(parts), len(pieces))
     ]
-    jacobian = Residuals(*(np.concatenate(c, -1) for c in zip(*jacobians, strict=True)))
+    jacobian = tuple(np.concatenate(c, -1) for c in zip(*jacobians, strict=True))
     if sensed.any():
         padded = len(columns) + np.arange(padding)
         order = np.argsort(np.concatenate([moving, padded, np.flatnonzero(sensed)]))
-        jacobian = Residuals(*(channel[..., order] for channel in jacobian))
+        jacobian = tuple(channel[..., order] for channel in jacobian)
     at_point = [part.residuals for part in parts[: len(pieces)]]
     return Sensitivities(of_all_slews(at_point, numbers), jacobian)
 
 
 def unpadded_sensitivities(
-    model: Model, point: Point, white: Whitening, free: np.ndarray
+    model: Model, point: Point, white: Whitenings, free: np.ndarray
 ) -> Sensitivities:
     """Sensitivities to everything fitted, and nothing else.
 
@@ -274,7 +263,7 @@ def unpadded_sensitivities(
     """
     padded = padded_sensitivities(model, point, white, free)
     p = len(free) + 3 + model.structure.n_local
-    return Sensitivities(padded.residuals, Residuals(*(j[..., :p] for j in padded.jacobian)))
+    return Sensitivities(padded.residuals, tuple(j[..., :p] for j in padded.jacobian))
 
 
 def _normal_equations(s: Sensitivities) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -285,7 +274,7 @@ def _normal_equations(s: Sensitivities) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 
 def information_blocks(
-    model: Model, point: Point, white: Whitening, free: np.ndarray | None = None
+    model: Model, point: Point, white: Whitenings, free: np.ndarray | None = None
 ) -> Information:
     """Normal equations of every slew and channel at one point.
 
@@ -294,7 +283,7 @@ def information_blocks(
     free = np.arange(model.space.size) if free is None else np.asarray(free)
     matrix, gradient, chi2 = _normal_equations(padded_sensitivities(model, point, white, free))
     p = len(free) + 3 + model.structure.n_local
-    return Information(matrix[..., :p, :p], gradient[..., :p], chi2, n_data(white), free)
+    return Information(matrix[..., :p, :p], gradient[..., :p], chi2, n_data(model, white), free)
 
 
 # What is compiled for each size of slew, largest first.

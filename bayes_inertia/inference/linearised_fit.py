@@ -21,7 +21,7 @@ from bayes_inertia.inference.likelihood import (
     Sensitivities,
     unpadded_sensitivities,
 )
-from bayes_inertia.inference.noise_model import Whitening
+from bayes_inertia.inference.noise_model import Whitenings
 from bayes_inertia.inference.objective import block_index, normal_equations, prior_rows
 from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.inference.slew_shares import SlewShares, slew_shares
@@ -57,20 +57,20 @@ class LinearisedFit:
         What was fitted.
     point : Point
         Where the derivatives are taken.
-    white : Whitening
+    white : tuple of Whitening
         The noise as used.
     information : Information
         Normal equations by slew and channel; its `free` are the f parameters that were fitted.
     hessian : (f + 3 + slews n_local,) squared array
         Normal matrix of everything fitted, priors included.
-    discount : (slews, 3) array
+    discount : (slews, channels) array
         Factor of each slew's and channel's information: noise as stated over noise as used,
         squared.
     """
 
     model: Model
     point: Point
-    white: Whitening
+    white: Whitenings
     information: Information
     hessian: np.ndarray
     discount: np.ndarray

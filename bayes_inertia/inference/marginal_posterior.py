@@ -31,7 +31,7 @@ from bayes_inertia.inference.coefficients import (
 from bayes_inertia.inference.each_slew import of_slew, slew_pieces
 from bayes_inertia.inference.kept_programs import KeptProgram
 from bayes_inertia.inference.likelihood import Residuals, filtered, residuals, whitened
-from bayes_inertia.inference.noise_model import Whitening
+from bayes_inertia.inference.noise_model import Whitenings, without_memory
 from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import filled, on_device, padded_size, repeated
@@ -61,7 +61,7 @@ class Marginal(NamedTuple):
     prior : dict of arrays
         The priors of theta.
     data : Data
-    white : Whitening
+    white : tuple of Whitening
         The noise as used.
     coefficients : CoefficientPart, optional
         What the integral over coefficients needs whose prior is sampled; None where there are none.
@@ -77,7 +77,7 @@ class Marginal(NamedTuple):
     root: Array
     prior: dict
     data: Data
-    white: Whitening
+    white: Whitenings
     coefficients: CoefficientPart | None = None
     unexplained: Array | float = 0.0
 
@@ -104,7 +104,7 @@ class _Pull(NamedTuple):
     ridge_local: Array
     columns: Residuals
     data: Data
-    white: Whitening
+    white: Whitenings
 
 
 class _Nuisances(NamedTuple):
@@ -130,7 +130,7 @@ def _pull_at(structure: Structure, pull: _Pull, theta: Array) -> tuple[Array, Ar
     # Residuals depend on what the coefficients are, not on their prior.
     point = point_on_ridge(pull, theta.at[fixed].set(pull.optimum.theta[fixed]))
     prediction = predict_all(structure, point.theta, point.local, point.bias, pull.data)
-    plain = pull.white._replace(memory=None)
+    plain = without_memory(pull.white)
     r = whitened(structure, prediction, pull.data.arrays.telemetry, plain)
     r = filtered(r, pull.white)
     chi2: Any = sum(jnp.sum(channel**2) for channel in r)
@@ -248,12 +248,10 @@ def _pieces(marginal: Marginal) -> list[_Pull]:
     """What `_pulls` is given of each slew alone."""
     pieces = slew_pieces(marginal.optimum, marginal.data, marginal.white)
     ridge = np.asarray(marginal.ridge_local)
-    rows = pieces[0].white.rate.shape[1], pieces[0].white.attitude.shape[1]
-    given = marginal.white.rate.shape[1], marginal.white.attitude.shape[1]
-    columns = Residuals(
-        *(
-            filled(np.asarray(x), x.shape[1] // max(1, given[k]) * rows[k])
-            for x, k in zip(marginal.columns, (0, 1, 0), strict=True)
+    columns = tuple(
+        filled(np.asarray(x), x.shape[1] // max(1, given.shape[1]) * padded.shape[1])
+        for x, (given, _), (padded, _) in zip(
+            marginal.columns, marginal.white, pieces[0].white, strict=True
         )
     )
     return [

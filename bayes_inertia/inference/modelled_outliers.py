@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 from scipy import stats
 
-from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.campaign.dirt import Dirt
 from bayes_inertia.inference.laplace import Estimate, plain_series
 from bayes_inertia.inference.noise_parameters import channel_rules
@@ -38,19 +37,18 @@ def _records(estimate: Estimate) -> tuple[Dirt, ...]:
     if not any(rule.heavy for rule in rules):
         return ()
     series, records = plain_series(estimate), []
-    for channel, rule in zip(CHANNELS, rules, strict=True):
+    for channel, rule in zip(estimate.model.channels, rules, strict=True):
         if not rule.heavy:
             continue
-        numbers = np.concatenate([np.abs(z[np.isfinite(z)]) for z in series[channel]])
+        numbers = np.concatenate([np.abs(z[np.isfinite(z)]) for z in series[channel.name]])
         spread = SD_OVER_MAD * float(np.median(numbers))
         limit = spread * float(stats.norm.isf(0.5 * FALSE_ALARM / len(numbers)))
-        for slew, z in zip(slews, series[channel], strict=True):
+        for slew, z in zip(slews, series[channel.name], strict=True):
             # Star-tracker fixes stand one after the other, without the rows between them.
-            of_number = np.flatnonzero(slew.fixes) if channel == "attitude" else None
-            hit = np.flatnonzero((np.abs(np.nan_to_num(z)) > limit).any(axis=1))
-            rows = hit if of_number is None else of_number[hit]
+            given = channel.readings(estimate.model.campaign, slew).row
+            rows = given[(np.abs(np.nan_to_num(z[: len(given)])) > limit).any(axis=1)]
             if len(rows):
                 note = f"{len(rows)} row{'s' if len(rows) > 1 else ''} in Student-t noise"
                 listed = tuple(int(row) for row in rows)
-                records.append(Dirt("outliers", channel, slew.name, listed, "modelled", note))
+                records.append(Dirt("outliers", channel.name, slew.name, listed, "modelled", note))
     return tuple(records)

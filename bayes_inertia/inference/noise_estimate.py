@@ -21,7 +21,6 @@ from functools import cached_property
 import numpy as np
 from scipy import stats
 
-from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.inference.descent import minimum_from
 from bayes_inertia.inference.hat_matrix import hat_traces
 from bayes_inertia.inference.laplace import Estimate
@@ -90,13 +89,13 @@ def with_noise_model(fitted: Estimate) -> Estimate:
     if model.noise.is_stated:
         return fitted
     point, free = _at_noise_of_residuals(fitted), fitted.free
-    lost = np.zeros(len(CHANNELS))
+    lost = np.zeros(len(model.channels))
     task = NoiseTask(model, whitening(model, point.theta), lost, _inflation(fitted, point))
     if np.any(task.inflation > 1.0):
         point, _ = _descend(task, point, free, **_ROUGH)
     for _ in range(_ROUNDS):
         stated = whitening(model, point.theta)
-        task = NoiseTask(model, stated, lost, np.ones(len(CHANNELS)))
+        task = NoiseTask(model, stated, lost, np.ones(len(lost)))
         point, value = _descend(task, point, free)
         blocks, factor = information(task, point, free)
         hessian, _ = normal_equations(model, point, blocks)
@@ -129,8 +128,8 @@ def _descend(task: NoiseTask, point: Point, free: np.ndarray, **stop) -> tuple[P
 def _spread(fitted: Estimate) -> np.ndarray:
     """Standard deviation (3,) that the middle of each channel's residuals has."""
     series = residual_series(fitted.model, fitted.point, fitted.stated)
-    spread = np.ones(len(CHANNELS))
-    for c, channel in enumerate(CHANNELS):
+    spread = np.ones(len(fitted.model.channels))
+    for c, channel in enumerate(series):
         numbers = np.concatenate(
             [np.zeros(0), *(slew[np.isfinite(slew)] for slew in series[channel])]
         )
@@ -144,7 +143,7 @@ def _at_noise_of_residuals(fitted: Estimate) -> Point:
     theta, spread = fitted.theta.copy(), _spread(fitted)
     for c, rule in enumerate(channel_rules(fitted.model)):
         if rule.scale_at is not None and rule.scale_at in fitted.free:
-            width = 3.0 * fitted.model.noise.of(CHANNELS[c]).scale_spread
+            width = 3.0 * fitted.model.noise.of(fitted.model.channels[c].name).scale_spread
             theta[rule.scale_at] = np.clip(spread[c], np.exp(-width), np.exp(width))
     return replace(fitted.point, theta=theta)
 
@@ -193,7 +192,7 @@ def noise_tests(
     tests, total, unordered = {}, np.zeros(2), _without_test_of_whiteness(model)
     rules = channel_rules(model)
     for c, (rule, scale, nu) in enumerate(zip(rules, *noise_values(rules, theta), strict=True)):
-        channel, degrees = CHANNELS[c], float(nu)
+        channel, degrees = model.channels[c].name, float(nu)
         y = [slew / scale for slew in series[channel]]
         p_white = None if channel in unordered else _whiteness(y, degrees)
         weighted = WeightedSquares(degrees)
@@ -221,7 +220,7 @@ def _without_test_of_whiteness(model: Model) -> set[str]:
         for channel, steps in rounding_steps(model.campaign).items()
         if has_one_error(steps) and model.noise.of(channel).is_stated
     }
-    return {"attitude"} | rounded
+    return {c.name for c in model.channels if not c.stream.is_series} | rounded
 
 
 def _whiteness(y: list[np.ndarray], degrees: float) -> float | None:

@@ -15,6 +15,7 @@ import numpy as np
 
 from bayes_inertia.inference.channel_rows import row_times
 from bayes_inertia.inference.noise_memory import Memory
+from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.reading_noise import ReadingNoise
 from bayes_inertia.physics.stated_noise import stated_reading_noise
@@ -38,53 +39,56 @@ class _Process(NamedTuple):
     fresh: np.ndarray
 
 
-def rate_noise_memory(
+def noise_memory(
     model: Model,
-    covariance: np.ndarray,
+    channel: Channel,
+    noise: np.ndarray,
     more: Sequence[ReadingNoise] = (),
     *,
     measured: bool = True,
 ) -> Memory | None:
-    """What the noise of each rate reading keeps of those before.
+    """What the noise of each reading keeps of those before.
 
     `model`: its campaign says how the noise is correlated. What its effects estimate is none of it.
-    `covariance` (3, 3): of one reading's noise, its bias' wandering left out [rad^2/s^2]. `more`:
-    what effects add to the rates. Of those with knots what is left between them. `measured`:
-    whether correlated noise that was measured counts, beside what is stated.
+    `noise`: of one reading, wandering left out. `more`: what effects add to readings. Of those with
+    knots what is left between them. `measured`: whether correlated noise that was measured counts,
+    beside what is stated.
     """
-    memory = rate_noise_memories(model, covariance, [more], measured=measured)
+    memory = noise_memories(model, channel, noise, [more], measured=measured)
     return None if memory is None else Memory(*(x[0] for x in memory))
 
 
-def rate_noise_memories(
+def noise_memories(
     model: Model,
-    covariance: np.ndarray,
+    channel: Channel,
+    noise: np.ndarray,
     settings: Sequence[Sequence[ReadingNoise]],
     *,
     measured: bool = True,
     white: float = 1.0,
 ) -> Memory | None:
-    """As `rate_noise_memory`, for several sets of what effects add.
+    """As `noise_memory`, for several sets of what effects add.
 
-    `covariance` (3, 3): of one reading's noise, its bias' wandering left out [rad^2/s^2]. `white`:
-    variance of the white noise, in units of `covariance`. Returns: with the settings as leading
-    axis; None where the noise is white and as `covariance` says.
+    `noise`: of one reading, wandering left out. `white`: variance of the white noise, in units of
+    that. Returns: with the settings as leading axis; None where the noise is white and as stated.
     """
-    # Whitened readings have one over these as sigmas.
-    variance = 1.0 / np.diagonal(np.linalg.inv(covariance))
-    noise = model.campaign.rate_sensor.correlated_noise if measured else None
-    stated = stated_reading_noise(model.campaign, model.structure.effects)
-    whites = np.full(3, white)
-    common = [_process(model, each, variance) for each in stated]
-    if noise is not None:
-        whites = whites - np.array(noise.share)
-        common.append(_gauss_markov(model, np.array(noise.share), np.array(noise.time)))
-    more = [[_process(model, each, variance) for each in processes] for processes in settings]
-    if not common and not more[0]:
+    correlated = channel.stream.correlated(model.campaign) if measured else None
+    stated = _of(channel, stated_reading_noise(model.campaign, model.structure.effects))
+    settings = [_of(channel, processes) for processes in settings]
+    if correlated is None and not stated and not settings[0]:
         return None
+    variance = channel.variance(noise)
+    whites = np.full(len(variance), white)
+    common = [_process(model, each, variance) for each in stated]
+    if correlated is not None:
+        share = np.array(correlated.share)
+        whites = whites - share
+        common.append(_gauss_markov(model, share, np.array(correlated.time)))
+    more = [[_process(model, each, variance) for each in processes] for processes in settings]
     # Sets are filtered as if they were further slews.
     joined = [_joined(parts) for parts in zip(*([*common, *own] for own in more), strict=True)]
-    valid = np.asarray(model.data.arrays.telemetry.rate_valid)
+    readings = model.data.arrays.telemetry.readings[model.structure.place(channel.name)]
+    valid = np.asarray(readings.valid)
     filtered = _filter(joined, whites, np.tile(valid, (len(settings), 1, 1)))
     return Memory(*(np.reshape(x, (len(settings), len(valid), *x.shape[1:])) for x in filtered))
 
@@ -94,14 +98,8 @@ def _joined(processes: Sequence[_Process]) -> _Process:
     return _Process(*(np.concatenate(parts) for parts in zip(*processes, strict=True)))
 
 
-def momentum_noise_memory(model: Model, noise: Sequence[ReadingNoise]) -> Memory | None:
-    """What the noise of each tachometer reading keeps of those before."""
-    if not noise:
-        return None
-    variance = np.square([wheel.momentum_sigma or np.inf for wheel in model.campaign.wheels])
-    processes = [_process(model, each, variance) for each in noise]
-    valid = np.asarray(model.data.arrays.telemetry.momentum_valid)
-    return _filter(processes, np.ones(len(variance)), valid)
+def _of(channel: Channel, noise: Sequence[ReadingNoise]) -> list[ReadingNoise]:
+    return [each for each in noise if each.channel == channel.name]
 
 
 def _process(model: Model, noise: ReadingNoise, variance: np.ndarray) -> _Process:

@@ -23,7 +23,7 @@ from bayes_inertia.inference.likelihood import (
     padded_sensitivities,
     residuals,
 )
-from bayes_inertia.inference.noise_model import Whitening, n_data
+from bayes_inertia.inference.noise_model import Whitenings, n_data
 from bayes_inertia.inference.noise_parameters import NoiseRules, channel_rules, noise_values
 from bayes_inertia.inference.objective import prior_rows
 from bayes_inertia.inference.point import Point
@@ -50,7 +50,7 @@ class NoiseTask:
     ----------
     model : Model
         Its noise is not as stated.
-    stated : Whitening
+    stated : tuple of Whitening
         The noise as the campaign states it.
     lost : (3,) array
         By how much fitting lowered each channel's sum of weighted squares.
@@ -59,7 +59,7 @@ class NoiseTask:
     """
 
     model: Model
-    stated: Whitening
+    stated: Whitenings
     lost: np.ndarray
     inflation: np.ndarray
 
@@ -99,7 +99,7 @@ def objective(task: NoiseTask, point: Point) -> float:
     heavy = tuple(rule.heavy for rule in task.rules)
     r = residuals(model.structure, point, model.data, task.stated)
     losses = np.asarray(_losses(heavy, r, jnp.asarray(scales), jnp.asarray(degrees)))
-    numbers = n_data(task.stated).sum(0)
+    numbers = n_data(model, task.stated).sum(0)
     norms = np.array([log_norm(nu) if h else 0.0 for h, nu in zip(heavy, degrees, strict=True)])
     noise = losses + (numbers - task.lost) * np.log(scales) + numbers * norms
     _, distance = prior_rows(model, point.theta)
@@ -151,13 +151,13 @@ def information(task: NoiseTask, point: Point, free: np.ndarray) -> tuple[Inform
     model, rules = task.model, task.rules
     scales, degrees = task.values(point.theta)
     s = padded_sensitivities(model, point, task.stated, free)
-    valid = Residuals(*(jnp.asarray(v.reshape(len(v), -1)) for v in measured(model)))
+    valid = tuple(jnp.asarray(v.reshape(len(v), -1)) for v in measured(model))
     heavy = tuple(rule.heavy for rule in rules)
     parts = _of_location(heavy, s, valid, jnp.asarray(scales), jnp.asarray(degrees))
     matrix, gradient, squares, along, curvature = (np.array(part) for part in parts)
     p = len(free) + 3 + model.structure.n_local
     matrix, gradient = matrix[..., :p, :p].copy(), gradient[..., :p].copy()
-    numbers = n_data(task.stated)
+    numbers = n_data(model, task.stated)
     place = {int(index): i for i, index in enumerate(free)}
     for c, rule in enumerate(rules):
         indices = (rule.scale_at, rule.degrees_at)

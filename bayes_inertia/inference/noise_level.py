@@ -32,13 +32,15 @@ def noise_factors(estimate: Estimate) -> dict[str, float]:
     are filtered out of them. Returns: {channel: factor}; 1 unless the excess is significant (four
     sigma).
     """
-    series = dict(estimate.tested_residuals.series)
-    times = [slew.time[slew.fixes] for slew in estimate.model.campaign.slews]
-    series["attitude"] = [
-        slew[burst]
-        for time, slew in zip(times, series["attitude"], strict=True)
-        for burst in bursts_of(time)
-    ]
+    series, campaign = dict(estimate.tested_residuals.series), estimate.model.campaign
+    for channel in estimate.model.channels:
+        if not channel.stream.is_series:
+            times = (slew.time[channel.readings(campaign, slew).row] for slew in campaign.slews)
+            series[channel.name] = [
+                slew[burst]
+                for time, slew in zip(times, series[channel.name], strict=True)
+                for burst in bursts_of(time)
+            ]
     return {channel: white_factor(pieces) for channel, pieces in series.items()}
 
 

@@ -52,7 +52,7 @@ class NoiseMarginal(NamedTuple):
     ----------
     base : Marginal
         With the noise as stated and sensitivities in stated sigmas.
-    valid : Residuals
+    valid : tuple
         What was measured, (slews, numbers) of bool by channel.
     gram : tuple of (slews, k, k) arrays
         A^T A by channel, k = 3 + n_local.
@@ -101,8 +101,8 @@ def noise_marginal(estimate: Estimate) -> NoiseMarginal:
         for rule, a in zip(rules, columns, strict=True)
     )
     return NoiseMarginal(
-        base._replace(columns=Residuals(*map(jnp.asarray, columns)), white=estimate.stated),
-        Residuals(*(jnp.asarray(v.reshape(len(v), -1)) for v in measured(estimate.model))),
+        base._replace(columns=tuple(map(jnp.asarray, columns)), white=estimate.stated),
+        tuple(jnp.asarray(v.reshape(len(v), -1)) for v in measured(estimate.model)),
         tuple(jnp.asarray(np.einsum("snk,snl->skl", a, a)) for a in columns),
         products,
     )

@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.physics.channel_noise import NOISE_OWNER
 from bayes_inertia.physics.forward_model import Model
 
@@ -16,6 +15,8 @@ class ChannelRule(NamedTuple):
 
     Parameters
     ----------
+    channel : str
+        Its name.
     heavy : bool
         Whether it is Student-t.
     degrees : float or None
@@ -24,6 +25,7 @@ class ChannelRule(NamedTuple):
         Where the scale and the degrees of freedom stand in theta, if they are sampled.
     """
 
+    channel: str
     heavy: bool
     degrees: float | None
     scale_at: int | None
@@ -37,13 +39,13 @@ def channel_rules(model: Model) -> NoiseRules:
     """The noise of each channel of a model."""
     place = {name: i for i, name in enumerate(model.space.names)}
     rules = []
-    for channel in CHANNELS:
-        noise = model.noise.of(channel)
+    for channel in model.channels:
+        noise = model.noise.of(channel.name)
         degrees = noise.degrees if noise.heavy else np.inf
         scale_at, degrees_at = (
-            place.get(f"{NOISE_OWNER}.{channel}_{what}") for what in ("scale", "degrees")
+            place.get(f"{NOISE_OWNER}.{channel.name}_{what}") for what in ("scale", "degrees")
         )
-        rules.append(ChannelRule(noise.heavy, degrees, scale_at, degrees_at))
+        rules.append(ChannelRule(channel.name, noise.heavy, degrees, scale_at, degrees_at))
     return tuple(rules)
 
 

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayes_inertia.inference.likelihood import Information, residuals, unpadded_sensitivities
-from bayes_inertia.inference.noise_model import Whitening
+from bayes_inertia.inference.noise_model import Whitenings
 from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.linear_algebra import solve
@@ -25,7 +25,7 @@ _SMALLEST_SECOND_MOMENT = 1e-7
 _SUPPORT_MARGIN = 1e-9
 
 
-def negative_log_posterior(model: Model, point: Point, white: Whitening) -> float:
+def negative_log_posterior(model: Model, point: Point, white: Whitenings) -> float:
     """Half the sum of all whitened squares, priors included."""
     if not bool(_is_physical(point.theta[:6])):
         return np.inf
@@ -138,7 +138,7 @@ def in_chart(
 
 
 def marginal_information(
-    model: Model, point: Point, white: Whitening, parameters: np.ndarray
+    model: Model, point: Point, white: Whitenings, parameters: np.ndarray
 ) -> np.ndarray:
     """What the data tell of some parameters and the bias, the slews' nuisances integrated out.
 

@@ -17,7 +17,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.compiled_programs import forget_surplus
 from bayes_inertia.inference.descent import descend, roughly
@@ -26,7 +25,7 @@ from bayes_inertia.inference.hyperparameters import information_with_learnt, wit
 from bayes_inertia.inference.laplace import Estimate, Starts
 from bayes_inertia.inference.noise_estimate import with_noise_model
 from bayes_inertia.inference.noise_model import (
-    Whitening,
+    Whitenings,
     discounted,
     n_data,
     noise_between_knots,
@@ -107,7 +106,7 @@ def estimate(
             "the start of the optimizer gave no finite residuals",
             advice="check units and signs of the telemetry columns",
         )
-    full = np.ones((model.n_slews, len(CHANNELS)))
+    full = np.ones((model.n_slews, len(model.channels)))
     optima = [
         (_best_optimum_with_noise(model, point, full, free), point, count)
         for point, count in distinct_optima(model, descents)
@@ -121,7 +120,7 @@ def estimate(
     too_large = [test.too_large for test in fitted.tests.values()]
     if not discount or not any(too_large):
         return fitted
-    channels = np.array(too_large[:3]) | too_large[3]
+    channels = np.array(too_large[:-1]) | too_large[-1]
     return _discounted_fit(
         model, *_begin_of_discount(model, best[0], gentle_end, channels), channels, free, counts
     )
@@ -202,7 +201,9 @@ def with_noise(previous: Estimate, factors: dict[str, float]) -> Estimate:
     Returns: the same object if its noise is that already.
     """
     model, free = previous.model, previous.free
-    discount = np.tile([factors[c] ** -2.0 for c in CHANNELS], (model.n_slews, 1))
+    discount = np.tile(
+        [factors.get(c.name, 1.0) ** -2.0 for c in model.channels], (model.n_slews, 1)
+    )
     if np.array_equal(discount, previous.discount):
         return previous
     settled = _optimum_with_noise(model, previous.point, discount, free)
@@ -219,7 +220,7 @@ def _begin_of_discount(
         stated = whitening(model, optimum.theta)
         return optimum, np.where(channels, _dispersions(model, optimum, stated), 1.0)
     # The gentle descent's end is nearer than the point that the model's errors have overruled.
-    return gentle_end, np.where(channels, GENTLE_WEIGHT, np.ones((model.n_slews, 3)))
+    return gentle_end, np.where(channels, GENTLE_WEIGHT, np.ones((model.n_slews, len(channels))))
 
 
 def _discounted_fit(
@@ -243,12 +244,15 @@ def _discounted_fit(
     )
 
 
-def _dispersions(model: Model, point: Point, stated: Whitening) -> np.ndarray:
+def _dispersions(model: Model, point: Point, stated: Whitenings) -> np.ndarray:
     """One over the dispersion of each slew's residuals, by channel (slews, 3)."""
     series = residual_series(model, point, stated)
     return np.array(
         [
-            [1.0 / dispersion(series[c][s], bursts=c == "attitude") for c in CHANNELS]
+            [
+                1.0 / dispersion(series[c.name][s], bursts=not c.stream.is_series)
+                for c in model.channels
+            ]
             for s in range(model.n_slews)
         ]
     )
@@ -256,7 +260,7 @@ def _dispersions(model: Model, point: Point, stated: Whitening) -> np.ndarray:
 
 def _optimum_with_noise(
     model: Model, point: Point, factors: np.ndarray, free: np.ndarray, rounds: int = 3, **stop
-) -> tuple[Point, float, Whitening]:
+) -> tuple[Point, float, Whitenings]:
     """Optimum, objective and noise that belong together.
 
     In the measured drive noise depends on J; what a process does between knots, on its size.
@@ -275,7 +279,7 @@ def _optimum_with_noise(
 
 def _best_optimum_with_noise(
     model: Model, point: Point, factors: np.ndarray, free: np.ndarray
-) -> tuple[Point, float, Whitening]:
+) -> tuple[Point, float, Whitenings]:
     """As `_optimum_with_noise`, or from nuisances guessed afresh at the J reached, if better."""
     settled = _optimum_with_noise(model, point, factors, free)
     if model.structure.hyperparameters or _is_as_noise_makes_it(model, settled):
@@ -289,14 +293,14 @@ def _best_optimum_with_noise(
     )
 
 
-def _is_as_noise_makes_it(model: Model, settled: tuple[Point, float, Whitening]) -> bool:
+def _is_as_noise_makes_it(model: Model, settled: tuple[Point, float, Whitenings]) -> bool:
     """Whether an optimum's squares are no more than noise predicts: no other is far below it.
 
     All unknowns have priors, so that twice the objective is chi^2 with as many degrees of freedom
     as there are readings.
     """
     _, objective, stated = settled
-    readings = n_data(stated).sum()
+    readings = n_data(model, stated).sum()
     expected = readings + _SURPLUS_SD * np.sqrt(2.0 * readings)
     return model.noise.is_stated and bool(2.0 * objective < expected)
 
@@ -305,7 +309,7 @@ def _estimate_of(
     model: Model,
     point: Point,
     objective: float,
-    stated: Whitening,
+    stated: Whitenings,
     factors: np.ndarray,
     free: np.ndarray,
     starts: Starts,

@@ -15,7 +15,7 @@ import jax
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.inference.channel_rows import measured
 from bayes_inertia.inference.each_slew import of_slew
 from bayes_inertia.inference.fit_context import FitContext
 from bayes_inertia.inference.gate_limits import criteria
@@ -26,6 +26,7 @@ from bayes_inertia.inference.posterior import FORMAT, Posterior
 from bayes_inertia.inference.predicted_telemetry import predicted_telemetry
 from bayes_inertia.inference.sampler import Chains
 from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.parameters import log_prior
 from bayes_inertia.physics.stochastic_effect import StochasticEffect
 
@@ -45,29 +46,16 @@ Groups = dict[str, dict[str, np.ndarray]]
 
 _PRIOR_DRAWS = 2000
 _LIBRARIES = ("bayes-inertia", "jax", "emcee", "arviz", "numpy", "scipy")
-_AXES = {
-    "rate": ["slew", "row", "sensor_axis"],
-    "attitude": ["slew", "fix", "quaternion"],
-    "momentum": ["slew", "row", "wheel"],
+_DIMENSIONS = {
+    "principal_moment": ["axis"],
+    "time": ["slew", "row"],
+    "signal_time": ["slew", "instant"],
 }
-_RESIDUAL_AXES = _AXES | {"attitude": ["slew", "fix", "body_axis"]}
-_DIMENSIONS = (
-    {"principal_moment": ["axis"]}
-    | _AXES
-    | {"time": ["slew", "row"], "fix_time": ["slew", "fix"], "signal_time": ["slew", "instant"]}
-    | {f"{c}_point": _AXES[c][:2] for c in CHANNELS}
-)
 _UNITS = {
     ("derived", "principal_moment"): "kg m^2",
-    **{(g, "rate"): "rad/s" for g in ("posterior_predictive", "observed_data")},
-    **{(g, "momentum"): "N m s" for g in ("posterior_predictive", "observed_data")},
-    **{(g, "attitude"): "" for g in ("posterior_predictive", "observed_data")},
     ("constant_data", "time"): "s",
     ("constant_data", "fix_time"): "s",
     ("constant_data", "signal_time"): "s",
-    ("estimate", "residual_rate"): "stated sigma",
-    ("estimate", "residual_attitude"): "stated sigma",
-    ("estimate", "residual_momentum"): "stated sigma",
 }
 
 _log_prior = jax.jit(log_prior)
@@ -99,7 +87,7 @@ def build_posterior(
         "wheel": [w.name for w in campaign.wheels],
         "axis": [1, 2, 3],
     }
-    dimensions = dict(_DIMENSIONS)
+    dimensions = _dimensions(estimate.model.channels)
     if signals := stochastic_signals(estimate, chains, np.random.default_rng([seed, 2])):
         groups["signal"] = signals
         constant["signal_time"] = signal_times(estimate)
@@ -111,13 +99,23 @@ def build_posterior(
         warnings.filterwarnings("ignore", "Found chain dimension to be longer", UserWarning)
         tree = from_dict(groups, dims=dimensions, coords=coords)
     tree["estimate"] = _estimate_group(estimate)
-    _write_units(tree, dict(zip(space.names, space.units, strict=True)))
+    _write_units(tree, dict(zip(space.names, space.units, strict=True)), estimate.model.channels)
     for effect in drawable(estimate):
         tree["signal"][effect.name].attrs.update(_signal_words(effect))
     attributes = {"campaign": campaign.name, "seed": seed} | context.attributes()
     attributes |= _attributes(estimate, chains, context) | _mission(campaign)
     tree.attrs = {"format": FORMAT, "bayes_inertia": json.dumps(attributes)}
     return Posterior(tree)
+
+
+def _dimensions(channels: tuple[Channel, ...]) -> dict[str, list[str]]:
+    """Names of the axes of each variable."""
+    dimensions = dict(_DIMENSIONS)
+    for channel in channels:
+        axes = channel.axes
+        dimensions |= {channel.name: [*axes], f"{channel.name}_point": [*axes[:2]]}
+        dimensions[f"{axes[1]}_time"] = [*axes[:2]]
+    return dimensions
 
 
 def _mission(campaign: Campaign) -> dict[str, Any]:
@@ -152,17 +150,16 @@ def _sampled(estimate: Estimate, chains: Chains, rng: np.random.Generator) -> Gr
 def _observed(estimate: Estimate) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """What was measured, NaN where nothing was, and when."""
     telemetry, slews = estimate.model.data.arrays.telemetry, estimate.model.campaign.slews
-    fixed = np.asarray(telemetry.fix_valid)
-    time = np.full((len(slews), telemetry.rate.shape[1]), np.nan)
+    time = np.full((len(slews), telemetry.sample.shape[1]), np.nan)
     for i, slew in enumerate(slews):
         time[i, : len(slew.time)] = slew.time
-    fix_time = np.take_along_axis(time, np.asarray(telemetry.fix_row), axis=1)
-    observed = {
-        "rate": np.where(telemetry.rate_valid, telemetry.rate, np.nan),
-        "attitude": np.where(fixed[..., None], telemetry.attitude, np.nan),
-        "momentum": np.where(telemetry.momentum_valid, telemetry.momentum, np.nan),
-    }
-    constant = {"time": time, "fix_time": np.where(fixed, fix_time, np.nan)}
+    constant, observed = {"time": time}, {}
+    for channel, readings in zip(estimate.model.channels, telemetry.readings, strict=True):
+        observed[channel.name] = channel.known(readings)
+        if not channel.stream.is_series:
+            of_fix = np.take_along_axis(time, np.asarray(readings.row), axis=1)
+            fixed = np.asarray(readings.valid).any(-1)
+            constant[f"{channel.axes[1]}_time"] = np.where(fixed, of_fix, np.nan)
     return _not_empty(observed), _not_empty(constant)
 
 
@@ -192,35 +189,32 @@ def _estimate_group(estimate: Estimate) -> xr.DataTree:
         "slew_n_data": (("slew", "channel"), estimate.information.n_data),
     }
     variables |= {name: (("parameter",), x) for name, x in estimate.scatter_sds.items()}
-    for channel, values in _not_empty(_residual_arrays(estimate)).items():
-        variables[f"residual_{channel}"] = (_RESIDUAL_AXES[channel], values)
+    model = estimate.model
+    flat = residuals(model.structure, estimate.point, model.data, estimate.stated)
+    for channel, values, valid in zip(model.channels, flat, measured(model), strict=True):
+        if values.size:
+            shaped = np.asarray(values).reshape(valid.shape)
+            variables[f"residual_{channel.name}"] = (channel.residual_axes, shaped)
     coords = {
         "parameter": names,
         "parameter_2": names,
-        "channel": list(CHANNELS),
+        "channel": [channel.name for channel in model.channels],
         "slew": [s.name for s in estimate.model.campaign.slews],
     }
     return xr.DataTree(xr.Dataset(variables, coords=coords))
 
 
-def _residual_arrays(estimate: Estimate) -> dict[str, np.ndarray]:
-    """Residuals in stated sigmas (slews, rows, components) by channel."""
-    model = estimate.model
-    flat = residuals(model.structure, estimate.point, model.data, estimate.stated)
-    widths = (3, 3, max(1, model.structure.wheels))
-    return {
-        channel: np.asarray(values).reshape(len(values), -1, width)
-        for channel, values, width in zip(CHANNELS, flat, widths, strict=True)
-        if values.size
-    }
-
-
-def _write_units(tree: xr.DataTree, units: dict[str, str]) -> None:
+def _write_units(tree: xr.DataTree, units: dict[str, str], channels: tuple[Channel, ...]) -> None:
     """Write the unit of every variable that has one; `units` of the parameters."""
     for group in ("posterior", "prior"):
         for name, unit in units.items():
             tree[group][name].attrs["units"] = unit
-    for (group, name), unit in _UNITS.items():
+    of_channels = {
+        (group, channel.name): channel.stream.unit
+        for channel in channels
+        for group in ("posterior_predictive", "observed_data")
+    } | {("estimate", f"residual_{channel.name}"): "stated sigma" for channel in channels}
+    for (group, name), unit in (_UNITS | of_channels).items():
         if name in tree[group]:
             tree[group][name].attrs["units"] = unit
 

@@ -5,30 +5,26 @@ Numbers of the noise that a model was asked for: their draws, and how likely mea
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 
-import jax
 import numpy as np
 
-from bayes_inertia.campaign.channel_names import CHANNELS
-from bayes_inertia.inference.channel_rows import measured
+from bayes_inertia.inference.channel_rows import channel_rows
 from bayes_inertia.inference.laplace import Estimate, marginal
 from bayes_inertia.inference.likelihood import residuals
 from bayes_inertia.inference.marginal_posterior import conditional_point
 from bayes_inertia.inference.noise_marginal import conditional_point_with_noise, noise_marginal
 from bayes_inertia.inference.noise_memory import correlated_noise
-from bayes_inertia.inference.noise_model import rate_noise_covariance
+from bayes_inertia.inference.noise_model import remembers, stated_noise_of, without_memory
 from bayes_inertia.inference.noise_parameters import NoiseRules, channel_rules, noise_values
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.sampler import Chains
 from bayes_inertia.inference.student_t import log_norm, tail_of
-from bayes_inertia.maths import quaternion
+from bayes_inertia.maths.values import AnyArray
 
 # Draws of each ensemble kept for telemetry-sized groups.
 _DRAWS_OF_EACH_ENSEMBLE = 16
-
-_turned = jax.jit(lambda q, small_rotation: quaternion.multiply(q, quaternion.exp(small_rotation)))
 
 
 def predicted_telemetry(
@@ -74,23 +70,24 @@ def _of_draws(
     """
     point_of, structure = drawn_nuisances(estimate), estimate.model.structure
     normal_numbers = estimate.point.bias.size + estimate.point.local.size
-    # Correlated noise: what was measured differs from predictions by more than what is new in it.
-    memory = estimate.stated.memory
-    plain = None if memory is None else estimate.stated._replace(memory=None)
+    names = [channel.name for channel in estimate.model.channels]
     for theta in thetas:
         point = point_of(theta, rng.standard_normal(normal_numbers))
-        r = residuals(structure, point, estimate.model.data, estimate.stated)
-        new = {c: np.asarray(value) for c, value in zip(CHANNELS, r, strict=True)}
+        new = residuals(structure, point, estimate.model.data, estimate.stated)
         gaps = new
-        if plain is not None:
-            r = residuals(structure, point, estimate.model.data, plain)
-            gaps = {c: np.asarray(value) for c, value in zip(CHANNELS, r, strict=True)}
-        channels = {c: v for c, v in _predicted(estimate, gaps).items() if v.size}
+        # Correlated noise: what was measured differs from predictions by more than what is new.
+        if remembers(estimate.stated):
+            plain = without_memory(estimate.stated)
+            gaps = residuals(structure, point, estimate.model.data, plain)
+        channels = _predicted(estimate, gaps)
+        pairs = ((name, r) for name, r in zip(names, new, strict=True) if name in channels)
         yield (
             channels,
             {
-                c: _losses(estimate, theta, c, new[c].reshape(*values.shape[:2], -1))
-                for c, values in channels.items()
+                name: _losses(
+                    estimate, theta, name, np.asarray(r).reshape(*channels[name].shape[:2], -1)
+                )
+                for name, r in pairs
             },
         )
 
@@ -118,7 +115,7 @@ def _losses(estimate: Estimate, theta: np.ndarray, channel: str, z: np.ndarray) 
     """Minus log densities of rows (slews, rows), from their residuals in stated sigmas."""
     if estimate.model.noise.is_stated:
         return 0.5 * np.square(z).sum(-1)
-    valid = dict(zip(CHANNELS, measured(estimate.model), strict=True))[channel]
+    valid = channel_rows(estimate.model)[channel].valid
     return losses(channel_rules(estimate.model), theta, channel, z, valid)
 
 
@@ -133,47 +130,30 @@ def thinned_draws(chains: Chains, rng: np.random.Generator) -> np.ndarray:
     return chosen.reshape(ensembles * _DRAWS_OF_EACH_ENSEMBLE, -1)
 
 
-def _predicted(estimate: Estimate, gaps: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _predicted(estimate: Estimate, gaps: Sequence[AnyArray]) -> dict[str, np.ndarray]:
     """Predictions at the measurements: what is measured minus residuals in stated sigmas."""
-    telemetry, white = estimate.model.data.arrays.telemetry, estimate.stated
-    gap = gaps["rate"].reshape(telemetry.rate.shape)
-    error = np.einsum("srij,srj->sri", _inverses(np.asarray(white.rate)), gap)
-    predicted = {"rate": np.asarray(telemetry.rate) - error}
-    if telemetry.attitude.size:
-        turn = np.einsum(
-            "srij,srj->sri",
-            _inverses(np.asarray(white.attitude)),
-            gaps["attitude"].reshape(*telemetry.attitude.shape[:2], 3),
-        )
-        predicted["attitude"] = np.asarray(_turned(telemetry.attitude, -turn))
-    if estimate.model.structure.drive == "commanded" and telemetry.momentum.size:
-        scale = np.asarray(white.momentum)
-        error = gaps["momentum"].reshape(scale.shape) / np.where(scale > 0, scale, 1.0)
-        predicted["momentum"] = np.asarray(telemetry.momentum) - error
+    model, predicted = estimate.model, {}
+    readings = model.data.arrays.telemetry.readings
+    parts = zip(model.channels, readings, estimate.stated, gaps, strict=True)
+    for channel, measured, white, gap in parts:
+        if channel.compared and measured.values.size:
+            residual = np.asarray(gap).reshape(measured.valid.shape)
+            error = channel.unwhitened(np.asarray(white.factors), residual)
+            predicted[channel.name] = channel.moved(np.asarray(measured.values), -error)
     return predicted
-
-
-def _inverses(factors: np.ndarray) -> np.ndarray:
-    """Inverses of triangular factors (..., 3, 3); rows of zeros (nothing measured) stay."""
-    empty = np.diagonal(factors, axis1=-2, axis2=-1) == 0.0
-    filled = factors + np.where(empty[..., None], np.eye(3), 0.0)
-    return np.linalg.inv(filled) * ~empty[..., None]
 
 
 def _log_norms(estimate: Estimate) -> dict[str, np.ndarray]:
     """Log of the Gaussians' norms by channel (slews, rows): they make densities comparable."""
-
-    def norm(diagonal: np.ndarray) -> np.ndarray:
+    norms = {}
+    for channel, white in zip(estimate.model.channels, estimate.stated, strict=True):
+        diagonal = channel.diagonal(np.asarray(white.factors))
         measured = diagonal > 0
         logs = np.log(np.where(measured, diagonal, 1.0)) - 0.5 * np.log(2 * np.pi)
-        return np.sum(np.where(measured, logs, 0.0), -1)
-
-    white = estimate.stated
-    matrices = (np.diagonal(w, axis1=-2, axis2=-1) for w in (white.rate, white.attitude))
-    norms = [*(norm(m) for m in matrices), norm(np.asarray(white.momentum))]
-    if white.memory is not None:
-        norms[0] = norms[0] + np.log(np.asarray(white.memory.scale)).sum(-1)
-    return dict(zip(CHANNELS, norms, strict=True))
+        norms[channel.name] = np.sum(np.where(measured, logs, 0.0), -1)
+        if white.memory is not None:
+            norms[channel.name] = norms[channel.name] + np.log(white.memory.scale).sum(-1)
+    return norms
 
 
 def with_measurement_noise(
@@ -188,29 +168,18 @@ def with_measurement_noise(
     measured drive its J and K say how tachometer noise shakes the rates. `unit`: noise in stated
     sigmas, of a channel and a shape; standard normal unless given.
     """
-    telemetry, campaign = estimate.model.data.arrays.telemetry, estimate.model.campaign
+    model, noisy = estimate.model, {}
     unit = unit or (lambda channel, shape: rng.standard_normal(shape))
-    noisy = {}
-    if "rate" in predicted:
-        root = np.linalg.cholesky(rate_noise_covariance(estimate.model, estimate.theta))
-        noise = unit("rate", predicted["rate"].shape)
-        if estimate.stated.memory is not None:
-            noise = correlated_noise(noise, estimate.stated.memory)
-        noise = noise @ root.T
-        values = predicted["rate"] + noise.astype(np.float32)
-        noisy["rate"] = np.where(telemetry.rate_valid, values, np.float32(np.nan))
-    tracker = campaign.star_tracker
-    if "attitude" in predicted and tracker is not None:
-        along = np.outer(tracker.boresight_B, tracker.boresight_B)
-        spread = tracker.sigma_cross * (np.eye(3) - along) + tracker.sigma_roll * along
-        turn = unit("attitude", (*predicted["attitude"].shape[:-1], 3)) @ spread
-        values = _turned(predicted["attitude"], turn)
-        noisy["attitude"] = np.where(np.asarray(telemetry.fix_valid)[..., None], values, np.nan)
-    if "momentum" in predicted:
-        sigma = np.array([w.momentum_sigma or np.nan for w in campaign.wheels])
-        noise = sigma * unit("momentum", predicted["momentum"].shape)
-        values = predicted["momentum"] + noise.astype(np.float32)
-        noisy["momentum"] = np.where(telemetry.momentum_valid, values, np.float32(np.nan))
+    readings = model.data.arrays.telemetry.readings
+    for channel, measured, white in zip(model.channels, readings, estimate.stated, strict=True):
+        if (values := predicted.get(channel.name)) is None:
+            continue
+        noise = unit(channel.name, (*values.shape[:-1], measured.valid.shape[-1]))
+        if white.memory is not None:
+            noise = correlated_noise(noise, white.memory)
+        stated = stated_noise_of(model, channel, estimate.theta)
+        values = channel.moved(values, channel.drawn(stated, noise))
+        noisy[channel.name] = channel.known(measured._replace(values=values))
     return noisy
 
 
@@ -226,7 +195,7 @@ def unit_noise(
     `thetas` (n, d): draws whose scale and degrees of freedom count, in the order of the first axes.
     `shape`: (ensembles, draws, ...) of the noise, ensembles times draws being n.
     """
-    c = CHANNELS.index(channel)
+    c = [rule.channel for rule in rules].index(channel)
     rows = [noise_values(rules, theta) for theta in thetas]
     width = (*shape[:2], *(1 for _ in shape[2:]))
     scale = np.array([scales[c] for scales, _ in rows], float).reshape(width)
@@ -244,7 +213,7 @@ def losses(
     `theta` (d,); `z` (slews, rows, components); `valid` (slews, rows, components). Returns (slews,
     rows): summed over the components of each row, without log(2 pi)/2 and log sigma.
     """
-    c = CHANNELS.index(channel)
+    c = [rule.channel for rule in rules].index(channel)
     scales, degrees = noise_values(rules, theta)
     loss = np.asarray(tail_of(rules[c].heavy, z / scales[c], degrees[c]).loss)
     loss = loss + np.log(scales[c]) + (log_norm(degrees[c]) if rules[c].heavy else 0.0)

@@ -16,7 +16,7 @@ model holds less of them than `_NEGLIGIBLE` of the noise.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -25,13 +25,12 @@ from numpy.polynomial.legendre import legvander
 from scipy.linalg import qr
 from scipy.special import factorial2
 
-from bayes_inertia.inference.likelihood import Residuals
 from bayes_inertia.inference.marginal_posterior import Marginal
 from bayes_inertia.inference.noise_model import Whitening
 from bayes_inertia.maths import inertia_tensor
 from bayes_inertia.maths.device_arrays import padded_size
 from bayes_inertia.physics.prediction import Structure
-from bayes_inertia.physics.slew_input import ReadingProjection, SlewInput
+from bayes_inertia.physics.slew_input import SlewInput
 from bayes_inertia.physics.step_drive import KnownMomentum, known_momentum
 
 # Functions of which the model holds less than this share of one reading's noise are left out.
@@ -49,7 +48,7 @@ class _Channel(NamedTuple):
 
     valid: np.ndarray  # (slews, grid)
     readings: np.ndarray  # (slews, grid, components)
-    whiten: np.ndarray  # (slews, components, components)
+    factor: np.ndarray  # (slews, ...), what whitens a reading
     columns: np.ndarray  # (slews, grid, components, nuisances), whitened
 
 
@@ -76,35 +75,39 @@ def compressed(structure: Structure, marginal: Marginal) -> Marginal:
     """
     if why_not_compressed(structure, marginal) is not None:
         return marginal
-    channels = _rates(marginal), _momenta(marginal)
-    rows = _chosen_rows(structure, marginal, channels[0].valid | channels[1].valid)
+    series = {
+        k: _on_grid(marginal, k)
+        for k, channel in enumerate(structure.channels)
+        if channel.stream.is_series
+    }
+    valid = np.logical_or.reduce([channel.valid for channel in series.values()])
+    rows = _chosen_rows(structure, marginal, valid)
     if rows is None:
         return marginal
-    rate, momentum = (_combined(channel, rows) for channel in channels)
-    telemetry, white = marginal.data.arrays.telemetry, marginal.white
+    telemetry = marginal.data.arrays.telemetry
     first = structure.rows_per_step * np.arange(rows.chosen.shape[1])
     grid_rows = (rows.chosen + first[:, None]).reshape(len(rows.chosen), -1)
-    n = grid_rows.shape[1]
-    telemetry = telemetry._replace(
-        rate=jnp.asarray(rate.readings),
-        momentum=jnp.asarray(momentum.readings),
-        projection=ReadingProjection(*map(jnp.asarray, (grid_rows, rate.factor, momentum.factor))),
+    columns, readings, white = (
+        [*each] for each in (marginal.columns, telemetry.readings, marginal.white)
     )
-    wheels = np.diagonal(channels[1].whiten, axis1=1, axis2=2)
-    white = Whitening(
-        jnp.asarray(np.repeat(channels[0].whiten[:, None], n, axis=1)),
-        white.attitude,
-        jnp.asarray(np.repeat(wheels[:, None], n, axis=1)),
-    )
-    columns = [jnp.asarray(rate.columns), marginal.columns.attitude, jnp.asarray(momentum.columns)]
-    if structure.drive == "measured":
-        columns[2] = marginal.columns.momentum
+    unexplained = 0.0
+    for k, on_grid in series.items():
+        few = _combined(on_grid, rows)
+        readings[k] = readings[k]._replace(
+            values=jnp.asarray(few.readings), combined=jnp.asarray(few.factor)
+        )
+        each_row = np.repeat(on_grid.factor[:, None], grid_rows.shape[1], axis=1)
+        white[k] = Whitening(jnp.asarray(each_row))
+        if structure.channels[k].compared:
+            columns[k] = jnp.asarray(few.columns)
+        unexplained += few.unexplained
+    telemetry = telemetry._replace(readings=tuple(readings), combined_at=jnp.asarray(grid_rows))
     arrays = marginal.data.arrays._replace(telemetry=telemetry)
     return marginal._replace(
-        columns=Residuals(*columns),
+        columns=tuple(columns),
         data=replace(marginal.data, arrays=arrays),
-        white=white,
-        unexplained=jnp.asarray(rate.unexplained + momentum.unexplained),
+        white=tuple(white),
+        unexplained=jnp.asarray(unexplained),
     )
 
 
@@ -120,14 +123,15 @@ def why_not_compressed(structure: Structure, marginal: Marginal) -> str | None:
         return "an effect acts on the motion within a step, or on a sensor"
     if marginal.coefficients is not None:
         return "effects without a fixed shape are integrated out"
-    white = marginal.white
-    if white.memory is not None:
-        return "the noise of the rates is correlated"
-    rates = np.asarray(white.rate)
-    if not _even(rates.reshape(*rates.shape[:2], 9)):
-        return "the noise of the rates differs between rows, or some lack the reading of an axis"
-    if not _even(np.asarray(white.momentum)):
-        return "the tachometers' noise differs between rows, or some lack the reading of a wheel"
+    if any(not channel.stream.field for channel in structure.channels):
+        return "further sensors are compared"
+    for channel, white in zip(structure.channels, marginal.white, strict=True):
+        sensor = channel.stream.sensor
+        if white.memory is not None:
+            return f"the noise of the {sensor} is correlated"
+        factors = np.asarray(white.factors)
+        if channel.stream.is_series and not _even(factors.reshape(*factors.shape[:2], -1)):
+            return f"the noise of the {sensor} differs between rows, or some lack a reading"
     return None
 
 
@@ -138,42 +142,30 @@ def _even(factors: np.ndarray) -> bool:
     return bool((same | ~valid).all())
 
 
-def _rates(marginal: Marginal) -> _Channel:
-    telemetry, whiten = marginal.data.arrays.telemetry, np.asarray(marginal.white.rate)
-    valid = (whiten != 0.0).any(axis=(-2, -1))
-    return _channel(marginal, valid, telemetry.rate, _of_slews(whiten, valid), 0)
-
-
-def _momenta(marginal: Marginal) -> _Channel:
-    telemetry, whiten = marginal.data.arrays.telemetry, np.asarray(marginal.white.momentum)
-    valid = (whiten != 0.0).any(axis=-1)
-    diagonal = _of_slews(whiten, valid)[..., None] * np.eye(whiten.shape[-1])
-    return _channel(marginal, valid, telemetry.momentum, diagonal, 2)
-
-
 def _of_slews(whiten: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """The first factor of each slew that is not zero."""
     return whiten[np.arange(len(whiten)), valid.argmax(axis=1)]
 
 
-def _channel(
-    marginal: Marginal, valid: np.ndarray, readings: Any, whiten: np.ndarray, channel: int
-) -> _Channel:
+def _on_grid(marginal: Marginal, k: int) -> _Channel:
     """A channel moved from the rows of the telemetry to those of the grid."""
-    arrays = marginal.data.arrays
+    arrays, factors = marginal.data.arrays, np.asarray(marginal.white[k].factors)
     sample, grid = np.asarray(arrays.telemetry.sample), arrays.slews.context.time.shape[1]
+    valid = (factors != 0.0).any(axis=tuple(range(2, factors.ndim)))
+    readings = np.asarray(arrays.telemetry.readings[k].values)
 
-    def on_grid(rows: np.ndarray) -> np.ndarray:
-        moved = np.zeros((len(rows), grid, *rows.shape[2:]), rows.dtype)
+    def moved(rows: np.ndarray) -> np.ndarray:
+        places = np.zeros((len(rows), grid, *rows.shape[2:]), rows.dtype)
         for s, counts in enumerate(valid):
-            moved[s, sample[s, counts]] = rows[s, counts]
-        return moved
+            places[s, sample[s, counts]] = rows[s, counts]
+        return places
 
-    columns = np.asarray(marginal.columns[channel])
+    columns = np.asarray(marginal.columns[k])
     # In the measured drive tachometers are not compared.
-    shape = *valid.shape, readings.shape[-1], columns.shape[-1]
+    shape = *readings.shape, columns.shape[-1]
     columns = columns.reshape(shape) if columns.size else np.zeros(shape)
-    return _Channel(on_grid(valid), on_grid(np.asarray(readings)), whiten, on_grid(columns))
+    factor = _of_slews(factors, valid)
+    return _Channel(moved(valid), moved(readings), factor, moved(columns))
 
 
 def _known(structure: Structure, slews: SlewInput) -> KnownMomentum:
@@ -212,7 +204,7 @@ def _chosen_rows(structure: Structure, marginal: Marginal, valid: np.ndarray) ->
 
 def _functions(structure: Structure, marginal: Marginal, known: KnownMomentum) -> np.ndarray:
     """What predictions may consist of (slews, m, r, functions), as large as it may be in sigmas."""
-    motion = _Motion.of(marginal)
+    motion = _Motion.of(structure, marginal)
     fraction = known.steps.fraction
     legendre = legvander(2.0 * fraction - 1.0, _DEGREE)
     order = np.arange(_DEGREE + 1)
@@ -244,19 +236,20 @@ class _Motion(NamedTuple):
     per_momentum: np.ndarray  # (wheels,) [1/(N m s)]
 
     @classmethod
-    def of(cls, marginal: Marginal) -> _Motion:
+    def of(cls, structure: Structure, marginal: Marginal) -> _Motion:
         """From readings, and J of the optimum."""
         slews, telemetry, _ = marginal.data.arrays
+        gyro, wheels = structure.place("rate"), structure.place("momentum")
         hardware = slews.context.wheel_axes_B, slews.context.spin_inertia
         axes, spin = (np.asarray(part)[0] for part in hardware)
         tensor = inertia_tensor.tensor(np.asarray(marginal.optimum.theta)[:6])
         moments = np.linalg.eigvalsh(tensor)
-        rate = np.sqrt(3.0) * float(np.abs(np.asarray(telemetry.rate)).max(initial=0.0))
+        rate = np.sqrt(3.0) * float(np.abs(telemetry.readings[gyro].values).max(initial=0.0))
         held = np.abs(np.asarray(slews.momentum)).max(axis=(0, 1), initial=0.0)
         momentum = float(moments[-1] * rate + held.sum())
         frequency = rate + momentum / float(np.sqrt(moments[0] * moments[1]))
-        by_wheel = np.asarray(marginal.white.momentum).max(axis=(0, 1), initial=0.0)
-        by_gyro = float(np.abs(np.asarray(marginal.white.rate)).max(initial=0.0))
+        by_wheel = np.asarray(marginal.white[wheels].factors).max(axis=(0, 1), initial=0.0)
+        by_gyro = float(np.abs(marginal.white[gyro].factors).max(initial=0.0))
         sigmas = max(by_gyro, float((by_wheel * spin).max(initial=0.0)))
         turned = sigmas * np.linalg.norm(np.linalg.solve(tensor, axes), axis=0)
         kick = turned * momentum / moments[0]
@@ -271,7 +264,9 @@ def _combined(channel: _Channel, rows: _Rows) -> _Combined:
     readings = channel.readings.reshape(*shape, channel.readings.shape[-1])
     combined = np.einsum("smrq,smrc->smqc", factors.Q, readings)
     rest = readings - factors.Q @ combined
-    unexplained = np.einsum("scd,smrd->smrc", channel.whiten, rest)
+    whiten = channel.factor
+    matrix = whiten if whiten.ndim == 3 else whiten[..., None] * np.eye(whiten.shape[-1])
+    unexplained = np.einsum("scd,smrd->smrc", matrix, rest)
     columns = channel.columns.reshape(*shape, *channel.columns.shape[2:])
     columns = np.einsum("smrq,smrck->smqck", factors.Q, columns)
     return _Combined(

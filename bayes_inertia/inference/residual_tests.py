@@ -16,8 +16,8 @@ import numpy as np
 from emcee.autocorr import integrated_time
 from scipy import stats
 
-from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.inference.gate_limits import REJECT_BELOW
+from bayes_inertia.physics.channels import Channel
 
 # Lags [rows] over which correlation is tested.
 _LAGS = 10
@@ -76,6 +76,7 @@ def chi2_test(chi2: float, dof: float, p_white: float | None = None) -> ChannelT
 
 
 def channel_tests(
+    channels: Sequence[Channel],
     series: dict[str, list[np.ndarray]],
     chi2: np.ndarray,
     dof: np.ndarray,
@@ -83,16 +84,16 @@ def channel_tests(
 ) -> dict[str, ChannelTest]:
     """Test every channel, and the total.
 
-    `chi2` (3,); `dof` (3,). `series` (rows, components): residuals by channel and slew, NaN where
-    nothing was measured. `rounded`: channels whose readings are rounded so coarsely that their
-    errors are not white by right.
+    `chi2`, `dof`: of each channel. `series` (rows, components): residuals by channel and slew, NaN
+    where nothing was measured. `rounded`: channels whose readings are rounded so coarsely that
+    their errors are not white by right.
     """
     tests = {}
-    for i, channel in enumerate(CHANNELS):
+    for i, channel in enumerate(channels):
         # Star-tracker fixes come in a few bursts: no series to correlate.
-        no_series = channel == "attitude" or channel in rounded
-        p_white = None if no_series else whiteness(series[channel])
-        tests[channel] = chi2_test(float(chi2[i]), float(dof[i]), p_white)
+        no_series = not channel.stream.is_series or channel.name in rounded
+        p_white = None if no_series else whiteness(series[channel.name])
+        tests[channel.name] = chi2_test(float(chi2[i]), float(dof[i]), p_white)
     tests["total"] = chi2_test(float(chi2.sum()), float(dof.sum()))
     return tests
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.channel_names import FIELD_OF_CHANNEL
 from bayes_inertia.campaign.quantisation import quantisation_sigma, quantisation_step
+from bayes_inertia.campaign.sensors import series_of
 
 # Rounding that adds less to the noise than this factor is left alone.
 ROUNDING_THAT_COUNTS = 1.005
@@ -22,25 +22,19 @@ _LOUDER_THAN_COARSE = 1.5
 
 
 def rounding_steps(campaign: Campaign) -> dict[str, np.ndarray]:
-    """The steps to which rates and tachometers are rounded.
+    """The steps to which readings in series are rounded.
 
-    Returns (components,): by channel, "rate" and "momentum" [stated sigma]; 0 where nothing is
-    rounded.
+    Returns (components,): by channel [stated sigma]; 0 where nothing is rounded.
     """
-    sigmas = {
-        "rate": campaign.rate_sensor.sigma,
-        "momentum": tuple(wheel.momentum_sigma for wheel in campaign.wheels),
-    }
     steps = {}
-    for channel, sigma in sigmas.items():
-        key = FIELD_OF_CHANNEL[channel]
-        tables = [getattr(s, key) for s in campaign.slews if getattr(s, key) is not None]
-        steps[channel] = np.array(
+    for stream in series_of(campaign):
+        tables = [x for slew in campaign.slews if (x := stream.of(slew)) is not None]
+        steps[stream.name] = np.array(
             [
                 (quantisation_step(np.concatenate([x[:, k] for x in tables])) or 0.0) / one
                 if one is not None and tables
                 else 0.0
-                for k, one in enumerate(sigma)
+                for k, one in enumerate(stream.sigma(campaign))
             ]
         )
     return steps

@@ -76,7 +76,7 @@ def batch_size(estimate: Estimate) -> int:
 
     Returns: A power of two from 8 to 32; emcee's half-ensemble moves ask for 32 at a time.
     """
-    slews, rows = estimate.model.data.arrays.telemetry.rate.shape[:2]
+    slews, rows = estimate.model.data.arrays.telemetry.sample.shape
     return _batch(slews * rows)
 
 
@@ -126,8 +126,9 @@ def log_density_at(estimate: Estimate, most: int = 32) -> LogDensity:
         return log_density_with_noise(estimate, batch=min(most, batch_size(estimate)))
     structure = estimate.model.structure
     few = compressed(structure, marginal(estimate))
-    rows = few.data.pieces[0].arrays.telemetry.rate.shape[1]
-    return log_density_of(structure, few, batch=min(most, _batch(rows)))
+    telemetry = few.data.pieces[0].arrays.telemetry
+    rows = telemetry.sample if telemetry.combined_at is None else telemetry.combined_at
+    return log_density_of(structure, few, batch=min(most, _batch(rows.shape[1])))
 
 
 def steps_wanted(diagnostics: Diagnostics, settings: Settings) -> int:

@@ -14,13 +14,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.inference.effect_noise import noise_of_effects
 from bayes_inertia.inference.hat_matrix import hat_traces
 from bayes_inertia.inference.likelihood import Information
-from bayes_inertia.inference.noise_filter import momentum_noise_memory, rate_noise_memory
-from bayes_inertia.inference.noise_memory import innovations
-from bayes_inertia.inference.noise_model import Whitening, rate_noise_covariance
+from bayes_inertia.inference.noise_filter import noise_memory
+from bayes_inertia.inference.noise_model import Whitenings, stated_noise_of
 from bayes_inertia.inference.point import Point
 from bayes_inertia.inference.residual_series import residual_series
 from bayes_inertia.maths.values import array_dataclass
@@ -36,9 +34,9 @@ class TestedResiduals:
     ----------
     series : dict of list of (rows, components) arrays
         By channel and slew, in stated sigmas; NaN where nothing was measured.
-    chi2 : (slews, 3) array
+    chi2 : (slews, channels) array
         Sums of squares by slew and channel.
-    parameters : (3,) array
+    parameters : (channels,) array
         How many parameters each channel pays for.
     """
 
@@ -50,7 +48,7 @@ class TestedResiduals:
 def filtered_residuals(
     model: Model,
     point: Point,
-    stated: Whitening,
+    stated: Whitenings,
     information: Information,
     covariance: np.ndarray,
 ) -> TestedResiduals | None:
@@ -67,7 +65,7 @@ def filtered_residuals(
         filtered[each.coefficients] = True
     whole = [each.noise._replace(knots=0) for each in of_effects]
     series = _filtered_series(model, point, stated, whole, filtered)
-    chi2 = [[float(np.nansum(np.square(x))) for x in series[c]] for c in CHANNELS]
+    chi2 = [[float(np.nansum(np.square(x))) for x in of_slews] for of_slews in series.values()]
     parameters = hat_traces(information, point.n_local, covariance, nuisances=~filtered)
     return TestedResiduals(series, np.array(chi2).T, parameters)
 
@@ -75,20 +73,13 @@ def filtered_residuals(
 def _filtered_series(
     model: Model,
     point: Point,
-    stated: Whitening,
+    stated: Whitenings,
     noise: list[ReadingNoise],
     filtered: np.ndarray,
 ) -> dict[str, list[np.ndarray]]:
     """Residuals without the coefficients of these processes, the processes filtered out."""
-    local = np.where(filtered, 0.0, point.local)
-    of_rate = [each for each in noise if each.channel == "rate"]
-    memory = rate_noise_memory(model, rate_noise_covariance(model, point.theta), of_rate)
-    white = stated._replace(memory=memory)
-    series = residual_series(model, replace(point, local=local), white)
-    walk = momentum_noise_memory(model, [each for each in noise if each.channel == "momentum"])
-    if walk is not None:
-        known = np.nan_to_num(np.stack(series["momentum"]))
-        new = innovations(known, walk)
-        missing = np.isnan(np.stack(series["momentum"]))
-        series["momentum"] = list(np.where(missing, np.nan, new))
-    return series
+    local, white = np.where(filtered, 0.0, point.local), []
+    for channel, stated_white in zip(model.channels, stated, strict=True):
+        of_channel = stated_noise_of(model, channel, point.theta)
+        white.append(stated_white._replace(memory=noise_memory(model, channel, of_channel, noise)))
+    return residual_series(model, replace(point, local=local), tuple(white))

@@ -12,15 +12,14 @@ from typing import Any
 import numpy as np
 
 from bayes_inertia.campaign.campaign import Campaign
-from bayes_inertia.campaign.channel_names import FIELD_OF_CHANNEL
 from bayes_inertia.campaign.dirt import Dirt, DirtKind
 from bayes_inertia.campaign.hardware import CorrelatedNoise, RateSensor
+from bayes_inertia.campaign.sensors import CHANNELS, STREAMS, stream_named, streams_of
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.inference.noise_colour import Colour, ColourOfAxis
 from bayes_inertia.physics.slew_input import Drive
 
-_CALM: Mapping[str, float] = {"rate": 1.0, "attitude": 1.0, "momentum": 1.0}
-_SENSOR = {"rate": "rate sensor", "attitude": "star tracker", "momentum": "tachometers"}
+_SENSORS = {stream.name: stream.sensor for stream in STREAMS}
 
 
 @dataclass(frozen=True)
@@ -41,7 +40,7 @@ class DirtTreatment:
     """
 
     masked: tuple[Dirt, ...] = ()
-    level: Mapping[str, float] = field(default_factory=lambda: dict(_CALM))
+    level: Mapping[str, float] = field(default_factory=lambda: dict.fromkeys(CHANNELS, 1.0))
     colour: Colour | None = None
     rounded: tuple[str, ...] = ()
 
@@ -65,7 +64,8 @@ class DirtTreatment:
                 "",
                 (),
                 "modelled",
-                f"the noise of the {_SENSOR[channel]} is {factor:.2f} times what is stated"
+                f"the noise of the {_SENSORS.get(channel, channel)} is {factor:.2f} times what is "
+                f"stated"
                 f"{', with the rounding of its readings' if channel in self.rounded else ''}",
             )
             for channel, factor in self.louder.items()
@@ -131,7 +131,7 @@ def treated(campaign: Campaign, treatment: DirtTreatment, drive: Drive) -> Campa
     """
     if treatment.is_nothing:
         return campaign
-    slews = tuple(_masked(slew, treatment.masked) for slew in campaign.slews)
+    slews = tuple(_masked(campaign, slew, treatment.masked) for slew in campaign.slews)
     dirt = records_of_dirt(campaign, treatment)
     campaign = replace(campaign, slews=slews, dirt=dirt)
     if treatment.colour is not None:
@@ -142,14 +142,13 @@ def treated(campaign: Campaign, treatment: DirtTreatment, drive: Drive) -> Campa
     return campaign
 
 
-def _masked(slew: Slew, masks: tuple[Dirt, ...]) -> Slew:
+def _masked(campaign: Campaign, slew: Slew, masks: tuple[Dirt, ...]) -> Slew:
     for mask in masks:
-        key = FIELD_OF_CHANNEL[mask.channel]
-        if mask.slew == slew.name and getattr(slew, key) is not None:
-            values = np.array(getattr(slew, key))
-            values[list(mask.rows)] = np.nan
-            masked: dict[str, Any] = {key: values}
-            slew = replace(slew, **masked)
+        stream = stream_named(mask.channel, campaign)
+        if mask.slew == slew.name and (values := stream.of(slew)) is not None:
+            gone = np.zeros(values.shape, dtype=bool)
+            gone[list(mask.rows)] = True
+            slew = stream.masked(slew, gone)
     return slew
 
 
@@ -183,17 +182,6 @@ def with_measured_noise(
     the sigmas of its sensors multiplied.
     """
     factors = factors if drive == "commanded" else {**factors, "momentum": factors["rate"]}
-    sensor, tracker = campaign.rate_sensor, campaign.star_tracker
-    x, y, z = (factors["rate"] * sigma for sigma in sensor.sigma)
-    louder_sensor = replace(sensor, sigma=(x, y, z))
-    louder_wheels = tuple(
-        replace(w, momentum_sigma=w.momentum_sigma and factors["momentum"] * w.momentum_sigma)
-        for w in campaign.wheels
-    )
-    if tracker is not None:
-        tracker = replace(
-            tracker,
-            sigma_cross=factors["attitude"] * tracker.sigma_cross,
-            sigma_roll=factors["attitude"] * tracker.sigma_roll,
-        )
-    return replace(campaign, rate_sensor=louder_sensor, wheels=louder_wheels, star_tracker=tracker)
+    for stream in streams_of(campaign):
+        campaign = stream.louder(campaign, factors.get(stream.name, 1.0))
+    return campaign

@@ -30,7 +30,6 @@ from math import factorial
 
 import numpy as np
 
-from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.errors import EstimateError
 from bayes_inertia.inference.laplace import Estimate
 from bayes_inertia.inference.objective import block_index, prior_rows
@@ -46,7 +45,6 @@ from bayes_inertia.observability.result import (
 )
 
 GROUPS = ("J", "K", "initial conditions", "tachometer noise", "rate bias", "effects")
-_ATTITUDE_INDEX = CHANNELS.index("attitude")
 
 
 def observe(estimate: Estimate, other_drive: Estimate | None = None) -> Observability:
@@ -94,6 +92,7 @@ def observe(estimate: Estimate, other_drive: Estimate | None = None) -> Observab
         drive=model.structure.drive,
         effects=tuple(effect.name for effect in model.effects),
         slews=tuple(slew.name for slew in model.campaign.slews),
+        channels=tuple(channel.name for channel in model.channels),
         parameters=_parameters(estimate, names, other_drive),
         covariance=estimate.covariance[np.ix_(estimate.free, estimate.free)],
         directions=_directions(estimate, names),
@@ -121,7 +120,7 @@ def _groups(estimate: Estimate) -> dict[str, np.ndarray]:
 
 
 def _sd_without(estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
-    """sd (slews, f) without each slew, and (3, f) without each channel (NaN: it has no data)."""
+    """sd without each slew (slews, f), and without each channel (channels, f): NaN without data."""
     f, shape, fit = len(estimate.free), estimate.information.n_data.shape, estimate.linearised()
 
     def sd(weights: np.ndarray) -> np.ndarray:
@@ -135,8 +134,10 @@ def _sd_without(estimate: Estimate) -> tuple[np.ndarray, np.ndarray]:
     )
     measured = estimate.information.n_data.any(axis=0)
     channels = [
-        sd(np.where(np.arange(3) == c, 0.0, np.ones(shape))) if measured[c] else np.full(f, np.nan)
-        for c in range(3)
+        sd(np.where(np.arange(len(measured)) == c, 0.0, np.ones(shape)))
+        if known
+        else np.full(f, np.nan)
+        for c, known in enumerate(measured)
     ]
     return slews, np.stack(channels)
 
@@ -243,17 +244,16 @@ def _arrivals(estimate: Estimate) -> tuple[InformationArrival, ...]:
     model, w = estimate.model, _followers(estimate)
     f, m = len(estimate.free), estimate.point.n_local
     jacobian = estimate.linearised().fitted_columns()
-    telemetry, widths = model.data.arrays.telemetry, (3, 3, max(1, model.structure.wheels))
-    fix_row = np.asarray(telemetry.fix_row)
+    readings = model.data.arrays.telemetry.readings
     arrivals = []
     for s, slew in enumerate(model.campaign.slews):
         follow = w[block_index(f + N_BIAS, m, s)]
-        rows = np.zeros((telemetry.rate.shape[1], len(CHANNELS), f))
-        for c, (columns, width) in enumerate(zip(jacobian, widths, strict=True)):
+        rows = np.zeros((model.data.arrays.telemetry.sample.shape[1], len(readings), f))
+        for c, (columns, of_channel) in enumerate(zip(jacobian, readings, strict=True)):
             projected = columns[s] @ follow
+            width = max(1, of_channel.valid.shape[-1])
             squares = (projected**2).reshape(-1, width, f).sum(1)
-            place = fix_row[s] if c == _ATTITUDE_INDEX else np.arange(len(squares))
-            np.add.at(rows[:, c], place, squares)
+            np.add.at(rows[:, c], np.asarray(of_channel.row)[s, : len(squares)], squares)
         time = slew.time - slew.time[0]
         arrivals.append(InformationArrival(slew.name, time, rows[: len(time)]))
     return tuple(arrivals)

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.maths.values import json_ready
 from bayes_inertia.observability.result import (
     Observability,
@@ -85,12 +84,12 @@ def _parameter(
     middle = observability.middle_half(p.name)
     return {key: getattr(p, key) for key in _COPIED_FIELDS} | {
         "says": sentence(observability, p.name),
-        "signal_by": _by_slew_and_channel(slews, p.signal_by),
-        "share": _by_slew_and_channel(slews, p.share),
+        "signal_by": _by_slew_and_channel(observability, p.signal_by),
+        "share": _by_slew_and_channel(observability, p.share),
         "share_own_prior": p.share_own_prior,
         "share_other_priors": p.share_other_priors,
         "sd_without_slew": dict(zip(slews, p.sd_without_slew, strict=True)),
-        "sd_without_channel": dict(zip(CHANNELS, p.sd_without_channel, strict=True)),
+        "sd_without_channel": dict(zip(observability.channels, p.sd_without_channel, strict=True)),
         "partners": [{"with": name, "correlation": r} for name, r in p.partners],
         "sd_other_drive": p.sd_other_drive,
         "commands_worth": commands_worth(p, observability.drive),
@@ -98,14 +97,14 @@ def _parameter(
         if middle is None
         else dict(zip(("slew", "t_start", "t_end"), middle, strict=True)),
         "arrival": {
-            slew: dict(zip(CHANNELS, (rows[..., i] * p.sd**2).T, strict=True))
+            slew: dict(zip(observability.channels, (rows[..., i] * p.sd**2).T, strict=True))
             for slew, (_, rows) in windows.items()
         },
     }
 
 
-def _by_slew_and_channel(slews: tuple[str, ...], numbers: np.ndarray) -> dict[str, dict]:
+def _by_slew_and_channel(observability: Observability, numbers: np.ndarray) -> dict[str, dict]:
     return {
-        slew: dict(zip(CHANNELS, row, strict=True))
-        for slew, row in zip(slews, numbers, strict=True)
+        slew: dict(zip(observability.channels, row, strict=True))
+        for slew, row in zip(observability.slews, numbers, strict=True)
     }

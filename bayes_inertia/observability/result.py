@@ -145,8 +145,8 @@ class Observability:
         Its name.
     drive : str
         "commanded" or "measured".
-    effects, slews : tuple of str
-        Names of the effects that were fitted along, and of the slews.
+    effects, slews, channels : tuple of str
+        Names of the effects that were fitted along, of the slews, and of the channels.
     parameters : tuple of ParameterObservability
         One by one.
     covariance : (f, f) array
@@ -165,6 +165,7 @@ class Observability:
     drive: str
     effects: tuple[str, ...]
     slews: tuple[str, ...]
+    channels: tuple[str, ...]
     parameters: tuple[ParameterObservability, ...]
     covariance: np.ndarray
     directions: tuple[Direction, ...]

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 
-from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.observability.limits import LIMITS
 from bayes_inertia.observability.result import (
     Observability,
@@ -58,7 +57,7 @@ def sentence(observability: Observability, name: str) -> str:
     middle = observability.middle_half(name)
     if middle and p.verdict != "prior":
         _, begin, end = middle
-        source = _source(p, observability.slews)
+        source = _source(p, observability)
         parts.append(f"{source}, half of that slew's part between {begin:.4g} and {end:.4g} s")
     worth = commands_worth(p, observability.drive)
     if worth is not None and worth > LIMITS.mentioned_sd_ratio:
@@ -101,17 +100,18 @@ def _group_without(name: str, group: str) -> str:
     return f"the rest of {group}" if is_member.get(group) else group
 
 
-def _source(p: ParameterObservability, slews: tuple[str, ...]) -> str:
+def _source(p: ParameterObservability, observability: Observability) -> str:
     """Which slew and which channel tell most."""
     by_slew, by_channel = p.share.sum(1), p.share.sum(0)
-    best, channel = int(np.argmax(by_slew)), int(np.argmax(by_channel))
+    best, most = int(np.argmax(by_slew)), int(np.argmax(by_channel))
+    slew, channel = observability.slews[best], observability.channels[most]
     prior = p.share_own_prior + p.share_other_priors
     if prior > 0.5:
         return (
             f"{100 * prior:.0f} % of what is known is prior knowledge; "
-            f"of the slews {slews[best]} tells most, through the {CHANNELS[channel]} channel"
+            f"of the slews {slew} tells most, through the {channel} channel"
         )
     return (
-        f"{100 * by_slew[best]:.0f} % of what is known comes from {slews[best]}, "
-        f"{100 * by_channel[channel]:.0f} % from the {CHANNELS[channel]} channel"
+        f"{100 * by_slew[best]:.0f} % of what is known comes from {slew}, "
+        f"{100 * by_channel[most]:.0f} % from the {channel} channel"
     )

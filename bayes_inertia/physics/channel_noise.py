@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, get_args
 
-from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.errors import SettingsError
 from bayes_inertia.physics.parameters import LogNormal, Parameter, scalar
 
@@ -95,14 +95,14 @@ class ChannelNoise:
         return self.family == "student_t"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class NoiseModel:
     """The noise of all channels.
 
     Parameters
     ----------
-    rate, attitude, momentum : ChannelNoise
-        Of rate sensor, star tracker and tachometers.
+    **channels : ChannelNoise
+        By the channel's name, as in `rate=`; Gaussian of the stated sigma unless given.
 
     Examples
     --------
@@ -110,28 +110,31 @@ class NoiseModel:
     ('noise.rate_scale',)
     """
 
-    rate: ChannelNoise = ChannelNoise()
-    attitude: ChannelNoise = ChannelNoise()
-    momentum: ChannelNoise = ChannelNoise()
+    channels: tuple[tuple[str, ChannelNoise], ...]
+
+    def __init__(self, **channels: ChannelNoise) -> None:
+        ordered = sorted(channels, key=lambda c: CHANNELS.index(c) if c in CHANNELS else 99)
+        chosen = tuple((c, channels[c]) for c in ordered if channels[c] != ChannelNoise())
+        object.__setattr__(self, "channels", chosen)
 
     def of(self, channel: str) -> ChannelNoise:
         """The noise of one channel.
 
         Parameters
         ----------
-        channel : {"rate", "attitude", "momentum"}
+        channel : str
             Its name.
 
         Returns
         -------
         ChannelNoise
         """
-        return {"rate": self.rate, "attitude": self.attitude, "momentum": self.momentum}[channel]
+        return dict(self.channels).get(channel, ChannelNoise())
 
     @property
     def is_stated(self) -> bool:
         """Whether all noise is Gaussian and of the stated sigma."""
-        return all(self.of(channel).is_stated for channel in CHANNELS)
+        return all(noise.is_stated for _, noise in self.channels)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -147,8 +150,7 @@ class NoiseModel:
             "rate_scale" (a factor on the stated sigma), "rate_degrees", and so on; log-normal.
         """
         parameters = []
-        for channel in CHANNELS:
-            noise = self.of(channel)
+        for channel, noise in self.channels:
             if noise.scale_sampled:
                 prior = LogNormal(1.0, noise.scale_spread)
                 parameters.append(scalar(f"{channel}_scale", unit="", prior=prior, null=1.0))
@@ -166,7 +168,8 @@ class NoiseModel:
         dict
             That `noise_model_from_json` reads.
         """
-        return asdict(self)
+        names = dict.fromkeys((*CHANNELS, *(name for name, _ in self.channels)))
+        return {name: asdict(self.of(name)) for name in names}
 
     def in_words(self) -> str:
         """The channels whose noise is not as stated.
@@ -182,8 +185,7 @@ class NoiseModel:
         'attitude Gaussian of sampled scale'
         """
         parts = []
-        for channel in CHANNELS:
-            noise = self.of(channel)
+        for channel, noise in self.channels:
             if noise.is_stated:
                 continue
             degrees = "sampled" if noise.degrees is None else f"{noise.degrees:g}"

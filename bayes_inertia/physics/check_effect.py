@@ -18,7 +18,7 @@ from bayes_inertia.physics.effect_declaration import check_declaration, guarded,
 from bayes_inertia.physics.forward_model import Model
 from bayes_inertia.physics.model_data import Data
 from bayes_inertia.physics.parameters import N_BASE
-from bayes_inertia.physics.prediction import Prediction, Structure, predict_all
+from bayes_inertia.physics.prediction import Structure, predict_all
 from bayes_inertia.physics.simulator import LOOKING_BACK, MOVING_HOOKS
 from bayes_inertia.physics.slew_input import Drive
 from bayes_inertia.physics.small_campaign import small_campaign
@@ -130,7 +130,7 @@ class _Bench:
     model: Model
     sigma: np.ndarray  # of the noise of all numbers
 
-    def _predict(self, x: Array) -> Prediction:
+    def _predict(self, x: Array) -> tuple[Array, ...]:
         model = self.model
         theta = jnp.concatenate([jnp.asarray(model.space.mean[:N_BASE]), x])
         local = jnp.asarray(coefficient_draw(model))
@@ -142,13 +142,13 @@ class _Bench:
 
 
 @partial(jax.jit, static_argnums=0, compiler_options=_COMPILED_QUICKLY)
-def _prediction(structure: Structure, theta: Array, local: Array, data: Data) -> Prediction:
+def _prediction(structure: Structure, theta: Array, local: Array, data: Data) -> tuple[Array, ...]:
     return predict_all(structure, theta, local, jnp.zeros(3), data)
 
 
 def _undisturbed(
     effect: Effect, campaign: Campaign, drive: Drive, step: float | None
-) -> Prediction:
+) -> tuple[Array, ...]:
     """Telemetry without the effect, on its grid; compiled once for all effects with that grid."""
     # One hook of each kind that decides the grid stands for all.
     kinds = (MOVING_HOOKS, LOOKING_BACK)
@@ -159,20 +159,16 @@ def _undisturbed(
     return _prediction(model.structure, jnp.asarray(model.space.mean), local, model.data)
 
 
-def _noise_sigma(model: Model, shapes: Prediction) -> np.ndarray:
+def _noise_sigma(model: Model, shapes: tuple[Array, ...]) -> np.ndarray:
     """Noise (numbers,) of telemetry in these shapes; infinite where nothing is compared."""
-    campaign, tracker = model.campaign, model.campaign.star_tracker
-    momentum = np.array([w.momentum_sigma or np.inf for w in campaign.wheels]) * np.ones(
-        shapes.momentum.shape
-    )
-    if model.drive == "measured":
-        momentum = np.full(shapes.momentum.shape, np.inf)
-    rate = np.array(campaign.rate_sensor.sigma) * np.ones(shapes.rate.shape)
-    attitude = np.full(shapes.attitude.shape, 0.5 * tracker.sigma_cross if tracker else np.inf)
-    return np.concatenate([a.ravel() for a in (rate, attitude, momentum)])
+    sigma = []
+    for channel, values in zip(model.channels, shapes, strict=True):
+        of_columns = channel.column_sigma(model.campaign) if channel.compared else np.inf
+        sigma.append(np.broadcast_to(of_columns, values.shape).ravel())
+    return np.concatenate(sigma)
 
 
-def _flat(prediction: Prediction) -> Array:
+def _flat(prediction: tuple[Array, ...]) -> Array:
     """All numbers of predicted telemetry."""
     return jnp.concatenate([a.ravel() for a in prediction])
 

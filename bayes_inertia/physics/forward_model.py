@@ -14,11 +14,12 @@ from bayes_inertia.maths.device_arrays import on_device
 from bayes_inertia.maths.physical_draws import draw_physical
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.physics.channel_noise import NOISE_OWNER, NoiseModel
+from bayes_inertia.physics.channels import Channel, channels_of
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.effect_declaration import guarded
 from bayes_inertia.physics.effects.lost_commands import LostCommands
 from bayes_inertia.physics.integration_plan import integration_plan
-from bayes_inertia.physics.model_data import Data, Sensors
+from bayes_inertia.physics.model_data import Data
 from bayes_inertia.physics.nuisances import NuisanceScale
 from bayes_inertia.physics.packing import Arrays, pack
 from bayes_inertia.physics.parameters import (
@@ -82,12 +83,13 @@ class Model:
         drive = self.drive or ("commanded" if commanded else "measured")
         _check(campaign, effects, drive)
         _check_noise(campaign, drive, self.noise)
-        space = _space(campaign, effects, self.noise)
+        space = _space(campaign, channels_of(campaign, drive), effects, self.noise)
         structure = _structure(campaign, _acting(campaign, effects, drive), drive, space)
         _check_combination(structure, self.noise)
         plan = integration_plan(campaign, structure.effects, drive)
         arrays = pack(
             campaign,
+            structure.channels,
             max_step=plan.spacing,
             modes=structure.modes,
             rows_per_step=plan.rows_per_step,
@@ -95,8 +97,7 @@ class Model:
         structure = replace(
             structure, refined=_is_refined(arrays), rows_per_step=plan.rows_per_step
         )
-        sensor = campaign.rate_sensor
-        sensors = Sensors(on_device(sensor.axes), on_device(sensor.bias))
+        sensors = tuple(channel.constants(campaign) for channel in structure.channels)
         data = Data(arrays, sensors, _nuisance_scale(campaign, structure))
         for key, value in (
             ("effects", effects),
@@ -106,6 +107,11 @@ class Model:
             ("data", data),
         ):
             object.__setattr__(self, key, value)
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """What is compared with measurements."""
+        return self.structure.channels
 
     @property
     def n_slews(self) -> int:
@@ -179,19 +185,13 @@ def _check_acts(effect: Effect, campaign: Campaign) -> None:
 
 
 def _check_noise(campaign: Campaign, drive: Drive, noise: NoiseModel) -> None:
-    compared = {
-        "rate": True,
-        "attitude": campaign.star_tracker is not None
-        and any(np.any(slew.fixes) for slew in campaign.slews),
-        "momentum": drive == "commanded"
-        and any(slew.wheel_momentum is not None for slew in campaign.slews)
-        and any(wheel.momentum_sigma for wheel in campaign.wheels),
-    }
-    for channel, is_compared in compared.items():
-        if not is_compared and not noise.of(channel).is_stated:
+    channels = {channel.name: channel for channel in channels_of(campaign, drive)}
+    for name, asked in noise.channels:
+        read = name in channels and channels[name].is_read(campaign)
+        if not read and not asked.is_stated:
             raise CampaignError(
-                f"no readings of the channel {channel} are compared with the model",
-                where=f"noise of {channel}",
+                f"no readings of the channel {name} are compared with the model",
+                where=f"noise of {name}",
                 advice="leave it out (in the measured drive tachometers are an input)",
             )
 
@@ -205,7 +205,12 @@ def _check_combination(structure: Structure, noise: NoiseModel) -> None:
         )
 
 
-def _space(campaign: Campaign, effects: tuple[Effect, ...], noise: NoiseModel) -> ParameterSpace:
+def _space(
+    campaign: Campaign,
+    channels: tuple[Channel, ...],
+    effects: tuple[Effect, ...],
+    noise: NoiseModel,
+) -> ParameterSpace:
     prior, sensor = campaign.inertia, campaign.rate_sensor
     elements = zip(inertia_tensor.ELEMENTS, prior.elements.tolist(), prior.sd.tolist(), strict=True)
     entries: list[tuple[str, Parameter]] = [
@@ -218,6 +223,7 @@ def _space(campaign: Campaign, effects: tuple[Effect, ...], noise: NoiseModel) -
     entries += [
         ("", scalar(name, unit="", prior=Normal(mean, sd), null=1.0)) for name, mean, sd in factors
     ]
+    entries += [(c.name, parameter) for c in channels for parameter in c.own_parameters(campaign)]
     entries += [
         (effect.name, parameter)
         for effect in effects
@@ -252,6 +258,7 @@ def _structure(
         modes=_TACHOMETER_MODES if drive == "measured" else 0,
         refined=False,
         coefficients=coefficient_counts(campaign, effects),
+        channels=channels_of(campaign, drive),
     )
 
 
@@ -264,7 +271,7 @@ def _acting(campaign: Campaign, effects: tuple[Effect, ...], drive: Drive) -> tu
 
 def _is_refined(arrays: Arrays) -> bool:
     """Whether the integration grid is finer than the telemetry's rows."""
-    if arrays.slews.context.time.shape != arrays.telemetry.rate.shape[:2]:
+    if arrays.slews.context.time.shape != arrays.telemetry.sample.shape:
         return True
     return bool(np.any(np.diff(arrays.telemetry.sample, axis=1) > 1))
 

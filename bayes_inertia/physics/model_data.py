@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
@@ -19,25 +19,10 @@ from bayes_inertia.maths.device_arrays import filled, on_device, padded_size, re
 from bayes_inertia.physics.nuisances import NuisanceScale
 from bayes_inertia.physics.packing import Arrays, Telemetry
 from bayes_inertia.physics.slew_context import SlewContext
-from bayes_inertia.physics.slew_input import ReadingProjection, SlewInput
+from bayes_inertia.physics.slew_input import SlewInput
 
 # What a slew's context holds at each grid point.
 _ON_GRID = ("time", "step", "torque", "lost_command", "lost_command_sd", "fix_group")
-
-
-class Sensors(NamedTuple):
-    """Constants of the rate sensor.
-
-    Parameters
-    ----------
-    axes : (3, 3) array
-        C_rate, one row a sensor axis.
-    bias : (3,) array
-        Prior mean of the bias [rad/s].
-    """
-
-    axes: Array
-    bias: Array
 
 
 @jax.tree_util.register_dataclass
@@ -49,14 +34,14 @@ class Data:
     ----------
     arrays : Arrays
         Inputs and measurements, with the slews as leading axis.
-    sensors : Sensors
-        Constants of the rate sensor.
+    sensors : tuple
+        Constants of each channel.
     scale : NuisanceScale
         Prior sd of the nuisances.
     """
 
     arrays: Arrays
-    sensors: Sensors
+    sensors: tuple[Any, ...]
     scale: NuisanceScale
 
     @cached_property
@@ -95,20 +80,23 @@ def _padded_inputs(slews: SlewInput) -> SlewInput:
 
 
 def _padded_telemetry(arrays: Arrays) -> Telemetry:
-    telemetry, projection = arrays.telemetry, arrays.telemetry.projection
-    alone = telemetry._replace(projection=None)
+    telemetry = arrays.telemetry
+    plain = tuple(readings._replace(combined=None) for readings in telemetry.readings)
+    alone = telemetry._replace(readings=plain, combined_at=None)
     padded: Telemetry = jax.tree.map(_padded, alone)
-    if projection is None:
+    if telemetry.combined_at is None:
         return padded
     # As many integration steps as the grid has; the model's rows there count nothing.
-    grid, (steps, q) = arrays.slews.momentum.shape[1], projection.rate.shape[1:3]
+    grid = arrays.slews.momentum.shape[1]
+    steps, q = next(x.combined for x in telemetry.readings if x.combined is not None).shape[1:3]
     m = padded_size(grid) // (grid // steps)
-    return padded._replace(
-        rate=filled(telemetry.rate, m * q),
-        momentum=filled(telemetry.momentum, m * q),
-        projection=ReadingProjection(
-            repeated(projection.rows, m * q),
-            filled(projection.rate, m),
-            filled(projection.momentum, m),
-        ),
+    combined = tuple(
+        other
+        if readings.combined is None
+        else other._replace(
+            values=filled(readings.values, m * q), combined=filled(readings.combined, m)
+        )
+        for readings, other in zip(telemetry.readings, padded.readings, strict=True)
     )
+    combined_at = repeated(telemetry.combined_at, m * q)
+    return padded._replace(readings=combined, combined_at=combined_at)

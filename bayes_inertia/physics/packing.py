@@ -9,7 +9,8 @@ one compiled function serves all slews, and all campaigns of similar size.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from jax import Array
@@ -19,8 +20,9 @@ from bayes_inertia.campaign.fix_groups import fix_groups
 from bayes_inertia.campaign.slew import Slew
 from bayes_inertia.errors import CampaignError
 from bayes_inertia.maths.device_arrays import on_device
+from bayes_inertia.physics.channels import Channel, Readings
 from bayes_inertia.physics.slew_context import SlewContext
-from bayes_inertia.physics.slew_input import ReadingProjection, SlewInput, Start
+from bayes_inertia.physics.slew_input import SlewInput, Start
 
 # Rows and star-tracker fixes are padded to multiples of these so that campaigns of similar length
 # share compiled code.
@@ -30,43 +32,25 @@ _MOST_POINTS = 1e6
 
 
 class Telemetry(NamedTuple):
-    """Measurements of one slew of n rows and f fixes (leading axis: slews, when stacked).
+    """Measurements of one slew of n rows (leading axis: slews, when stacked).
 
     Parameters
     ----------
     sample : (n,) array of int
         Index of each row in the integration grid.
-    rate : (n, 3) array
-        Readings [rad/s].
-    rate_valid : (n, 3) array of bool
-        Which readings count.
-    fix_row : (f,) array of int
-        Rows with a star-tracker fix.
-    attitude : (f, 4) array
-        Quaternions there, body from inertial, scalar last.
-    fix_valid : (f,) array of bool
-        Which fixes count.
-    momentum : (n, wheels) array
-        Wheel momentum relative to the body [N m s].
-    momentum_valid : (n, wheels) array of bool
-        Which of these count.
+    readings : tuple of Readings
+        Of each channel of the model.
     tachometer_modes : (grid, modes) array
         Orthonormal shapes of slow tachometer noise.
-    projection : ReadingProjection, optional
-        Where readings are combined: n is m q then, and a row no instant. None where each row is a
-        reading.
+    combined_at : (m q,) array of int, optional
+        Where readings are combined: grid points at which the model is evaluated, q in each of m
+        steps. None where each is a reading.
     """
 
     sample: Array
-    rate: Array
-    rate_valid: Array
-    fix_row: Array
-    attitude: Array
-    fix_valid: Array
-    momentum: Array
-    momentum_valid: Array
+    readings: tuple[Readings, ...]
     tachometer_modes: Array
-    projection: ReadingProjection | None = None
+    combined_at: Array | None = None
 
 
 class Arrays(NamedTuple):
@@ -139,6 +123,7 @@ def longest_step(campaign: Campaign) -> float:
 
 def pack(
     campaign: Campaign,
+    channels: Sequence[Channel],
     *,
     max_step: float | None = None,
     modes: int = 0,
@@ -152,8 +137,10 @@ def pack(
 
     Examples
     --------
+    >>> from bayes_inertia.physics.channels import channels_of
     >>> from bayes_inertia.physics.small_campaign import small_campaign
-    >>> pack(small_campaign()).telemetry.rate.shape
+    >>> telemetry = pack(small_campaign(), channels_of(small_campaign(), "commanded")).telemetry
+    >>> telemetry.readings[0].values.shape
     (3, 64, 3)
     """
     step = longest_step(campaign) if max_step is None else max_step
@@ -161,12 +148,18 @@ def pack(
     multiple = rows_per_step * -(-_ROW_MULTIPLE // rows_per_step)
     n_grid = _padded(max(len(g) for g, _ in grids), multiple)
     n_rows = _padded(max(len(s.time) for s in campaign.slews), multiple)
-    n_fixes = _padded(max(int(s.fixes.sum()) for s in campaign.slews), _FIX_MULTIPLE)
-    packed = [
-        _pack_slew(campaign, i, *grids[i], n_grid, n_rows, n_fixes, modes)
-        for i in range(len(campaign.slews))
+    inputs = [_slew_input(campaign, i, *grids[i], n_grid) for i in range(len(campaign.slews))]
+    readings = [_stacked_readings(campaign, channel, n_rows) for channel in channels]
+    telemetry = [
+        Telemetry(
+            np.concatenate([sample, np.full(n_rows - len(sample), len(grid) - 1)]),
+            tuple(of_channel[i] for of_channel in readings),
+            _extend(_tachometer_modes(campaign.slews[i], len(grid), modes), n_grid),
+        )
+        for i, (grid, sample) in enumerate(grids)
     ]
-    return Arrays(*(_stack_tuples(parts) for parts in zip(*packed, strict=True)))
+    starts = [_reference(campaign, channels, slew) for slew in campaign.slews]
+    return Arrays(*(_stack_tuples(parts) for parts in (inputs, telemetry, starts)))
 
 
 def _padded(n: int, multiple: int) -> int:
@@ -178,7 +171,8 @@ def _stack_tuples(parts):
     if first is None:
         return None
     if isinstance(first, tuple):
-        return type(first)(*(_stack_tuples(field) for field in zip(*parts, strict=True)))
+        fields = [_stack_tuples(field) for field in zip(*parts, strict=True)]
+        return type(first)(*fields) if hasattr(first, "_fields") else tuple(fields)
     return on_device(np.stack(parts))
 
 
@@ -211,7 +205,7 @@ def bridged(grid: np.ndarray, time: np.ndarray, column: np.ndarray) -> np.ndarra
     return np.interp(grid, time[given], column[given]) if given.any() else np.zeros(len(grid))
 
 
-def _pack_slew(campaign: Campaign, index: int, grid, sample, n_grid, n_rows, n_fixes, modes):
+def _slew_input(campaign: Campaign, index: int, grid, sample, n_grid: int) -> SlewInput:
     slew, wheels = campaign.slews[index], len(campaign.wheels)
     held = np.searchsorted(sample, np.arange(len(grid)), side="right") - 1
     torque = np.zeros((len(grid), wheels)) if slew.wheel_torque is None else slew.wheel_torque[held]
@@ -236,9 +230,7 @@ def _pack_slew(campaign: Campaign, index: int, grid, sample, n_grid, n_rows, n_f
         _extend(_on_grid(slew, key, grid, 3), n_grid) for key in ("magnetic_field_N", "position_N")
     )
     momentum = _extend(_on_grid(slew, "wheel_momentum", grid, wheels), n_grid)
-    inputs = SlewInput(context, momentum, field, position)
-    telemetry = _pack_telemetry(campaign, slew, sample, n_grid, n_rows, n_fixes, modes, len(grid))
-    return inputs, telemetry, _reference(campaign, slew)
+    return SlewInput(context, momentum, field, position)
 
 
 def _lost_commands(campaign: Campaign, slew: Slew, held: np.ndarray, n: int) -> dict:
@@ -261,57 +253,43 @@ def _fix_groups(slew: Slew, grid: np.ndarray, n: int) -> np.ndarray:
     return _extend(groups[np.searchsorted(between, grid)], n)
 
 
-def _pack_telemetry(campaign, slew, sample, n_grid, n_rows, n_fixes, modes, n) -> Telemetry:
-    wheels, rows = len(campaign.wheels), len(slew.time)
-    spare = n_rows - rows
-    valid = campaign.valid_readings(slew)
-    fixes = np.flatnonzero(slew.fixes)
-    attitude = np.zeros((n_fixes, 4))
-    attitude[:, 3] = 1.0
-    if slew.attitude is not None:
-        attitude[: len(fixes)] = slew.attitude[fixes]
-    measured = (
-        slew.wheel_momentum if slew.wheel_momentum is not None else np.full((rows, wheels), np.nan)
-    )
-    sensed = np.array([w.momentum_sigma is not None for w in campaign.wheels], dtype=bool)
+def _stacked_readings(campaign: Campaign, channel: Channel, n_rows: int) -> list[Readings]:
+    """One channel's readings of each slew, padded to one length."""
+    of_slews = [channel.readings(campaign, slew) for slew in campaign.slews]
+    n = n_rows
+    if not channel.stream.is_series:
+        n = _padded(max(len(readings.row) for readings in of_slews), _FIX_MULTIPLE)
+
+    def padded(values: np.ndarray, blank: Any) -> np.ndarray:
+        spare = np.broadcast_to(blank, (n - len(values), *values.shape[1:]))
+        return np.concatenate([values, spare.astype(values.dtype)])
+
+    def last(row: np.ndarray) -> int:
+        return row[-1] if channel.stream.is_series else 0
+
+    return [
+        Readings(padded(values, channel.blank), padded(valid, False), padded(row, last(row)))
+        for values, valid, row, _ in of_slews
+    ]
+
+
+def _tachometer_modes(slew: Slew, n: int, modes: int) -> np.ndarray:
+    """Orthonormal shapes (n, modes) of slow noise on the grid."""
     # Only rows with a reading tell of the noise; a slew without any has no modes to speak of.
-    read = max(1, int(np.isfinite(measured).any(axis=1).sum()))
+    given = slew.wheel_momentum is not None and np.isfinite(slew.wheel_momentum).any(axis=1)
+    read = max(1, int(np.sum(given)))
     fraction = (np.arange(n) + 0.5) / n
-    shapes = (
+    return (
         np.cos(np.pi * np.arange(modes) * fraction[:, None])
         * np.where(np.arange(modes) == 0, 1.0, np.sqrt(2.0))
         / np.sqrt(read)
     )
-    return Telemetry(
-        sample=np.concatenate([sample, np.full(spare, n - 1)]),
-        rate=_extend(np.where(valid, slew.rate, 0.0), n_rows),
-        rate_valid=np.concatenate([valid, np.zeros((spare, 3), bool)]),
-        fix_row=np.concatenate([fixes, np.zeros(n_fixes - len(fixes), int)]),
-        attitude=attitude,
-        fix_valid=np.arange(n_fixes) < len(fixes),
-        momentum=_extend(np.nan_to_num(measured), n_rows),
-        momentum_valid=np.concatenate(
-            [np.isfinite(measured) & sensed, np.zeros((spare, wheels), bool)]
-        ),
-        tachometer_modes=_extend(shapes, n_grid),
-    )
 
 
-def _reference(campaign: Campaign, slew: Slew) -> Start:
+def _reference(campaign: Campaign, channels: Sequence[Channel], slew: Slew) -> Start:
     """Rough start state from the first readings; what is not measured starts from zero."""
-    sensor = campaign.rate_sensor
-    _, readings = slew.complete_rates(campaign.valid_readings(slew))
-    first = (
-        readings[: max(1, min(8, len(readings) // 50))].mean(axis=0)
-        if len(readings)
-        else np.zeros(3)
-    )
-    rate_B = np.linalg.solve(
-        sensor.axes, np.array(sensor.scale_factor) * first - np.array(sensor.bias)
-    )
-    fixes = np.flatnonzero(slew.fixes)
-    attitude = np.array([0.0, 0.0, 0.0, 1.0])
-    if slew.attitude is not None and len(fixes):
-        attitude = slew.attitude[fixes[0]]
-    momentum = _on_grid(slew, "wheel_momentum", np.zeros(1), len(campaign.wheels))[0]
-    return Start(rate_B, attitude, momentum)
+    known: dict[str, np.ndarray] = {}
+    for channel in channels:
+        known = channel.start(campaign, slew) | known
+    still = Start(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(len(campaign.wheels)))
+    return still._replace(**known)

@@ -7,7 +7,6 @@ code; `Data` holds its arrays.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -15,7 +14,7 @@ from jax import Array
 
 from bayes_inertia.maths import inertia_tensor, quaternion
 from bayes_inertia.physics.active_effects import ActiveEffects
-from bayes_inertia.physics.components import Components
+from bayes_inertia.physics.channels import Channel
 from bayes_inertia.physics.effect import Effect
 from bayes_inertia.physics.model_data import Data
 from bayes_inertia.physics.nuisances import Nuisances, NuisanceScale
@@ -27,7 +26,7 @@ from bayes_inertia.physics.random_inputs import (
     with_coefficients,
 )
 from bayes_inertia.physics.simulator import BODY_HOOKS, LOOKING_BACK, MOVING_HOOKS, simulate_slew
-from bayes_inertia.physics.slew_context import SlewContext, Trajectory
+from bayes_inertia.physics.slew_context import SlewContext
 from bayes_inertia.physics.slew_input import (
     Drive,
     OutputRows,
@@ -48,7 +47,8 @@ class Structure:
     drive : "commanded" or "measured"
         What drives the model.
     layout : tuple of (str, str, int or None)
-        Owner, name and number of components (None: a scalar) of each parameter after J and K.
+        Owner (an effect or a further sensor), name and number of components (None: a scalar) of
+        each parameter after J and K.
     includes_wheel_spin : bool
         Whether the first six parameters are J_locked.
     wheels : int
@@ -61,6 +61,8 @@ class Structure:
         How many coefficients each effect has in one slew; empty if all effects have a fixed shape.
     rows_per_step : int
         Grid points that one integration step spans.
+    channels : tuple of Channel
+        What is compared with measurements.
     """
 
     effects: tuple[Effect, ...]
@@ -72,6 +74,11 @@ class Structure:
     refined: bool
     coefficients: tuple[int, ...] = ()
     rows_per_step: int = 1
+    channels: tuple[Channel, ...] = ()
+
+    def place(self, channel: str) -> int:
+        """Where a channel stands among those of the model."""
+        return [each.name for each in self.channels].index(channel)
 
     @property
     def n_start(self) -> int:
@@ -107,6 +114,8 @@ class Structure:
         The motion is then worked out only where it is compared.
         """
         hooks = (*MOVING_HOOKS, *LOOKING_BACK)
+        if any(channel.sees_attitude for channel in self.channels):
+            return False
         return self.rows_per_step > 1 and not any(e.acts(h) for e in self.effects for h in hooks)
 
     @property
@@ -123,27 +132,9 @@ class Structure:
         start = N_BASE
         for owner, name, size in self.layout:
             stop = start + (1 if size is None else size)
-            values[owner][name] = theta[start] if size is None else theta[start:stop]
+            values.setdefault(owner, {})[name] = theta[start] if size is None else theta[start:stop]
             start = stop
         return ActiveEffects(self.effects, values)
-
-
-class Prediction(NamedTuple):
-    """Predicted telemetry of one slew of n rows and f fixes.
-
-    Parameters
-    ----------
-    rate : (n, 3) array
-        As the rate sensor reads it [rad/s].
-    attitude : (f, 4) array
-        At the star-tracker fixes.
-    momentum : (n, wheels) array
-        Wheel momentum relative to the body [N m s].
-    """
-
-    rate: Array
-    attitude: Array
-    momentum: Array
 
 
 def start_of(structure: Structure, scale: NuisanceScale, reference: Start, local: Array) -> Start:
@@ -191,7 +182,7 @@ def predict(
     telemetry: Telemetry,
     reference: Start,
     data: Data,
-) -> Prediction:
+) -> tuple[Array, ...]:
     """Predicted telemetry of one slew.
 
     `theta` (d,); `bias` (3,). `slew`: one slew of `data.arrays`, as are `telemetry` and
@@ -209,50 +200,53 @@ def predict(
     trajectory, effect_states = simulate_slew(
         slew, start, J, active, structure.drive, structure.rows_per_step
     )
-    bias_S = data.sensors.bias + bias * data.scale.bias
-    C = data.sensors.axes
-    rate_S = jnp.stack(
-        [sum(C[i, j] * trajectory.rate_B[:, j] for j in range(3)) + bias_S[i] for i in range(3)], -1
+    values = tuple(
+        channel.sensed(constants, bias * data.scale.bias, slew, trajectory)
+        for channel, constants in zip(structure.channels, data.sensors, strict=True)
     )
-    return _sensed(
-        structure, theta[6:N_BASE], rate_S, active, slew, telemetry, trajectory, effect_states
+    for (effect, p), states in zip(active, effect_states, strict=True):
+        with_states = trajectory._replace(effect_states=states)
+        values = tuple(
+            channel.with_effect(effect, p, slew.context, with_states, value)
+            for channel, value in zip(structure.channels, values, strict=True)
+        )
+    return tuple(
+        _at_readings(
+            structure, channel, channel.read(theta[slice(*channel.parameters)], value), telemetry
+        )
+        for channel, value in zip(structure.channels, values, strict=True)
     )
 
 
 def _output_rows(structure: Structure, telemetry: Telemetry) -> OutputRows:
     """Where readings and fixes stand on the grid."""
-    fixes, projection = telemetry.fix_row, telemetry.projection
-    if structure.refined:
-        fixes = telemetry.sample[fixes]
-    return OutputRows(None if projection is None else projection.rows, fixes)
+    fixes = [
+        _on_grid(structure, readings.row, telemetry)
+        for channel, readings in zip(structure.channels, telemetry.readings, strict=True)
+        if not channel.stream.is_series
+    ]
+    return OutputRows(telemetry.combined_at, jnp.concatenate(fixes))
 
 
-def _sensed(
-    structure: Structure,
-    scale_factor: Array,
-    rate_S: Array,
-    active: ActiveEffects,
-    slew: SlewInput,
-    telemetry: Telemetry,
-    trajectory: Trajectory,
-    effect_states: Components,
-) -> Prediction:
-    """Each effect's sensor hooks in order, then scale factors and sampling."""
-    attitude, momentum = trajectory.attitude, trajectory.wheel_momentum
-    for (effect, p), states in zip(active, effect_states, strict=True):
-        with_states = trajectory._replace(effect_states=states)
-        rate_S = effect.rate_output(p, slew.context, with_states, rate_S)
-        attitude = effect.attitude_output(p, slew.context, with_states, attitude)
-        momentum = effect.momentum_output(p, slew.context, with_states, momentum)
-    if not structure.has_sparse_output:
-        attitude = attitude[_output_rows(structure, telemetry).fixes]
-    rate_S = rate_S / scale_factor
-    if telemetry.projection is not None:
-        rate_S = _combined(telemetry.projection.rate, rate_S)
-        momentum = _combined(telemetry.projection.momentum, momentum)
-    elif structure.refined:
-        rate_S, momentum = rate_S[telemetry.sample], momentum[telemetry.sample]
-    return Prediction(rate_S, attitude, momentum)
+def _on_grid(structure: Structure, rows: Array, telemetry: Telemetry) -> Array:
+    return telemetry.sample[rows] if structure.refined else rows
+
+
+def _at_readings(
+    structure: Structure, channel: Channel, values: Array, telemetry: Telemetry
+) -> Array:
+    """What a sensor reports along the grid, at its readings or in combinations of them."""
+    readings = telemetry.readings[structure.place(channel.name)]
+    if readings.combined is not None:
+        return _combined(readings.combined, values)
+    if channel.stream.is_series:
+        return values[telemetry.sample] if structure.refined else values
+    if structure.has_sparse_output:
+        before = structure.channels[: structure.place(channel.name)]
+        pairs = zip(before, telemetry.readings, strict=False)
+        first = sum(len(x.row) for other, x in pairs if not other.stream.is_series)
+        return values[first : first + len(readings.row)]
+    return values[_on_grid(structure, readings.row, telemetry)]
 
 
 def _combined(factor: Array, rows: Array) -> Array:
@@ -263,7 +257,7 @@ def _combined(factor: Array, rows: Array) -> Array:
 
 def predict_all(
     structure: Structure, theta: Array, local: Array, bias: Array, data: Data
-) -> Prediction:
+) -> tuple[Array, ...]:
     """Predicted telemetry of all slews.
 
     `theta` (d,); `local` (slews, n_local); `bias` (3,).

@@ -47,24 +47,6 @@ class OutputRows(NamedTuple):
     fixes: Array
 
 
-class ReadingProjection(NamedTuple):
-    """Readings of one slew replaced by few combinations of them, in m steps.
-
-    Parameters
-    ----------
-    rows : (m q,) array of int
-        Grid points at which the model is evaluated, q a step.
-    rate : (m, q, q) array
-        From body rates there to what the combined rate readings tell of.
-    momentum : (m, q, q) array
-        The same of the tachometers.
-    """
-
-    rows: Array
-    rate: Array
-    momentum: Array
-
-
 class SlewInput(NamedTuple):
     """Everything the simulator needs of one slew, on its grid of n points.
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.report.formatting import (
-    CHANNEL_NAMES,
     NOT_GIVEN,
+    channel_name,
     listed,
     number,
     plain,
@@ -110,8 +109,8 @@ def _gates_section(comparison: RunComparison) -> Section:
     context = {
         "gates": [{"name": n, "sides": [gates.get(n) for gates in by_name]} for n in names],
         "reduced": [
-            (CHANNEL_NAMES[channel], *(_reduced_text(fit[channel]) for fit in fits))
-            for channel in (*CHANNELS, "total")
+            (channel_name(channel), *(_reduced_text(fit.get(channel)) for fit in fits))
+            for channel in dict.fromkeys(c for fit in fits for c in fit)
         ],
     }
     return Section("Gates", packaged("comparison_gates.html"), context)

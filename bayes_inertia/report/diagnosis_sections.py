@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.report.answer_wording import answer_text, per_cent
 from bayes_inertia.report.diagnosis_wording import (
     alike_sentences,
@@ -17,8 +16,8 @@ from bayes_inertia.report.diagnosis_wording import (
     with_what,
 )
 from bayes_inertia.report.formatting import (
-    CHANNEL_NAMES,
     NOT_GIVEN,
+    channel_name,
     exponent,
     number,
     p_value_text,
@@ -148,9 +147,7 @@ def _changes_section(content: Mapping[str, Any]) -> Section | None:
     if not steps:
         return None
     measured = [
-        channel
-        for channel in (*CHANNELS, "total")
-        if steps[0]["reduced_chi2_before"][channel] is not None
+        channel for channel, value in steps[0]["reduced_chi2_before"].items() if value is not None
     ]
     rows = [_step_row("base model", steps[0], "before", measured)]
     rows += [_step_row(f"+ {plain(step['added'])}", step, "after", measured) for step in steps]
@@ -172,7 +169,7 @@ def _changes_section(content: Mapping[str, Any]) -> Section | None:
     )
     context = {
         "rows": rows,
-        "channels": [CHANNEL_NAMES[channel] for channel in measured],
+        "channels": [channel_name(channel) for channel in measured],
         "unexplained": content["verdict"] == "unknown",
     }
     return Section("What adding effects changes", packaged("changes.html"), context, pictures)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.report.answer_wording import beyond_prior_text, probabilities_text
 from bayes_inertia.report.diagnosis_wording import (
     averaging_text,
@@ -21,8 +21,8 @@ from bayes_inertia.report.diagnosis_wording import (
 )
 from bayes_inertia.report.dirt_wording import dirt_sentences
 from bayes_inertia.report.formatting import (
-    CHANNEL_NAMES,
     arcsec_text,
+    channel_name,
     either_or,
     listed,
     plain,
@@ -129,7 +129,9 @@ def _on_disagreement(content: Mapping[str, Any]) -> str:
             f"Noise alone makes one like it in {often}, and no candidate explains it."
         )
     hit = {window["channel"] for window in windows}
-    sensors = listed([CHANNEL_NAMES[channel] for channel in CHANNELS if channel in hit])
+    sensors = listed(
+        [channel_name(c) for c in dict.fromkeys((*CHANNELS, *sorted(hit))) if c in hit]
+    )
     n_slews = len({window["slew"] for window in windows})
     return (
         f"The base model disagrees with {sensors} "
@@ -153,7 +155,7 @@ def _on_probabilities(content: Mapping[str, Any]) -> list[str]:
 
 def _on_noise(content: Mapping[str, Any]) -> list[str]:
     """Sensors that are louder than stated."""
-    louder = {CHANNEL_NAMES[c]: factor for c, factor in content["noise"].items() if factor > 1.0}
+    louder = {channel_name(c): factor for c, factor in content["noise"].items() if factor > 1.0}
     if content["verdict"] == "unknown":
         # What is fast and unexplained passes for noise.
         return [

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bayes_inertia.report.formatting import (
-    CHANNEL_NAMES,
+    channel_name,
     listed,
     plain,
     two_digits,
@@ -168,7 +168,7 @@ def window_text(window: Mapping[str, Any], slew_start: float = 0.0) -> str:
     'slew 2, rate sensor axis 1, 3.25 to 40 s'
     """
     begin, end = window["t_start"] - slew_start, window["t_end"] - slew_start
-    sensor = CHANNEL_NAMES[window["channel"]]
+    sensor = channel_name(window["channel"])
     return f"{window['slew']}, {sensor} {window['component']}, {begin:.4g} to {end:.4g} s"
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from bayes_inertia.campaign.sensors import STREAMS
 from bayes_inertia.report.formatting import listed
 
 # One sentence a kind and treatment; the number of places and the channel are filled in.
@@ -20,9 +21,7 @@ _KINDS = {
     "noise_level": "noise that is larger than stated",
 }
 _CHANNELS = {
-    "rate": "the rate sensor",
-    "attitude": "the star tracker",
-    "momentum": "the tachometers",
+    **{stream.name: f"the {stream.sensor}" for stream in STREAMS},
     "torque": "the torque commands",
     "time": "the time stamps",
 }
@@ -47,7 +46,7 @@ def dirt_rows(dirt: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     return [
         {
             "kind": _KINDS[kind],
-            "channel": _CHANNELS[channel],
+            "channel": _CHANNELS.get(channel, channel),
             "treated": _TREATED[treated],
             "rows": sum(len(record["rows"]) for record in records),
             "slews": [record["slew"] for record in records if record["slew"]],

@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.report.criteria import Criteria, criteria_of
 from bayes_inertia.report.formatting import listed, probability, typeset
 from bayes_inertia.report.layout import LAYOUT
@@ -132,7 +131,7 @@ def misfit_channels(fit: Mapping[str, Any], criteria: Criteria) -> tuple[list[st
     in time count as too large.
     """
     too_large, too_small = [], []
-    for channel in CHANNELS:
+    for channel in (c for c in fit["reduced_chi2"] if c != "total"):
         verdict = channel_verdict(fit, channel, criteria)
         if verdict.startswith(("too large", "structured")):
             too_large.append(channel)

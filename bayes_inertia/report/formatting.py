@@ -10,19 +10,26 @@ import statistics
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from bayes_inertia.campaign.sensors import STREAMS
 from bayes_inertia.report.layout import LAYOUT
 
 ARCSEC = math.pi / (180.0 * 3600.0)  # [rad]
-CHANNEL_NAMES = {
-    "rate": "rate sensor",
-    "attitude": "star tracker",
-    "momentum": "wheel momentum",
-    "total": "all channels",
-}
+_CHANNEL_NAMES = {**{stream.name: stream.title for stream in STREAMS}, "total": "all channels"}
 NOT_GIVEN = "–"
 # What the last letter of a quantity's name says of its frame: `torque_N`, `rate_B`.
 _FRAMES = {"N": "inertial axes", "B": "body axes"}
 _SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def channel_name(channel: str) -> str:
+    """A channel in print; a further sensor has its own name.
+
+    Examples
+    --------
+    >>> channel_name("attitude"), channel_name("rate_2")
+    ('star tracker', 'rate_2')
+    """
+    return _CHANNEL_NAMES.get(channel, channel)
 
 
 def exponent(mean: float, sd: float) -> int:

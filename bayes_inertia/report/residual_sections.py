@@ -15,11 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.inference.posterior import Posterior
 from bayes_inertia.maths.values import array_dataclass
 from bayes_inertia.report.criteria import Criteria, criteria_of
-from bayes_inertia.report.formatting import CHANNEL_NAMES, NOT_GIVEN
+from bayes_inertia.report.formatting import NOT_GIVEN, channel_name
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures.attitude import draw_attitude
 from bayes_inertia.report.pictures.posterior_data import (
@@ -44,7 +43,7 @@ def residuals_section(posterior: Posterior) -> Section:
     measured = [c for c in range(n_data.shape[1]) if n_data[:, c].sum() > 0]
     noise = posterior.attributes.get("noise", {})
     context = {
-        "channels": [_channel_row(name, fit, criteria) for name in (*CHANNELS, "total")],
+        "channels": [_channel_row(name, fit, criteria) for name in fit["reduced_chi2"]],
         "labels": [str(labels[c]) for c in measured],
         "slews": [
             {
@@ -56,7 +55,7 @@ def residuals_section(posterior: Posterior) -> Section:
         "discounted": fit["discounted"],
         "n_slews": len(n_data),
         "noise": ", ".join(
-            f"{CHANNEL_NAMES[channel]} {factor:.2f}"
+            f"{channel_name(channel)} {factor:.2f}"
             for channel, factor in noise.items()
             if factor > 1.0
         ),
@@ -82,7 +81,7 @@ def _slew_cell(posterior: Posterior, slew: int, channel: int) -> dict[str, str]:
 def _channel_row(channel: str, fit: Mapping[str, Any], criteria: Criteria) -> dict[str, str]:
     reduced, interval = fit["reduced_chi2"][channel], fit["interval_99"][channel]
     return {
-        "name": CHANNEL_NAMES[channel],
+        "name": channel_name(channel),
         "reduced": NOT_GIVEN if reduced is None else f"{reduced:.3f}",
         "interval": NOT_GIVEN if interval is None else f"{interval[0]:.3f} … {interval[1]:.3f}",
         "white": whiteness_text(fit["p_white"][channel], criteria),
@@ -156,7 +155,7 @@ def _star_tracker_picture(posterior: Posterior) -> list[Picture]:
     return [Picture(figure, caption, "Attitude misfit before and after each slew", folded=True)]
 
 
-_FEW_ROWS = CHANNEL_NAMES["attitude"]
+_FEW_ROWS = channel_name("attitude")
 
 
 @array_dataclass
@@ -197,18 +196,16 @@ def residual_channels(posterior: Posterior) -> list[ResidualChannel]:
     channels = []
     # 32-bit floats do not hold seconds from an epoch.
     start = np.nanmin(values_of(posterior, "constant_data", "time"), 1)[:, None]
-    for name in ("rate", "momentum"):
-        series = channel_series(posterior, name)
-        if series is not None:
-            label = CHANNEL_NAMES[name]
+    for name in map(str, values_of(posterior, "estimate", "channel")):
+        label = channel_name(name)
+        if label == _FEW_ROWS:
+            if (misfit := attitude_misfit(posterior)) is not None:
+                axes = [f"about body {axis}" for axis in "xyz"]
+                time = misfit.time - start
+                channels.append(_measured_rows(label, axes, misfit.slews, time, misfit.whitened))
+        elif (series := channel_series(posterior, name)) is not None:
             parts = (series.components, series.slews, series.time - start, series.residual)
             channels.append(_measured_rows(label, *parts))
-    misfit = attitude_misfit(posterior)
-    if misfit is not None:
-        axes = [f"about body {axis}" for axis in "xyz"]
-        label = CHANNEL_NAMES["attitude"]
-        time = misfit.time - start
-        channels.insert(1, _measured_rows(label, axes, misfit.slews, time, misfit.whitened))
     return channels
 
 

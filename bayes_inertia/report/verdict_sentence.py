@@ -13,7 +13,7 @@ from typing import Any
 from bayes_inertia.report.criteria import criteria_of
 from bayes_inertia.report.fit_verdict import misfit_channels
 from bayes_inertia.report.formatting import (
-    CHANNEL_NAMES,
+    channel_name,
     either_or,
     listed,
     plain,
@@ -100,7 +100,7 @@ def _on_misfit(summary: Mapping[str, Any]) -> str:
 
 
 def _channel_text(fit: Mapping[str, Any], channel: str) -> str:
-    name = CHANNEL_NAMES.get(channel, channel)
+    name = channel_name(channel)
     reduced = fit["reduced_chi2"].get(channel, fit["reduced_chi2"]["total"])
     return f"{name} (reduced χ² {reduced:.3g})"
 

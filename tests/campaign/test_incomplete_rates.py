@@ -17,6 +17,7 @@ from bayes_inertia.campaign.writer import write_campaign
 from bayes_inertia.design.designer import next_slew
 from bayes_inertia.inference import start_guess
 from bayes_inertia.observability.degeneracy import turned_axes
+from bayes_inertia.physics.channels import channels_of
 from bayes_inertia.physics.packing import longest_step, pack
 
 
@@ -39,15 +40,18 @@ def saturated(campaign: Campaign, rows: slice) -> Campaign:
     return replace(campaign, slews=tuple(slews))
 
 
+def start_rate(campaign: Campaign) -> np.ndarray:
+    """The body rate that each slew is taken to start with."""
+    return pack(campaign, channels_of(campaign, "commanded")).reference.rate_B
+
+
 def test_axes_in_turn_tell_the_same_motion(flown):
     campaign, thinned = flown.campaign, in_turn(flown.campaign)
     assert thinned.largest_rate() == pytest.approx(campaign.largest_rate(), rel=0.02)
     assert thinned.scale_of_motion()[0] == pytest.approx(campaign.scale_of_motion()[0], rel=0.05)
     assert longest_step(thinned) == longest_step(campaign)
     np.testing.assert_allclose(turned_axes(thinned)[0], turned_axes(campaign)[0], rtol=0.05)
-    np.testing.assert_allclose(
-        pack(thinned).reference.rate_B, pack(campaign).reference.rate_B, atol=1e-4
-    )
+    np.testing.assert_allclose(start_rate(thinned), start_rate(campaign), atol=1e-4)
 
 
 def test_axes_in_turn_tell_the_wheels_momentum(flown):
@@ -65,9 +69,7 @@ def test_saturated_readings_are_not_counted(flown):
     campaign, spoilt = flown.campaign, saturated(flown.campaign, slice(0, 8))
     assert spoilt.largest_rate() == pytest.approx(campaign.largest_rate(), rel=0.02)
     np.testing.assert_allclose(turned_axes(spoilt)[0], turned_axes(campaign)[0], rtol=0.1)
-    np.testing.assert_allclose(
-        pack(spoilt).reference.rate_B, pack(campaign).reference.rate_B, atol=1e-3
-    )
+    np.testing.assert_allclose(start_rate(spoilt), start_rate(campaign), atol=1e-3)
 
 
 def test_check_prints_the_peak_rate_of_axes_in_turn(flown, tmp_path, capsys):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.diagnosis.candidates import candidate_effects
 from bayes_inertia.diagnosis.clean_start import (
     CleanStart,

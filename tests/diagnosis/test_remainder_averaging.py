@@ -8,7 +8,7 @@ import pytest
 from bayes_inertia.app.diagnosed_fit import fitted_effects, next_fit
 from bayes_inertia.app.diagnosis_json import next_fit_from
 from bayes_inertia.app.investigation import Investigation
-from bayes_inertia.campaign.channel_names import CHANNELS
+from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.diagnosis.candidates import ranked_candidates, score_candidates
 from bayes_inertia.diagnosis.quoted_parameters import quoted_parameters
 from bayes_inertia.diagnosis.refitting import ScoredRound

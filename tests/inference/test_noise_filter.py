@@ -10,8 +10,9 @@ import pytest
 
 from bayes_inertia.campaign.hardware import CorrelatedNoise
 from bayes_inertia.inference import optimizer
+from bayes_inertia.inference.channel_rows import channel_rows
 from bayes_inertia.inference.laplace import plain_series
-from bayes_inertia.inference.noise_filter import rate_noise_memory
+from bayes_inertia.inference.noise_filter import noise_memory
 from bayes_inertia.inference.noise_memory import correlated_noise, innovations
 from bayes_inertia.physics.effects import RateBiasInstability, RateRandomWalk
 from bayes_inertia.physics.forward_model import Model
@@ -38,6 +39,11 @@ def with_gaps(campaign):
         rate[[20, 21, 50]] = np.nan
         slews.append(replace(slew, rate=rate))
     return replace(campaign, slews=tuple(slews))
+
+
+def rate_memory(model, variance, more=()):
+    """The filter for the noise of the rates."""
+    return noise_memory(model, model.channels[0], variance, more)
 
 
 def variance_of(campaign):
@@ -81,8 +87,8 @@ def test_innovations_give_the_likelihood_of_the_full_covariance(flown, colour, s
     """r^T C^-1 r and log |C|, missing readings included."""
     campaign = with_noise(with_gaps(flown.campaign), colour, **stated)
     model = Model(campaign)
-    memory = rate_noise_memory(model, variance_of(campaign))
-    valid = np.asarray(model.data.arrays.telemetry.rate_valid)
+    memory = rate_memory(model, variance_of(campaign))
+    valid = channel_rows(model)["rate"].valid
     z = np.random.default_rng(7).normal(size=valid.shape) * valid
     new = np.asarray(innovations(z, memory))
     for s, slew in enumerate(campaign.slews):
@@ -99,14 +105,14 @@ def test_innovations_give_the_likelihood_of_the_full_covariance(flown, colour, s
 
 
 def test_white_noise_needs_no_filter(flown):
-    assert rate_noise_memory(Model(flown.campaign), variance_of(flown.campaign)) is None
+    assert rate_memory(Model(flown.campaign), variance_of(flown.campaign)) is None
 
 
 @pytest.mark.parametrize("effect", [RateRandomWalk(knots=4), RateBiasInstability(knots=5)])
 def test_what_an_effect_estimates_is_not_filtered_out_as_well(flown, effect):
     campaign = with_noise(flown.campaign, **STATED)
-    both = rate_noise_memory(Model(campaign), variance_of(campaign))
-    other = rate_noise_memory(Model(campaign, (effect,)), variance_of(campaign))
+    both = rate_memory(Model(campaign), variance_of(campaign))
+    other = rate_memory(Model(campaign, (effect,)), variance_of(campaign))
     assert both.gain.shape[-1] == 2
     assert other.gain.shape[-1] == 1
 
@@ -135,7 +141,7 @@ def test_knots_and_what_is_left_between_them_are_the_whole_process(
     """Covariances of straight lines between knots, of the bridges, and of the whole add up."""
     model = Model(flown.campaign)
     whole, between = (
-        rate_noise_memory(model, variance_of(flown.campaign), [noise])
+        rate_memory(model, variance_of(flown.campaign), [noise])
         for noise in (
             effect.reading_noise(values)._replace(knots=0),
             effect.reading_noise(values),

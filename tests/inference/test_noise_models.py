@@ -12,8 +12,8 @@ import pytest
 from scipy import stats
 from support.noisy_campaigns import importance_moments, spiked, with_student_t_rates
 
-from bayes_inertia.campaign.channel_names import CHANNELS
 from bayes_inertia.campaign.reader import read_campaign
+from bayes_inertia.campaign.sensors import CHANNELS
 from bayes_inertia.errors import CampaignError, SettingsError
 from bayes_inertia.inference import optimizer
 from bayes_inertia.inference.cleaning import clean_fit

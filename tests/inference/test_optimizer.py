@@ -139,7 +139,7 @@ def test_telemetry_of_an_independent_simulator_is_explained():
 def test_a_point_moves_to_a_model_whose_rows_are_padded_otherwise():
     campaign = read_campaign(EXAMPLE)
     small, large = Model(campaign), Model(campaign, by_name(("flexible_mode",)))
-    rows = [model.data.arrays.telemetry.rate.shape[:2] for model in (small, large)]
+    rows = [model.data.arrays.telemetry.sample.shape for model in (small, large)]
     assert rows[0] != rows[1]
     theta, discount = np.array(small.space.mean), np.full((small.n_slews, 3), 0.25)
     stated = whitening(small, theta)
@@ -148,10 +148,11 @@ def test_a_point_moves_to_a_model_whose_rows_are_padded_otherwise():
     point = Point(theta, np.zeros(3), np.zeros((small.n_slews, small.structure.n_local)))
     parts = (discounted(stated, discount), discount, information, np.eye(9), 0.0, Starts(1, 1))
     moved = move_to(Estimate(small, point, stated, *parts), large)
-    assert moved.stated.rate.shape[:2] == moved.white.rate.shape[:2] == rows[1]
+    now, before, used = (w[0].factors for w in (moved.stated, stated, moved.white))
+    assert now.shape[:2] == used.shape[:2] == rows[1]
     length = min(rows[0][1], rows[1][1])
-    np.testing.assert_array_equal(moved.stated.rate[:, :length], stated.rate[:, :length])
-    np.testing.assert_allclose(moved.white.rate, 0.5 * np.asarray(moved.stated.rate), rtol=1e-15)
+    np.testing.assert_array_equal(now[:, :length], before[:, :length])
+    np.testing.assert_allclose(used, 0.5 * np.asarray(now), rtol=1e-15)
     np.testing.assert_array_equal(moved.theta[:9], theta)
 
 

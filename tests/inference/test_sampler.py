@@ -14,7 +14,7 @@ from support.chains import SHORT, D, _chain
 from bayes_inertia.errors import SettingsError
 from bayes_inertia.inference.convergence import Diagnostics
 from bayes_inertia.inference.fit_context import FitContext
-from bayes_inertia.inference.noise_model import rate_noise_covariance
+from bayes_inertia.inference.noise_model import stated_noise_of
 from bayes_inertia.inference.optimizer import estimate
 from bayes_inertia.inference.posterior_groups import build_posterior
 from bayes_inertia.inference.predicted_telemetry import predicted_telemetry
@@ -135,7 +135,7 @@ def test_predicted_rates_have_the_noise_that_the_likelihood_counts(small_flown):
     draws = posterior.tree["posterior_predictive"]["rate"].values
     draws = draws.reshape(-1, *draws.shape[2:])
     spread = np.nanmean(np.var(draws, axis=0, ddof=1), axis=(0, 1))
-    covariance = rate_noise_covariance(model, noisy.theta)
+    covariance = stated_noise_of(model, model.channels[0], noisy.theta)
     stated = np.square(campaign.rate_sensor.sigma)
     assert np.all(np.diag(covariance) > 4.0 * stated)
     np.testing.assert_allclose(spread, np.diag(covariance), rtol=0.1)

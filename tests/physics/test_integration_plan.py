@@ -56,7 +56,7 @@ def errors(monkeypatch, campaign, effects=(), drive=None, parts=1) -> tuple[int,
     theta = jnp.asarray(model.draw_prior(np.random.default_rng(3), 1)[0])
     local = jnp.zeros((model.n_slews, model.structure.n_local))
     ours, best = (_predict(m.structure, theta, local, jnp.zeros(3), m.data) for m in (model, exact))
-    valid = np.arange(min(ours.rate.shape[1], best.rate.shape[1])) < np.array(
+    valid = np.arange(min(ours[0].shape[1], best[0].shape[1])) < np.array(
         [[len(s.time)] for s in campaign.slews]
     )
 
@@ -64,14 +64,12 @@ def errors(monkeypatch, campaign, effects=(), drive=None, parts=1) -> tuple[int,
         return float(np.abs(gap[:, : valid.shape[1]])[valid].max(initial=0.0)) / sigma
 
     n, tracker = valid.shape[1], campaign.star_tracker
-    found = [
-        largest(np.asarray(ours.rate)[:, :n] - best.rate[:, :n], campaign.rate_sensor.sigma[0])
-    ]
+    found = [largest(np.asarray(ours[0])[:, :n] - best[0][:, :n], campaign.rate_sensor.sigma[0])]
     if tracker is not None:
-        turn = np.asarray(quaternion.error(ours.attitude, best.attitude))
+        turn = np.asarray(quaternion.error(ours[1], best[1]))
         found.append(float(np.abs(turn).max()) / tracker.sigma_cross)
     if model.drive == "commanded":
-        gap = np.asarray(ours.momentum)[:, :n] - best.momentum[:, :n]
+        gap = np.asarray(ours[2])[:, :n] - best[2][:, :n]
         found.append(largest(gap, campaign.wheels[0].momentum_sigma))
     return plan.rows_per_step, found
 
@@ -103,7 +101,7 @@ def test_steps_far_too_long_are_seen(monkeypatch):
     local = jnp.zeros((model.n_slews, model.structure.n_local))
     theta = jnp.asarray(model.space.mean)
     rates = [
-        np.asarray(_predict(m.structure, theta, local, jnp.zeros(3), m.data).rate)
+        np.asarray(_predict(m.structure, theta, local, jnp.zeros(3), m.data)[0])
         for m in (model, exact)
     ]
     n = min(len(s.time) for s in campaign.slews)

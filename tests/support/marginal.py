@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bayes_inertia.inference.likelihood import Residuals, whitened
+from bayes_inertia.inference.likelihood import whitened
 from bayes_inertia.inference.marginal_posterior import Marginal
 from bayes_inertia.inference.noise_model import whitening
 from bayes_inertia.inference.point import Point
@@ -37,7 +37,7 @@ def frozen_at_prior_mean(model: Model) -> Marginal:
         optimum=Point(theta, jnp.zeros(3), nothing),
         ridge_bias=jnp.zeros((3, d)),
         ridge_local=jnp.zeros((model.n_slews, k, d)),
-        columns=Residuals(*map(jnp.asarray, columns)),
+        columns=tuple(map(jnp.asarray, columns)),
         root=jnp.eye(3 + nothing.size) / size,
         prior=model.space.constants(),
         data=model.data,

@@ -10,8 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
-from bayes_inertia.campaign.channel_names import CHANNELS
-from bayes_inertia.report.formatting import CHANNEL_NAMES, plain
+from bayes_inertia.report.formatting import channel_name, plain
 from bayes_inertia.report.layout import LAYOUT
 from bayes_inertia.report.pictures import style
 
@@ -51,11 +50,11 @@ def draw_misfit_by_step(steps: Sequence[Mapping[str, Any]]) -> Figure:
 def _misfit_lines(steps: Sequence[Mapping[str, Any]]) -> list[tuple[str, list, str, str, Any]]:
     """Label, reduced chi^2 of every stage, colour, marker and dashes of each line."""
     lines: list[tuple[str, list, str, str, Any]] = []
-    for i, channel in enumerate((*CHANNELS, "total")):
+    for i, channel in enumerate(steps[0]["reduced_chi2_before"]):
         values = [steps[0]["reduced_chi2_before"][channel]]
         values += [step["reduced_chi2_after"][channel] for step in steps]
         if values[0] is not None:
-            lines.append((CHANNEL_NAMES[channel], values, style.color(i), style.MARKERS[i], "-"))
+            lines.append((channel_name(channel), values, style.color(i), style.MARKERS[i], "-"))
     held_out = [steps[0]["held_out_before"], *(step["held_out_after"] for step in steps)]
     if held_out[0] is not None:
         lines.append(("slews left out of the fit", held_out, style.INK, "X", (0, (4, 2))))

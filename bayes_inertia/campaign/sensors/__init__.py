@@ -1,0 +1,39 @@
+"""Sensors whose readings are compared with the model, one file a kind, in the order of tables."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import RateSensor, StarTracker
+from bayes_inertia.campaign.sensors.attitude import ATTITUDE, AttitudeStream
+from bayes_inertia.campaign.sensors.momentum import MOMENTUM
+from bayes_inertia.campaign.sensors.rate import RATE, RateStream
+from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
+
+STREAMS: tuple[SensorStream, ...] = (RATE, ATTITUDE, MOMENTUM)
+# The stream of each entry of [columns] that holds readings.
+BY_KEY: Mapping[str, SensorStream] = MappingProxyType(
+    {key: stream for stream in STREAMS for key in stream.keys}
+)
+# Names of the channels that every campaign has.
+CHANNELS = tuple(stream.name for stream in STREAMS)
+# Which class reads the sensors of `Campaign.more_sensors`; others name theirs as `stream`.
+KINDS: Mapping[type, type[SensorStream]] = MappingProxyType(
+    {RateSensor: RateStream, StarTracker: AttitudeStream}
+)
+
+
+def streams_of(campaign: Campaign) -> tuple[SensorStream, ...]:
+    """The streams of a campaign, one a sensor."""
+    more = ((KINDS.get(type(x)) or x.stream)(name) for name, x in campaign.more_sensors)
+    return (*STREAMS, *more)
+
+
+def series_of(campaign: Campaign) -> tuple[SensorStream, ...]:
+    """Those in which every row may hold a reading."""
+    return tuple(stream for stream in streams_of(campaign) if stream.is_series)
+
+
+def stream_named(channel: str, campaign: Campaign) -> SensorStream:
+    """The stream of a channel."""
+    return next(stream for stream in streams_of(campaign) if stream.name == channel)

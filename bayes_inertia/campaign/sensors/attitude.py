@@ -1,0 +1,85 @@
+"""The star tracker's fixes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.cells import all_empty
+from bayes_inertia.campaign.hardware import StarTracker
+from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
+from bayes_inertia.campaign.slew import Slew, bad_quaternion
+from bayes_inertia.campaign.stuck import stuck_fixes
+from bayes_inertia.errors import CampaignError
+from bayes_inertia.tables.number_table import Table
+
+
+@dataclass(frozen=True)
+class AttitudeStream(SensorStream):
+    """Quaternions of a star tracker, in a few rows of a slew."""
+
+    sensor = title = "star tracker"
+    unit = ""
+    keys = ("attitude",)
+    written = (
+        "attitude",
+        {"scalar": "last", "maps": "inertial_to_body"},
+        ("q1", "q2", "q3", "q4"),
+    )
+    is_series = False
+
+    def read(self, table: Table, entry: Any, spin_inertias: np.ndarray) -> np.ndarray | None:
+        """Scalar last, body from inertial; a star tracker whose columns are empty is left out."""
+        if all_empty(table, entry.names):
+            return None
+        quaternion = table.stack(entry.names)
+        problem = bad_quaternion(quaternion)
+        if problem is not None:
+            row, what = problem
+            raise CampaignError(
+                f"{what}: {quaternion[row].tolist()}",
+                where=f"{table.place(row)}, columns {', '.join(entry.names)}",
+                advice="repair the row, or leave all four cells empty (no fix)",
+            )
+        if entry.scalar == "first":
+            quaternion = quaternion[:, [1, 2, 3, 0]]
+        # The inverse rotation is the conjugate; the scalar's sign is kept.
+        return quaternion * ([-1.0, -1.0, -1.0, 1.0] if entry.maps == "body_to_inertial" else 1.0)
+
+    def stuck(self, campaign: Campaign, slew: Slew) -> np.ndarray:
+        """Whole fixes."""
+        attitude = self.values(slew)
+        return np.repeat(stuck_fixes(attitude)[:, None], attitude.shape[1], axis=1)
+
+    def components(self, campaign: Campaign) -> tuple[str, ...]:
+        """Body axes of the small rotation."""
+        return ("about x", "about y", "about z")
+
+    def hardware(self, campaign: Campaign) -> StarTracker | None:
+        """The star tracker, if there is one."""
+        return campaign.star_tracker if self.field else super().hardware(campaign)
+
+    def sigma(self, campaign: Campaign) -> Sequence[float | None]:
+        """Noise across the boresight, twice, and about it [rad]; none without star tracker."""
+        tracker = self.hardware(campaign)
+        if tracker is None:
+            return ()
+        return tracker.sigma_cross, tracker.sigma_cross, tracker.sigma_roll
+
+    def louder(self, campaign: Campaign, factor: float) -> Campaign:
+        """The campaign with another noise of the star tracker."""
+        tracker = self.hardware(campaign)
+        if tracker is None:
+            return campaign
+        cross, roll = factor * tracker.sigma_cross, factor * tracker.sigma_roll
+        louder = replace(tracker, sigma_cross=cross, sigma_roll=roll)
+        if self.field:
+            return replace(campaign, star_tracker=louder)
+        return self.with_hardware(campaign, louder)
+
+
+ATTITUDE = AttitudeStream("attitude", "attitude")

@@ -1,0 +1,59 @@
+"""The wheels' tachometers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.cells import refuse_empty_columns
+from bayes_inertia.campaign.impossible import impossible_momentum
+from bayes_inertia.campaign.schema import SpeedColumns
+from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
+from bayes_inertia.campaign.units import to_si
+from bayes_inertia.tables.number_table import Table
+
+
+@dataclass(frozen=True)
+class MomentumStream(SensorStream):
+    """Momentum of each wheel relative to the body, by its tachometer."""
+
+    sensor = "tachometers"
+    title = "wheel momentum"
+    unit = "N m s"
+    keys = ("wheel_momentum", "wheel_speed")
+    written = ("wheel_momentum", {"unit": "N m s", "relative_to": "body"}, "h{}_Nms")
+
+    def read(self, table: Table, entry: Any, spin_inertias: np.ndarray) -> np.ndarray | None:
+        """Speeds become momentum by the spin inertias."""
+        refuse_empty_columns(table, entry.names)
+        values = table.stack(entry.names)
+        if isinstance(entry, SpeedColumns):
+            return to_si(values, "wheel_speed", entry.unit) * spin_inertias
+        return to_si(values, "wheel_momentum", entry.unit)
+
+    def impossible(self, campaign: Campaign, values: np.ndarray) -> np.ndarray:
+        """Those that no wheel can hold."""
+        return impossible_momentum(values, campaign.wheels)
+
+    def components(self, campaign: Campaign) -> tuple[str, ...]:
+        """The wheels."""
+        return tuple(wheel.name for wheel in campaign.wheels)
+
+    def sigma(self, campaign: Campaign) -> Sequence[float | None]:
+        """Noise of each wheel's reading [N m s], None without tachometer."""
+        return [wheel.momentum_sigma for wheel in campaign.wheels]
+
+    def louder(self, campaign: Campaign, factor: float) -> Campaign:
+        """The campaign with another noise of its tachometers."""
+        wheels = tuple(
+            replace(w, momentum_sigma=w.momentum_sigma and factor * w.momentum_sigma)
+            for w in campaign.wheels
+        )
+        return replace(campaign, wheels=wheels)
+
+
+MOMENTUM = MomentumStream("momentum", "wheel_momentum")

@@ -1,0 +1,71 @@
+"""The rate sensor's readings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from bayes_inertia.campaign.campaign import Campaign, readings_in_range
+from bayes_inertia.campaign.cells import refuse_empty_columns
+from bayes_inertia.campaign.hardware import CorrelatedNoise, RateSensor
+from bayes_inertia.campaign.impossible import impossible_rates
+from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
+from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.campaign.units import to_si
+from bayes_inertia.tables.number_table import Table
+
+
+@dataclass(frozen=True)
+class RateStream(SensorStream):
+    """Angular rate about the three axes of a rate sensor."""
+
+    sensor = title = "rate sensor"
+    unit = "rad/s"
+    keys = ("rate",)
+    written = ("rate", {"unit": "rad/s"}, ("wx_radps", "wy_radps", "wz_radps"))
+
+    def read(self, table: Table, entry: Any, spin_inertias: np.ndarray) -> np.ndarray | None:
+        """Each axis has its own column."""
+        refuse_empty_columns(table, entry.names)
+        return to_si(table.stack(entry.names), "rate", entry.unit)
+
+    def valid(self, campaign: Campaign, slew: Slew) -> np.ndarray:
+        """Those inside the sensor's range."""
+        if self.field:
+            return campaign.valid_readings(slew)
+        return readings_in_range(self.values(slew), self.hardware(campaign))
+
+    def hardware(self, campaign: Campaign) -> RateSensor:
+        """The sensor."""
+        return campaign.rate_sensor if self.field else super().hardware(campaign)
+
+    def impossible(self, campaign: Campaign, values: np.ndarray) -> np.ndarray:
+        """Those that no spacecraft can turn at."""
+        return impossible_rates(values)
+
+    def components(self, campaign: Campaign) -> tuple[str, ...]:
+        """The sensor's axes."""
+        return ("axis 1", "axis 2", "axis 3")
+
+    def sigma(self, campaign: Campaign) -> Sequence[float | None]:
+        """White noise of each axis [rad/s]."""
+        return self.hardware(campaign).sigma
+
+    def correlated(self, campaign: Campaign) -> CorrelatedNoise | None:
+        """As a diagnosis measured it."""
+        return self.hardware(campaign).correlated_noise
+
+    def louder(self, campaign: Campaign, factor: float) -> Campaign:
+        """The campaign with another noise of the rate sensor."""
+        sensor = self.hardware(campaign)
+        x, y, z = (factor * sigma for sigma in sensor.sigma)
+        louder = replace(sensor, sigma=(x, y, z))
+        if self.field:
+            return replace(campaign, rate_sensor=louder)
+        return self.with_hardware(campaign, louder)
+
+
+RATE = RateStream("rate", "rate")

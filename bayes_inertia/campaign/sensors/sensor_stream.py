@@ -1,0 +1,113 @@
+"""A sensor's stream of readings, as a campaign knows it: its column, words and stated noise."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.hardware import CorrelatedNoise
+from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.campaign.stuck import stuck_readings
+from bayes_inertia.tables.number_table import Table
+
+
+@dataclass(frozen=True)
+class SensorStream(ABC):
+    """One sensor's readings; a class for each kind of sensor, an instance for each sensor.
+
+    Parameters
+    ----------
+    name : str
+        Of the channel, as files and messages say it.
+    field : str
+        Of `Slew`, which holds the readings; empty for one of `Campaign.more_sensors`.
+    """
+
+    name: str
+    field: str = ""
+
+    # In words; in tables and pictures; of the readings.
+    sensor: ClassVar[str]
+    title: ClassVar[str]
+    unit: ClassVar[str]
+    # The `Channel` of a kind that is not the package's own.
+    channel: ClassVar[Any] = None
+    # Entries of [columns] that may hold them.
+    keys: ClassVar[tuple[str, ...]] = ()
+    # How they are written: entry of [columns], its unit and sense, columns (a text: one a wheel).
+    written: ClassVar[tuple[str, Mapping[str, str], str | Sequence[str]]]
+    # Whether every row of a slew may hold a reading; else there are fixes here and there.
+    is_series: ClassVar[bool] = True
+
+    def of(self, slew: Slew) -> np.ndarray | None:
+        """Readings (n, columns) of a slew, None where it has none."""
+        return getattr(slew, self.field) if self.field else (slew.more or {}).get(self.name)
+
+    def masked(self, slew: Slew, mask: np.ndarray) -> Slew:
+        """The slew without some readings: `mask` (n, columns)."""
+        values = np.where(mask, np.nan, self.values(slew))
+        changed: dict[str, Any] = {self.field: values}
+        if not self.field:
+            changed = {"more": {**(slew.more or {}), self.name: values}}
+        return replace(slew, **changed)
+
+    def values(self, slew: Slew) -> np.ndarray:
+        """Readings (n, columns) of a slew that has them."""
+        values = self.of(slew)
+        assert values is not None
+        return values
+
+    def hardware(self, campaign: Campaign) -> Any:
+        """The sensor among `Campaign.more_sensors`."""
+        return dict(campaign.more_sensors)[self.name]
+
+    def with_hardware(self, campaign: Campaign, hardware: Any) -> Campaign:
+        """The campaign with another sensor in its place among `Campaign.more_sensors`."""
+        sensors = dict(campaign.more_sensors) | {self.name: hardware}
+        return replace(campaign, more_sensors=tuple(sensors.items()))
+
+    @property
+    def per_wheel(self) -> bool:
+        """Whether each wheel has a column."""
+        return isinstance(self.written[2], str)
+
+    def read(self, table: Table, entry: Any, spin_inertias: np.ndarray) -> np.ndarray | None:
+        """Readings (n, columns) from a table, None where its columns are empty for good.
+
+        `entry`: of [columns], one of `keys`. `spin_inertias` (wheels,): of the wheels [kg m^2].
+        """
+        raise NotImplementedError(f"{self.name} in a table")
+
+    def valid(self, campaign: Campaign, slew: Slew) -> np.ndarray:
+        """Which readings (n, columns) count."""
+        return np.isfinite(self.values(slew))
+
+    def impossible(self, campaign: Campaign, values: np.ndarray) -> np.ndarray:
+        """Which readings (n, columns) nothing can cause."""
+        return np.zeros(values.shape, dtype=bool)
+
+    def stuck(self, campaign: Campaign, slew: Slew) -> np.ndarray:
+        """Which readings (n, columns) repeat those before them for too long."""
+        values = np.where(self.valid(campaign, slew), self.values(slew), np.nan)
+        return stuck_readings(values, self.sigma(campaign))
+
+    @abstractmethod
+    def components(self, campaign: Campaign) -> tuple[str, ...]:
+        """Names of the components of a residual."""
+
+    @abstractmethod
+    def sigma(self, campaign: Campaign) -> Sequence[float | None]:
+        """Stated noise of each column or axis, None where it is not stated."""
+
+    def correlated(self, campaign: Campaign) -> CorrelatedNoise | None:
+        """How the noise was measured to be correlated in time; None: it is white."""
+        return None
+
+    @abstractmethod
+    def louder(self, campaign: Campaign, factor: float) -> Campaign:
+        """The campaign with this sensor's stated noise multiplied."""

@@ -1,0 +1,47 @@
+"""The channels of a model: one small file for each kind of sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.sensors import streams_of
+from bayes_inertia.campaign.sensors.attitude import AttitudeStream
+from bayes_inertia.campaign.sensors.momentum import MomentumStream
+from bayes_inertia.campaign.sensors.rate import RATE, RateStream
+from bayes_inertia.campaign.sensors.sensor_stream import SensorStream
+from bayes_inertia.physics.channels.attitude import AttitudeChannel
+from bayes_inertia.physics.channels.channel import Channel, Readings
+from bayes_inertia.physics.channels.momentum import MomentumChannel
+from bayes_inertia.physics.channels.rate import RateChannel
+from bayes_inertia.physics.parameters import N_BASE
+from bayes_inertia.physics.slew_input import Drive
+
+__all__ = ["KINDS", "Channel", "Readings", "channels_of"]
+
+# Which class models a stream.
+KINDS: Mapping[type[SensorStream], type[Channel]] = MappingProxyType(
+    {
+        RateStream: RateChannel,
+        AttitudeStream: AttitudeChannel,
+        MomentumStream: MomentumChannel,
+    }
+)
+
+
+def channels_of(campaign: Campaign, drive: Drive) -> tuple[Channel, ...]:
+    """The channels of a model, in the order of all tables; tachometers may drive it."""
+    channels, begin = [], N_BASE
+    for stream in streams_of(campaign):
+        channel = (KINDS.get(type(stream)) or stream.channel)(stream)
+        if stream == RATE:
+            channel = replace(channel, parameters=(6, N_BASE))
+        elif isinstance(stream, MomentumStream):
+            channel = replace(channel, compared=drive == "commanded")
+        elif own := channel.own_parameters(campaign):
+            end = begin + sum(len(parameter.names) for parameter in own)
+            channel, begin = replace(channel, parameters=(begin, end)), end
+        channels.append(channel)
+    return tuple(channels)

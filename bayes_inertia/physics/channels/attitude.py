@@ -1,0 +1,90 @@
+"""A star tracker: q_meas = q * dq(e), e a small rotation in body axes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import numpy as np
+from jax import Array
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.maths import quaternion
+from bayes_inertia.maths.values import AnyArray
+from bayes_inertia.physics.channels.channel import Channel, Readings, SensorAtFit
+from bayes_inertia.physics.slew_context import Trajectory
+from bayes_inertia.physics.slew_input import Drive, SlewInput
+
+_turned = jax.jit(lambda q, small_rotation: quaternion.multiply(q, quaternion.exp(small_rotation)))
+
+
+@dataclass(frozen=True)
+class AttitudeChannel(Channel):
+    """Quaternions, body from inertial, scalar last; residuals are small rotations, sign-free."""
+
+    hook = "attitude_output"
+    columns = "quaternion"
+    components = "body_axis"
+    blank = (0.0, 0.0, 0.0, 1.0)
+
+    def readings(self, campaign: Campaign, slew: Slew) -> Readings:
+        """The fixes."""
+        known = self.stream.of(slew)
+        known = np.full((len(slew.time), 4), np.nan) if known is None else known
+        rows = np.flatnonzero(np.isfinite(known).all(axis=1))
+        values = known[rows]
+        return Readings(values, np.ones((len(rows), 3), bool), rows)
+
+    def start(self, campaign: Campaign, slew: Slew) -> dict[str, np.ndarray]:
+        """The first fix."""
+        values = self.readings(campaign, slew).values
+        return {"attitude": values[0]} if len(values) else {}
+
+    def sensed(self, constants: Any, bias: Array, slew: SlewInput, trajectory: Trajectory) -> Array:
+        """The attitude itself."""
+        return trajectory.attitude
+
+    def gap(self, measured: Array, predicted: Array) -> Array:
+        """The small rotation from the predicted attitude to the measured one [rad]."""
+        return quaternion.error(predicted, measured)
+
+    def moved(self, values: AnyArray, change: AnyArray) -> AnyArray:
+        """Attitudes turned by small rotations in body axes [rad]."""
+        return np.asarray(_turned(values, change))
+
+    def known(self, readings: Readings) -> np.ndarray:
+        """A fix is whole or missing."""
+        return np.where(np.asarray(readings.valid)[..., :1], readings.values, np.nan)
+
+    def column_sigma(self, campaign: Campaign) -> np.ndarray:
+        """Components of a quaternion are half a small rotation."""
+        tracker = self.stream.hardware(campaign)
+        return np.full(4, 0.5 * tracker.sigma_cross if tracker else np.inf)
+
+    def noise(self, campaign: Campaign, theta: np.ndarray, drive: Drive) -> np.ndarray:
+        """Root of the covariance and its inverse (2, 3, 3) [rad, 1/rad]; zero without tracker."""
+        tracker = self.stream.hardware(campaign)
+        if tracker is None:
+            return np.zeros((2, 3, 3))
+        along = np.outer(tracker.boresight_B, tracker.boresight_B)
+        across = np.eye(3) - along
+        return np.stack(
+            [
+                tracker.sigma_cross * across + tracker.sigma_roll * along,
+                across / tracker.sigma_cross + along / tracker.sigma_roll,
+            ]
+        )
+
+    def factors(self, noise: np.ndarray, valid: np.ndarray) -> np.ndarray:
+        """The inverse root where there is a fix (..., 3, 3)."""
+        return valid[..., :1, None] * noise[1]
+
+    def drawn(self, noise: np.ndarray, unit: np.ndarray) -> np.ndarray:
+        """Small rotations [rad]."""
+        return unit @ noise[0]
+
+    def whitened_motion(self, fit: SensorAtFit, turn: np.ndarray, rate_B: np.ndarray) -> np.ndarray:
+        """The turn itself."""
+        return self.whitened_columns(fit.factors, turn)

@@ -1,0 +1,156 @@
+"""A rate sensor: K w_meas = C_rate w + b, with noise (paper eq 12)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from bayes_inertia.campaign.campaign import Campaign
+from bayes_inertia.campaign.slew import Slew
+from bayes_inertia.maths import inertia_tensor
+from bayes_inertia.maths.device_arrays import on_device
+from bayes_inertia.physics.channels.channel import Channel, Readings, SensorAtFit
+from bayes_inertia.physics.parameters import Normal, Parameter, scalar
+from bayes_inertia.physics.slew_context import Trajectory
+from bayes_inertia.physics.slew_input import Drive, SlewInput
+
+
+class RateConstants(NamedTuple):
+    """Constants of a rate sensor.
+
+    Parameters
+    ----------
+    axes : (3, 3) array
+        C_rate, one row a sensor axis.
+    bias : (3,) array
+        Prior mean of the bias [rad/s].
+    """
+
+    axes: Array
+    bias: Array
+
+
+@dataclass(frozen=True)
+class RateChannel(Channel):
+    """Angular rates [rad/s]; its parameters are the scale factors K."""
+
+    hook = "rate_output"
+    columns = components = "sensor_axis"
+
+    def readings(self, campaign: Campaign, slew: Slew) -> Readings:
+        """Those inside the sensor's range."""
+        rows, known = np.arange(len(slew.time)), self.stream.of(slew)
+        if known is None:
+            return Readings(np.zeros((len(rows), 3)), np.zeros((len(rows), 3), bool), rows)
+        valid = self.stream.valid(campaign, slew)
+        return Readings(np.where(valid, known, 0.0), valid, rows)
+
+    def start(self, campaign: Campaign, slew: Slew) -> dict[str, np.ndarray]:
+        """The body rate by the first readings."""
+        if not self.stream.field:
+            return {}
+        sensor = campaign.rate_sensor
+        _, readings = slew.complete_rates(campaign.valid_readings(slew))
+        some = readings[: max(1, min(8, len(readings) // 50))]
+        first = some.mean(axis=0) if len(some) else np.zeros(3)
+        rate_S = np.array(sensor.scale_factor) * first - np.array(sensor.bias)
+        return {"rate_B": np.linalg.solve(sensor.axes, rate_S)}
+
+    def constants(self, campaign: Campaign) -> RateConstants:
+        """Axes and prior bias; a further sensor's bias is a parameter."""
+        sensor = self.stream.hardware(campaign)
+        bias = sensor.bias if self.stream.field else np.zeros(3)
+        return RateConstants(on_device(sensor.axes), on_device(bias))
+
+    def own_parameters(self, campaign: Campaign) -> tuple[Parameter, ...]:
+        """K and bias of a further sensor."""
+        if self.stream.field:
+            return ()
+        sensor = self.stream.hardware(campaign)
+        kinds = (
+            ("K", "", sensor.scale_factor, sensor.scale_factor_sigma, 1.0),
+            ("bias", "rad/s", sensor.bias, sensor.bias_sigma, 0.0),
+        )
+        return tuple(
+            scalar(f"{name}{i + 1}", unit=unit, prior=Normal(mean[i], sd[i]), null=null)
+            for name, unit, mean, sd, null in kinds
+            for i in range(3)
+        )
+
+    def sensed(self, constants: Any, bias: Array, slew: SlewInput, trajectory: Trajectory) -> Array:
+        """Rates about the sensor's axes, with its bias."""
+        bias_S = constants.bias + bias if self.stream.field else constants.bias
+        C = constants.axes
+        rate_B = trajectory.rate_B
+        return jnp.stack(
+            [sum(C[i, j] * rate_B[:, j] for j in range(3)) + bias_S[i] for i in range(3)], -1
+        )
+
+    def read(self, parameters: Array, values: Array) -> Array:
+        """Divided by the scale factors."""
+        K, bias = parameters[:3], parameters[3:]
+        return (values if self.stream.field else values + bias) / K
+
+    def noise(self, campaign: Campaign, theta: np.ndarray, drive: Drive) -> np.ndarray:
+        """Covariance (3, 3) of one reading [rad^2/s^2].
+
+        In the measured drive tachometer noise is an input: it shakes the predicted rate by
+        J^-1 G dh. (The part of it that accumulates in the attitude is among the nuisances.)
+        """
+        sensor = self.stream.hardware(campaign)
+        covariance = np.diag(np.square(sensor.sigma))
+        if drive == "measured" and campaign.wheels:
+            shake = (
+                sensor.axes
+                @ np.linalg.solve(_locked_inertia(campaign, theta), campaign.wheel_axes_B)
+                / np.asarray(theta[slice(*self.parameters)])[:3, None]
+            )
+            wheels = np.diag(np.square([w.momentum_sigma or 0.0 for w in campaign.wheels]))
+            covariance = covariance + shake @ wheels @ shake.T
+        return covariance
+
+    def variance(self, noise: np.ndarray) -> np.ndarray:
+        """Whitened readings have one over these as sigmas."""
+        return 1.0 / np.diagonal(np.linalg.inv(noise))
+
+    def factors(self, noise: np.ndarray, valid: np.ndarray) -> np.ndarray:
+        """Inverse Cholesky factor of the valid part of each reading's covariance (..., 3, 3)."""
+        factors = np.zeros((*valid.shape, 3))
+        for pattern in np.unique(valid.reshape(-1, 3), axis=0):
+            keep = np.flatnonzero(pattern)
+            factor = np.zeros((3, 3))
+            if len(keep):
+                block = noise[np.ix_(keep, keep)]
+                factor[np.ix_(keep, keep)] = np.linalg.inv(np.linalg.cholesky(block))
+            factors[(valid == pattern).all(axis=-1)] = factor
+        return factors
+
+    def drawn(self, noise: np.ndarray, unit: np.ndarray) -> np.ndarray:
+        """Correlated between the axes as the covariance says; to single precision."""
+        return (unit @ np.linalg.cholesky(noise).T).astype(np.float32)
+
+    def whitened(self, factors: Array, gap: Array) -> Array:
+        """The factors are triangular."""
+        return jnp.stack(
+            [sum(factors[..., i, j] * gap[..., j] for j in range(i + 1)) for i in range(3)], -1
+        )
+
+    def whitened_motion(self, fit: SensorAtFit, turn: np.ndarray, rate_B: np.ndarray) -> np.ndarray:
+        """Along the sensor's axes, over the scale factors."""
+        axes = self.stream.hardware(fit.campaign).axes
+        scale_factors = fit.theta[slice(*self.parameters)][:3, None]
+        sensed = np.einsum("ij,snjk->snik", axes, rate_B) / scale_factors
+        return self.whitened_columns(fit.factors, sensed)
+
+
+def _locked_inertia(campaign: Campaign, theta: np.ndarray) -> np.ndarray:
+    """J (3, 3) with the wheels' spin inertia."""
+    J = inertia_tensor.tensor(theta[:6])
+    if campaign.inertia.includes_wheel_spin:
+        return J
+    axes, spin = on_device(campaign.wheel_axes_B), on_device(campaign.spin_inertias)
+    return np.asarray(inertia_tensor.with_wheel_spin(J, axes, spin))
