@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from bayes_inertia.inference.compiled_programs import forget_surplus
 from bayes_inertia.inference.each_slew import of_all_slews, of_slew
 from bayes_inertia.inference.kept_programs import KeptProgram
 from bayes_inertia.inference.laplace import Estimate
@@ -196,6 +197,7 @@ def tangents(
     turn, change : (slews, n, 3, 6) arrays
         Change of attitude [rad, body axes] and rate [rad/s] per change of the start state.
     """
+    forget_surplus((_tangents,))
     grid = data.arrays.slews.context.time.shape[1]
     parts = [
         _tangents(structure, theta, of_slew(k, local), alone) for k, alone in enumerate(data.pieces)

@@ -180,3 +180,7 @@ def _final_errors(slew, schedule, plants, law, noise, active, substeps):
             plants, active, jax.tree.map(lambda x: x[0], noise)
         )
     return jax.vmap(of_draw)(plants, active, noise)
+
+
+# What is compiled for each set of effects.
+PROGRAMS = (_final_errors,)
