@@ -26,8 +26,9 @@ from bayes_inertia.physics.nuisances import Nuisances
 from bayes_inertia.physics.packing import Telemetry
 from bayes_inertia.physics.prediction import Prediction, Structure, predict, predict_all
 
-# Sensitivities are taken so many columns at a time.
-_COLUMNS_AT_ONCE = 48
+# Sensitivities are taken so many columns at a time: as many as a plain fit has, or more where a
+# model has more. Of one slew at a time, twice as many hardly take longer.
+_COLUMNS_AT_ONCE = (24, 48)
 
 
 class Residuals(NamedTuple):
@@ -292,12 +293,14 @@ def padded_sensitivities(
     of_effects = np.repeat(np.array(structure.only_sensed, dtype=bool), structure.coefficients)
     sensed[len(columns) - len(of_effects) :] = of_effects
     moving = np.flatnonzero(~sensed)
-    padding = -len(moving) % _COLUMNS_AT_ONCE
+    few, many = _COLUMNS_AT_ONCE
+    width = few if d + 3 + structure.n_start <= few else many
+    padding = -len(moving) % width
     groups = columns[np.concatenate([moving, np.repeat(moving[-1:], padding)])]
     pieces = slew_pieces(point, model.data, white)
     programs = [
         partial(_filtered, _plain_sensitivities, structure, *piece, on_device(group))
-        for group in groups.reshape(-1, _COLUMNS_AT_ONCE)
+        for group in groups.reshape(-1, width)
         for piece in pieces
     ]
     if sensed.any():

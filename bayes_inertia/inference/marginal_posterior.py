@@ -30,7 +30,7 @@ from bayes_inertia.inference.coefficients import (
 )
 from bayes_inertia.inference.each_slew import of_slew, slew_pieces
 from bayes_inertia.inference.kept_programs import KeptProgram
-from bayes_inertia.inference.likelihood import Residuals, filtered, residuals, whitened
+from bayes_inertia.inference.likelihood import Residuals, residuals, whitened
 from bayes_inertia.inference.noise_model import Whitening
 from bayes_inertia.inference.point import N_BIAS, Point
 from bayes_inertia.maths import inertia_tensor
@@ -121,6 +121,7 @@ class _Nuisances(NamedTuple):
     ridge_bias: Array
     ridge_local: Array
     root: Array
+    prior: dict
     coefficients: CoefficientPart | None
     unexplained: Array | float
     contexts: SlewContext | None
@@ -137,9 +138,7 @@ def _pull_at(structure: Structure, pull: _Pull, theta: Array) -> tuple[Array, Ar
     # Residuals depend on what the coefficients are, not on their prior.
     point = point_on_ridge(pull, theta.at[fixed].set(pull.optimum.theta[fixed]))
     prediction = predict_all(structure, point.theta, point.local, point.bias, pull.data)
-    plain = pull.white._replace(memory=None)
-    r = whitened(structure, prediction, pull.data.arrays.telemetry, plain)
-    r = filtered(r, pull.white)
+    r = whitened(structure, prediction, pull.data.arrays.telemetry, pull.white)
     chi2: Any = sum(jnp.sum(channel**2) for channel in r)
     return chi2, pulled(r, pull.columns, jnp)
 
@@ -188,28 +187,19 @@ def _safe(thetas: Array, optimum: Array) -> Array:
 
 @KeptProgram
 def _densities(
-    structure: Structure,
-    nuisances: _Nuisances,
-    prior: dict,
-    thetas: Array,
-    chi2: Array,
-    gradient: Array,
+    structure: Structure, nuisances: _Nuisances, thetas: Array, chi2: Array, gradient: Array
 ) -> Array:
     """Log densities (batch,), from the data's pull at physical thetas."""
-    return jax.vmap(partial(_density, structure, nuisances, prior))(thetas, chi2, gradient)
+    return jax.vmap(partial(_density, structure, nuisances))(thetas, chi2, gradient)
 
 
 def _density(
-    structure: Structure,
-    nuisances: _Nuisances,
-    prior: dict,
-    theta: Array,
-    chi2: Array,
-    gradient: Array,
+    structure: Structure, nuisances: _Nuisances, theta: Array, chi2: Array, gradient: Array
 ) -> Array:
     physical = inertia_tensor.is_physical(theta[:6])
     safe = jnp.where(physical, theta, nuisances.optimum.theta)
-    value = _log_integral(structure, nuisances, safe, chi2, gradient) + log_prior(prior, theta)
+    value = _log_integral(structure, nuisances, safe, chi2, gradient)
+    value = value + log_prior(nuisances.prior, theta)
     return jnp.where(physical & jnp.isfinite(value), value, -jnp.inf)
 
 
@@ -231,9 +221,8 @@ def log_posterior_of(structure: Structure, marginal: Marginal, theta: Array) -> 
     """
     pull = _Pull(*(getattr(marginal, key) for key in _Pull._fields))
     safe = _safe(theta[None], jnp.asarray(marginal.optimum.theta))[0]
-    of_data = _pull_at(structure, pull, safe)
     nuisances = _nuisances(marginal, marginal.data.arrays.slews.context)
-    return _density(structure, nuisances, marginal.prior, theta, *of_data)
+    return _density(structure, nuisances, theta, *_pull_at(structure, pull, safe))
 
 
 def log_posterior(structure: Structure, marginal: Marginal, thetas: np.ndarray) -> np.ndarray:
@@ -263,8 +252,7 @@ def _compiled(structure: Structure, marginal: Marginal) -> LogDensity:
         pulls = [_pulls(structure, piece, safe) for piece in pieces]
         chi2 = sum(np.asarray(of_slew) for of_slew, _ in pulls)
         gradient = np.concatenate([np.asarray(slopes) for _, slopes in pulls], axis=1)
-        every = thetas, chi2, filled(gradient, slews)
-        return np.asarray(_densities(structure, nuisances, marginal.prior, *every))
+        return np.asarray(_densities(structure, nuisances, thetas, chi2, filled(gradient, slews)))
 
     return densities
 
@@ -272,29 +260,20 @@ def _compiled(structure: Structure, marginal: Marginal) -> LogDensity:
 def _pieces(marginal: Marginal) -> list[_Pull]:
     """What `_pulls` is given of each slew alone."""
     pieces = slew_pieces(marginal.optimum, marginal.data, marginal.white)
-    ridge = np.asarray(marginal.ridge_local)
-    rows = pieces[0].white.rate.shape[1], pieces[0].white.attitude.shape[1]
-    given = marginal.white.rate.shape[1], marginal.white.attitude.shape[1]
+    white, ridge = pieces[0].white, np.asarray(marginal.ridge_local)
+    rows = white.rate.shape[1] / marginal.white.rate.shape[1]
+    fixes = white.attitude.shape[1] / max(1, marginal.white.attitude.shape[1])
     columns = Residuals(
         *(
-            filled(np.asarray(x), x.shape[1] // max(1, given[k]) * rows[k])
-            for x, k in zip(marginal.columns, (0, 1, 0), strict=True)
+            filled(np.asarray(x), round(share * x.shape[1]))
+            for x, share in zip(marginal.columns, (rows, fixes, rows), strict=True)
         )
     )
-    return [
-        jax.tree.map(
-            on_device,
-            _Pull(
-                piece.point,
-                marginal.ridge_bias,
-                of_slew(k, ridge),
-                of_slew(k, columns),
-                piece.data,
-                piece.white,
-            ),
-        )
-        for k, piece in enumerate(pieces)
-    ]
+    pulls = (
+        _Pull(p.point, marginal.ridge_bias, *of_slew(k, (ridge, columns)), p.data, p.white)
+        for k, p in enumerate(pieces)
+    )
+    return [jax.tree.map(on_device, pull) for pull in pulls]
 
 
 def _nuisances(marginal: Marginal, contexts: SlewContext) -> _Nuisances:
@@ -322,11 +301,7 @@ def _padded_nuisances(marginal: Marginal) -> _Nuisances:
     return jax.tree.map(on_device, padded)
 
 
-@partial(jax.jit, static_argnums=0)
-def _compiled_elimination(
-    structure: Structure, nuisances: _Nuisances, theta: Array, chi2: Array, gradient: Array
-) -> tuple[EliminatedSlews, Array]:
-    return _elimination(structure, nuisances, theta, chi2, gradient)
+_compiled_elimination = jax.jit(_elimination, static_argnums=0)
 
 
 # What is compiled for each size of slew, largest first.
