@@ -219,7 +219,9 @@ def _over_steps(step: Callable[[Any, Any], tuple[Any, Any]], first: Any, inputs:
     """As `jax.lax.scan`, but blocks of padding, whose steps have no length, cost nothing."""
     length = inputs.length if isinstance(inputs, StepInputs) else inputs[1]
     size = math.gcd(len(length), _BLOCK)
-    blocks = jax.tree.map(lambda x: x.reshape(-1, size, *x.shape[1:]), (inputs, length))
+    blocks = jax.tree.map(
+        lambda x: x.reshape(len(length) // size, size, *x.shape[1:]), (inputs, length)
+    )
 
     def block(state: Any, rows: tuple[Any, Array]) -> tuple[Any, Any]:
         def stay(x: Any) -> Any:
